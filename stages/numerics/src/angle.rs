@@ -17,8 +17,8 @@ pub fn wrap_rad(angle_rad: f64) -> f64 {
     if angle_rad.abs() <= PI { angle_rad } else { angle_rad - TAU * (angle_rad / TAU).round() }
 }
 
-/// Angles in degrees unwrapped: whole turns are added so that each step is the shorter one. Values that are not finite
-/// are unchanged and skipped.
+/// Angles in degrees, unwrapped by whole turns so that each step is at most half a turn. Values that are not finite are
+/// unchanged and skipped.
 pub fn unwrapped_deg(angles_deg: &[f64]) -> Vec<f64> {
     let mut last: Option<f64> = None;
     let unwrapped = angles_deg.iter().map(|&angle| {

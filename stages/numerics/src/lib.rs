@@ -1,13 +1,13 @@
 //! Numerics of aeromagnetic compensation and magnetic navigation.
 //!
-//! A magnetometer on an aircraft measures the field of the earth together with that of the aircraft. This crate
-//! separates the two and finds a position from the remaining anomaly. It contains models of the earth's core field,
-//! filters, linear regression, maps of the magnetic anomaly, the model of Tolles and Lawson, and an inertial error
-//! model with an extended Kalman filter. It takes slices and matrices and returns vectors; it reads no files.
+//! A magnetometer on an aircraft measures the sum of the earth's field and the aircraft's field. This crate separates
+//! the two and finds a position from the remaining anomaly. It contains models of the earth's core field, filters,
+//! linear regression, maps of the magnetic anomaly, the Tolles-Lawson model, and an inertial error model with an
+//! extended Kalman filter. Functions accept slices and matrices and return vectors; the crate reads no files.
 //!
 //! # Folders
 //!
-//! A folder uses only those above it in this table.
+//! A folder depends only on folders above it in this table.
 //!
 //! | Folder | Contents |
 //! |:--|:--|
@@ -18,10 +18,10 @@
 //! | [`compensation`] | the Tolles-Lawson matrix, its extensions, diagnostics of a calibration |
 //! | [`navigation`] | strapdown mechanisation, the Pinson error model, the 18-state extended Kalman filter |
 //!
-//! [`earth`], [`signal`] and [`regression`] do not use each other, nor do [`maps`] and [`compensation`]. Outside the
-//! folders are periodic angles ([`angle`]), reproducible random numbers ([`random`]) and sources of differences in the
-//! last bits ([`arithmetic`]). Each folder re-exports the few items that are needed first; everything else is in its
-//! modules.
+//! [`earth`], [`signal`] and [`regression`] are independent of each other, as are [`maps`] and [`compensation`].
+//! Outside the folders are periodic angles ([`angle`]), reproducible random numbers ([`random`]) and sources of
+//! differences in the last bits ([`arithmetic`]). Each folder re-exports its most important items; all other items are
+//! in its modules.
 //!
 //! # Example
 //!
@@ -67,32 +67,31 @@
 //!
 //! # Conventions
 //!
-//! - **Units** are the end of a name: `_nt`, `_m`, `_s`, `_hz`, `_deg`, `_rad`, `_mps` (m/s), `_mps2` (m/s²),
+//! - **Units** form the suffix of a name: `_nt`, `_m`, `_s`, `_hz`, `_deg`, `_rad`, `_mps` (m/s), `_mps2` (m/s²),
 //!   `_radps` (rad/s), `_nt_per_m`.
-//! - **Frames**: the navigation frame is north-east-down, the body frame nose-right-down; `body_to_ned` turns body
-//!   components into north, east and down. Field components of maps and sources are east-north-up
+//! - **Frames**: the navigation frame is north-east-down, the body frame nose-right-down; `body_to_ned` transforms body
+//!   components into north, east and down components. Field components of maps and sources are east-north-up
 //!   ([`maps::magnetic_sources`], [`maps::continuation`]).
 //! - **Positions** are geodetic latitude and longitude on WGS-84; `alt_m` is the height above the ellipsoid.
 //! - **Attitude**: roll is positive right wing down, pitch nose up, yaw clockwise from true north; yaw is applied
 //!   first, then pitch, then roll.
 //! - **Errors** of an inertial navigation system are truth minus INS. The specific force at rest is (0, 0, −g).
-//! - **Missing values** are NaN. A routine excludes and counts such samples, returns NaN there, or rejects them, as
-//!   documented. Zero is a value.
-//! - **Matrices** are slices in row-major order, one row per sample; small fixed ones are nalgebra's or arrays of
-//!   arrays. Rows of a grid go north and columns east, both ascending.
+//! - **Missing values** are NaN. A routine excludes and counts such samples, returns NaN there, or rejects them; its
+//!   documentation states which. Zero is a valid value.
+//! - **Matrices** are slices in row-major order, one row per sample; small matrices of fixed size are of nalgebra's
+//!   types or arrays of arrays. Rows of a grid ascend to the north and columns to the east.
 //! - **Statistics**: variances divide by n − 1 unless the item states otherwise. A ridge parameter λ is absolute, not
 //!   divided by the number of rows. Differences are per sample, not per second.
 //! - **Failure**: a fallible function returns `Result` with a typed error, nearly always an enum whose variants hold
-//!   the offending values, and lists the cases under "Errors". The library does not call `unwrap`, `expect` or
-//!   `panic!`.
-//! - **Determinism**: results are bit-identical for any number of threads (rayon's). Random draws take a seed, or a
-//!   source of normals from the caller. The last bits may differ between kinds of processors, unless a module states
-//!   otherwise; [`arithmetic`] distinguishes such machines.
+//!   the invalid values. The cases are listed under "Errors". The library does not call `unwrap`, `expect` or `panic!`.
+//! - **Determinism**: results are bit-identical for any number of threads (rayon). Random draws require a seed, or a
+//!   source of normal deviates from the caller. The last bits may differ between kinds of processors, unless a module
+//!   states otherwise; [`arithmetic`] distinguishes such machines.
 //!
 //! # Sources
 //!
-//! The documentation of each routine cites the source of its formula and notes errors of the printed formula. The most
-//! frequent sources:
+//! The documentation of each routine cites the source of its formula and notes errors of the printed formula. Frequent
+//! sources:
 //!
 //! - W. E. Tolles and J. D. Lawson 1950, *Magnetic compensation of MAD equipped aircraft*, Airborne Instruments
 //!   Laboratory, report 201-1.
@@ -101,7 +100,7 @@
 //! - A. R. Gnadt et al. 2020, *Signal enhancement for magnetic navigation challenge problem*, arXiv:2007.12158; A. R.
 //!   Gnadt, A. B. Wollaber and A. P. Nielsen 2022, *Derivation and extensions of the Tolles-Lawson model for
 //!   aeromagnetic compensation*, arXiv:2212.09899; and the program MagNav.jl, version 1.3.3, whose definitions are
-//!   available where results are to be compared.
+//!   available for comparison of results.
 //! - A. J. Canciani 2016, *Absolute positioning using the Earth's magnetic anomaly field*, dissertation, Air Force
 //!   Institute of Technology; A. J. Canciani and J. F. Raquet 2017, *Airborne magnetic anomaly navigation*, IEEE
 //!   Trans. Aerospace and Electronic Systems 53(1), 67-80.
@@ -118,7 +117,7 @@
 //! - van der Meer 2025: F. van der Meer 2025, *Reference-Free Aeromagnetic Platform Noise Compensation for Magnetic
 //!   Aided Navigation*, MS, Delft University of Technology.
 
-// Shared test flights refer to the crate by its external name.
+// The shared test flights refer to the crate by its external name.
 #[cfg(test)]
 extern crate self as numerics;
 

@@ -7,7 +7,7 @@ pub struct SplitMix64 {
 }
 
 impl SplitMix64 {
-    /// A source for each seed. Adjacent seeds give unrelated numbers.
+    /// Creates a source from a seed. Adjacent seeds give unrelated numbers.
     pub fn new(seed: u64) -> Self {
         Self { state: seed }
     }
@@ -26,7 +26,7 @@ pub struct NormalGenerator {
 }
 
 impl NormalGenerator {
-    /// A source for each seed.
+    /// Creates a source from a seed.
     pub fn new(seed: u64) -> Self {
         // Adjacent seeds must not give the same sequence shifted by one.
         Self { bits: SplitMix64::new(mixed(seed ^ 0x5851_f42d_4c95_7f2d)), spare: None }
@@ -49,8 +49,8 @@ impl NormalGenerator {
     }
 }
 
-/// Seed for these names, derived from the common seed. Each flight and line has separate numbers, independent of the
-/// others and of the order of drawing.
+/// Seed for these names, derived from a common seed. Each flight and line has separate numbers, independent of other
+/// lines and of the order of drawing.
 pub fn seed_of(seed: u64, names: &[&str]) -> u64 {
     names.iter().fold(mixed(seed ^ 0x2545_f491_4f6c_dd1d), |state, name| {
         // The length distinguishes ("ab", "c") from ("a", "bc").
@@ -82,7 +82,7 @@ mod tests {
         ];
         assert!((0..all.len()).all(|i| all[..i].iter().all(|other| *other != all[i])), "{all:?}");
         assert_eq!(seed_of(3, &["1003", "1003.02"]), seed_of(3, &["1003", "1003.02"]));
-        // Bits of adjacent lines agree by chance: 32 of 64 on average, 4 sigma either way.
+        // Bits of adjacent lines agree by chance: 32 of 64 on average, within 4 standard deviations.
         let same = (0..200).map(|k| (seed_of(k, &["1"]) ^ seed_of(k, &["2"])).count_ones()).sum::<u32>();
         assert!((f64::from(same) / 200.0 - 32.0).abs() < 4.0 * 4.0 / 200f64.sqrt(), "{same}");
     }

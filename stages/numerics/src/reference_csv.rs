@@ -12,7 +12,7 @@ pub(crate) fn columns(text: &str) -> BTreeMap<String, Vec<f64>> {
     names.iter().enumerate().map(|(j, name)| ((*name).to_owned(), column(j))).collect()
 }
 
-/// The terms of the samples that linear models are tested on.
+/// Terms of the samples on which linear models are tested.
 pub(crate) const TERMS: [&str; 8] = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
 
 /// A line of these samples: its terms row-major, and both targets.

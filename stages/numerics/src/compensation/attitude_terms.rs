@@ -25,13 +25,13 @@ impl AttitudeColumns<'_> {
         self.roll_deg.len().min(self.pitch_deg.len()).min(self.yaw_deg.len())
     }
 
-    /// Element of the matrix from north-east-down to the body frame, counted from 1 column by column as MagNav.jl's
-    /// `dcm_1` to `dcm_9`; `None` for another number.
+    /// Element of the matrix from north-east-down to the body frame. Elements are counted from 1, column by column, as
+    /// in MagNav.jl's `dcm_1` to `dcm_9`. `None` for another number.
     pub fn direction_cosine(&self, number: usize) -> Option<Vec<f64>> {
         let at = number.checked_sub(1).filter(|k| *k < 9)?;
         let one = |i: usize| {
             let [roll, pitch, yaw] = [self.roll_deg[i], self.pitch_deg[i], self.yaw_deg[i]].map(f64::to_radians);
-            // A transpose column by column is the matrix row by row.
+            // Reading the transpose by columns equals reading the matrix by rows.
             body_to_ned(roll, pitch, yaw)[(at / 3, at % 3)]
         };
         Some((0..self.rows()).map(one).collect())

@@ -5,7 +5,7 @@ use crate::regression::least_squares::{
     LeastSquaresError, LinearFit, RegressionMoments, ScaledFactor, expect, setting,
 };
 
-/// Minimum component of a term in a weak direction for the term to be listed.
+/// Minimum component at which a term is listed in a weak direction.
 const NAMED_FROM: f64 = 0.1;
 
 /// A combination of terms that the rows barely excite.
@@ -13,14 +13,14 @@ const NAMED_FROM: f64 = 0.1;
 pub struct WeakDirection {
     /// Ratio of its singular value to the largest, with all columns scaled to the same length.
     pub strength: f64,
-    /// Terms of the combination, each with its component (of a unit vector), largest first.
+    /// Terms of the combination with their components (of a unit vector), largest first.
     pub terms: Vec<(String, f64)>,
 }
 
 /// Excitation of the terms by a flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Excitation {
-    /// Ratio of the largest singular value to the smallest; infinite if a term is zero throughout.
+    /// Ratio of the largest singular value to the smallest; infinite if all values of a term are zero.
     pub condition: f64,
     /// Variance inflation factor of each term: ratio of its coefficient's variance to the variance without correlated
     /// terms. Infinite if the term is a combination of other terms. 10 is a common limit.
@@ -31,13 +31,13 @@ pub struct Excitation {
 
 /// Finds the combinations of terms with a singular value below `weak_below` times the largest.
 ///
-/// Requires a factor with all columns on one scale ([`crate::regression::least_squares::ColumnScaling::Standardise`]),
-/// so that the result depends on the flight and not on units.
+/// Requires a factor with standardised columns ([`crate::regression::least_squares::ColumnScaling::Standardise`]), so
+/// that the result depends on the flight and not on units.
 ///
 /// # Errors
-/// Fails with [`LeastSquaresError::Shape`] for a list of names of another length, with [`LeastSquaresError::Setting`]
-/// for a limit outside 0 to 1, and with [`LeastSquaresError::NoConvergence`] when the decomposition does not
-/// converge.
+/// Fails with [`LeastSquaresError::Shape`] if the number of names differs from the number of terms, with
+/// [`LeastSquaresError::Setting`] for a limit outside 0 to 1, and with [`LeastSquaresError::NoConvergence`] when the
+/// decomposition does not converge.
 pub fn excitation<S: AsRef<str>>(
     prepared: &ScaledFactor,
     names: &[S],
@@ -86,14 +86,11 @@ impl Excitation {
         let of = |direction: &WeakDirection| {
             let terms: Vec<String> =
                 direction.terms.iter().map(|(name, part)| format!("{part:+.2} `{name}`")).collect();
-            format!("{} (excited {:.1e} as much as the strongest)", terms.join(" "), direction.strength)
+            format!("{} (excitation {:.1e} of the strongest)", terms.join(" "), direction.strength)
         };
         let weak: Vec<String> = self.weak.iter().map(of).collect();
         (!weak.is_empty()).then(|| {
-            format!(
-                "the flight hardly excites {}: fly more manoeuvres, leave terms out, or use a ridge",
-                weak.join("; ")
-            )
+            format!("the flight hardly excites {}: fly more manoeuvres, omit terms, or use a ridge", weak.join("; "))
         })
     }
 }
@@ -102,14 +99,14 @@ impl Excitation {
 ///
 /// The trivial solution [van der Meer 2025, 4.2.1] has no permanent field, the unit matrix as induced field and no eddy
 /// currents. Σ B̂ᵢ Bᵢ = |B| then explains the total field exactly, with a residual of zero. Band-passed rows cannot
-/// separate it from the true solution where the earth's field is constant. Unfiltered terms can: the true solution
-/// explains some hundreds of nT of 50,000, the trivial one all of it.
+/// separate it from the true solution where the magnitude of the earth's field is constant. Unfiltered terms can: of a
+/// field of 50,000 nT, the true solution explains some hundreds of nT, the trivial one all.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrivialSolution {
     /// Fraction of the total field that the fit explains, in the metric of the unfiltered terms: 0.002 for 100 nT in
-    /// 50,000, 1 for the trivial solution.
+    /// 50,000 nT, 1 for the trivial solution.
     pub share: f64,
-    /// ‖A (β − trivial)‖/‖A trivial‖ over the unfiltered terms: near 1 for a true fit, 0 for the trivial one.
+    /// Distance ‖A (β − trivial)‖/‖A trivial‖ over the unfiltered terms: near 1 for a true fit, 0 for the trivial one.
     pub distance: f64,
     /// The same distance over the fitted rows. If it is small, only the ridge separates the two solutions.
     pub distance_fitted: f64,
@@ -125,7 +122,8 @@ impl TrivialSolution {
         self.share > 0.5
     }
 
-    /// Whether the loss of the fit is less than that of the trivial solution, so that the ridge excludes the latter.
+    /// Whether the loss of the fit is less than that of the trivial solution, so that the ridge excludes the trivial
+    /// one.
     pub fn is_excluded(&self) -> bool {
         self.loss < self.trivial_loss
     }
@@ -133,15 +131,15 @@ impl TrivialSolution {
 
 /// Compares `fit` with the trivial solution.
 ///
-/// `unfiltered` holds the unfiltered terms, `fitted` the rows of the fit, both with the terms `names` in the same
-/// order. Terms other than `xx`, `yy`, `zz` are arbitrary. `scale_nt` s is the scale of the induced terms, `lambda` the
-/// ridge parameter of unscaled columns. `None` if a diagonal term is missing, so that the trivial solution cannot be
-/// expressed.
+/// `unfiltered` holds the unfiltered terms and `fitted` the rows of the fit; both have the terms `names` in the same
+/// order. The terms `xx`, `yy` and `zz` are required; all others are arbitrary. `scale_nt` is the scale s of the
+/// induced terms; `lambda` is the ridge parameter of unscaled columns. `None` if a diagonal term is missing, so that
+/// the trivial solution cannot be expressed.
 ///
 /// # Errors
-/// Fails with [`LeastSquaresError::Shape`] if names, unfiltered terms or coefficients are not as many as the fitted
-/// terms. If the diagonal terms exist, also fails with [`LeastSquaresError::NoRows`] when either has no rows, and with
-/// [`LeastSquaresError::NoSuch`] for an unknown target.
+/// Fails with [`LeastSquaresError::Shape`] if the number of names, unfiltered terms or coefficients differs from the
+/// number of fitted terms. If the diagonal terms exist, also fails with [`LeastSquaresError::NoRows`] when `unfiltered`
+/// or `fitted` has no rows, and with [`LeastSquaresError::NoSuch`] for an unknown target.
 pub fn trivial_solution<S: AsRef<str>>(
     unfiltered: &RegressionMoments,
     fitted: &RegressionMoments,
@@ -187,14 +185,14 @@ pub fn trivial_solution<S: AsRef<str>>(
     }))
 }
 
-/// Upper bound of the error of the linear form of Tolles-Lawson, in nT, in any attitude.
+/// Upper bound in nT, for any attitude, of the error of the linear Tolles-Lawson model.
 ///
-/// The aircraft's field F changes the magnitude B of the earth's field by F·B̂ + F⊥²/2B + …; the model has only the
-/// first term. F is `permanent_nt` p (nose, right, down) plus M B with the symmetric matrix `induced` (xx, xy, xz, yy,
-/// yz, zz, per unit field). A term xy of the model is the sum of xy and yx. The size of F is at most |p| + ‖M‖ B, with
-/// the largest absolute eigenvalue of M. The bound is therefore (|p| + ‖M‖ B)²/2B, the relative b²/2 of van der Meer
-/// 2025 (Figure 4.2: 0.4 nT for 200 nT in 50,000 nT). It excludes eddy currents and the antisymmetric part of M, which
-/// a scalar magnetometer cannot observe.
+/// The aircraft's field F changes the magnitude B of the earth's field by F·B̂ + F⊥²/2B + …; the model contains only
+/// the first term. F is `permanent_nt` p (nose, right, down) plus M B. The symmetric matrix M is `induced` (xx, xy, xz,
+/// yy, yz, zz, per unit field). A term xy of the model is the sum of xy and yx. The magnitude of F is at most |p| + ‖M‖
+/// B, where ‖M‖ is the largest absolute eigenvalue of M. The bound is therefore (|p| + ‖M‖ B)²/2B. It corresponds to
+/// the relative error b²/2 of van der Meer 2025 (Figure 4.2: 0.4 nT for 200 nT in 50,000 nT). It excludes eddy currents
+/// and the antisymmetric part of M, which a scalar magnetometer cannot observe.
 pub fn approximation_bound_nt(permanent_nt: [f64; 3], induced: [f64; 6], field_nt: f64) -> f64 {
     let [xx, xy, xz, yy, yz, zz] = induced;
     let (xy, xz, yz) = (0.5 * xy, 0.5 * xz, 0.5 * yz);
@@ -207,23 +205,23 @@ pub fn approximation_bound_nt(permanent_nt: [f64; 3], induced: [f64; 6], field_n
     aircraft_nt * aircraft_nt / (2.0 * field_nt)
 }
 
-/// Scatter of one coefficient over calibrations.
+/// Scatter of one coefficient over several calibrations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CoefficientVariation {
     /// The mean of the coefficient.
     pub mean: f64,
-    /// Standard deviation with n − 1; NaN for one calibration.
+    /// Standard deviation with divisor n − 1; NaN for one calibration.
     pub std: f64,
     /// Coefficient of variation, std/|mean|. [Gnadt 2022 eq. 3.28, Tables 3.1 and 3.2, Figure 3-8]
     pub coefficient_of_variation: f64,
 }
 
-/// The scatter of each coefficient over calibrations, one slice of coefficients each. Figure 3-8 draws the mean of
-/// the coefficients of variation over λ.
+/// Scatter of each coefficient over several calibrations, each given as a slice of coefficients. Figure 3-8 shows the
+/// mean of the coefficients of variation as a function of λ.
 ///
 /// # Errors
-/// Fails with [`LeastSquaresError::NoRows`] without calibrations, and with [`LeastSquaresError::Shape`] for different
-/// numbers of coefficients.
+/// Fails with [`LeastSquaresError::NoRows`] without calibrations, and with [`LeastSquaresError::Shape`] if they have
+/// different numbers of coefficients.
 pub fn variation(calibrations: &[&[f64]]) -> Result<Vec<CoefficientVariation>, LeastSquaresError> {
     let terms = calibrations.first().ok_or(LeastSquaresError::NoRows)?.len();
     for coefficients in calibrations {
@@ -252,10 +250,10 @@ mod tests {
 
     #[test]
     fn ref_variation_equals_table_3_1() {
-        // Gnadt 2022, Table 3.1: three boxes without a ridge, cosX, cosXX and cosYZ.
+        // Gnadt 2022, Table 3.1: coefficients cosX, cosXX and cosYZ from three boxes, without a ridge.
         let boxes = [[1974.0, -1013.0, -18.0], [1798.0, -787.0, 180.0], [1243.0, -1132.0, 190.0]];
         let variation = variation(&[&boxes[0], &boxes[1], &boxes[2]]).unwrap();
-        // By hand: mean 1671.667, deviations 302.333, 126.333, -428.667.
+        // Computed by hand: mean 1671.667, deviations 302.333, 126.333, -428.667.
         assert!((variation[0].mean - 5015.0 / 3.0).abs() < 1e-9);
         let std = ((302.333_333_f64.powi(2) + 126.333_333_f64.powi(2) + 428.666_667_f64.powi(2)) / 2.0).sqrt();
         assert!((variation[0].std - std).abs() < 1e-5);
@@ -285,8 +283,8 @@ mod tests {
             assert!(missed > -1e-9);
             most = most.max(missed);
         }
-        // The third order, F³/2B², is 2 % here. The worst attitude comes near the bound: F need not be at right angles
-        // in the direction in which it is largest.
+        // The third-order term, F³/2B², is 2 % here. The worst attitude nearly reaches the bound: F need not be
+        // perpendicular to B in the direction in which it is largest.
         assert!(most <= bound && most > 0.4 * bound, "{most} {bound}");
         assert!(approximation_bound_nt([f64::NAN; 3], [0.0; 6], 5e4).is_nan());
     }
@@ -306,7 +304,7 @@ mod tests {
         assert_eq!(found.weak.len(), 1);
         let named: Vec<&str> = found.weak[0].terms.iter().map(|(name, _)| name.as_str()).collect();
         assert!(named.len() == 2 && named.contains(&"roll") && named.contains(&"yaw"), "{named:?}");
-        // 1/(1 − R²) with R the correlation: 1 − R² is 1e-6 of the noise's share, with a relative error of √(2/500).
+        // 1/(1 − R²) with the correlation R: 1 − R² is 1e-6 times the noise share, with a relative error of √(2/500).
         assert!((found.variance_inflation[0] / 1e6 - 1.0).abs() < 0.3, "{:?}", found.variance_inflation);
         assert!((found.variance_inflation[1] - 1.0).abs() < 0.05);
         let message = found.message().unwrap();
@@ -319,7 +317,7 @@ mod tests {
         assert_eq!((found.weak.len(), found.variance_inflation[0]), (2, f64::INFINITY));
     }
 
-    /// A calibration box in an earth's field of constant size, with an aircraft field of some 300 nT.
+    /// A calibration box in an earth's field of constant magnitude, with an aircraft field of some 300 nT.
     fn flight() -> (Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>) {
         let rate = 10.0;
         let (mut vector, mut scalar) = ([Vec::new(), Vec::new(), Vec::new()], Vec::new());
@@ -357,13 +355,13 @@ mod tests {
             trivial_solution(&unfiltered, &fitted, 0, &names, &fit, lambda, DEFAULT_SCALE_NT).unwrap().unwrap()
         };
         // With a negligible ridge the fit is the trivial solution, which explains the scalar exactly. The true solution
-        // errs by some 1e-5 nT.
+        // has an error of some 1e-5 nT.
         let weak = judged(1e-22);
         assert!(weak.is_trivial() && weak.distance < 0.1, "{weak:?}");
         let strong = judged(0.025);
         assert!(!strong.is_trivial() && strong.distance > 0.9 && strong.share.abs() < 0.1, "{strong:?}");
         assert!(strong.is_excluded(), "{strong:?}");
-        // The trivial solution costs 3 λ of coefficients s, since its residual is zero.
+        // The trivial solution has coefficients s and no residual, so its loss is 3 λ s².
         assert!((strong.trivial_loss / (0.025 * 3.0 * DEFAULT_SCALE_NT.powi(2)) - 1.0).abs() < 1e-6);
         let five = RegressionMoments::from_matrix(&[1.0, 2.0], 1, &[&[1.0, 2.0]]).unwrap();
         let fit = LinearFit { coefficients: vec![1.0], intercept: 0.0 };

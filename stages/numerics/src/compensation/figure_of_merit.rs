@@ -1,7 +1,7 @@
 //! Noriega's figure of merit: residual signal of the manoeuvres of a calibration box after compensation.
 //!
-//! A box has four headings and on each a pitch, a roll and a yaw manoeuvre, a few periods of a sinusoid. The index is
-//! the sum over these twelve of the mean peak-to-peak amplitude of the signal during the manoeuvre.
+//! A box has four headings. On each heading the aircraft flies a pitch, a roll and a yaw manoeuvre, each a few periods
+//! of a sinusoid. The index is the sum over these twelve manoeuvres of the signal's mean peak-to-peak amplitude.
 //! [Noriega 2011, "Performance measures in aeromagnetic compensation", The Leading Edge 30(10)]
 
 use crate::angle::{unwrapped_deg, wrap_deg};
@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use crate::regression::statistics::SampleStatistic;
 
-/// Minimum swing of a manoeuvre, in degrees from one extreme to the next.
+/// Minimum swing of a manoeuvre between successive extremes, in degrees.
 const LEAST_SWING_DEG: f64 = 3.0;
 /// Maximum time between extremes of one manoeuvre, in seconds.
 const SLOWEST_HALF_S: f64 = 12.0;
@@ -17,7 +17,7 @@ const SLOWEST_HALF_S: f64 = 12.0;
 const FASTEST_HALF_S: f64 = 1.0;
 /// Minimum number of extremes of a manoeuvre: slightly more than two periods.
 const LEAST_EXTREMES: usize = 5;
-/// Largest deviation of swings and half periods of a manoeuvre from its first ones. Gusts are less regular.
+/// Maximum ratio between the swings or half periods of a manoeuvre and its first ones. Gusts are less regular.
 const REGULAR: f64 = 1.7;
 /// Half of the averaging window for the mean attitude of a manoeuvre, in seconds.
 const TREND_S: f64 = 15.0;
@@ -25,11 +25,11 @@ const TREND_S: f64 = 15.0;
 /// Axis of rotation of a manoeuvre.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ManoeuvreAxis {
-    /// About the nose.
+    /// Rotation about the longitudinal axis.
     Roll,
-    /// About the wing.
+    /// Rotation about the lateral axis.
     Pitch,
-    /// About the vertical.
+    /// Rotation about the vertical axis.
     Yaw,
 }
 
@@ -38,11 +38,11 @@ pub enum ManoeuvreAxis {
 pub struct BoxManoeuvre {
     /// The axis.
     pub axis: ManoeuvreAxis,
-    /// Mean heading during it, in degrees from north.
+    /// Mean heading during the manoeuvre, in degrees from north.
     pub heading_deg: f64,
     /// Rows of its extremes, high and low alternating.
     pub extremes: Vec<usize>,
-    /// Mean of its swings, in degrees from one extreme to the next.
+    /// Mean swing between successive extremes, in degrees.
     pub swing_deg: f64,
 }
 
@@ -54,10 +54,10 @@ impl BoxManoeuvre {
     }
 }
 
-/// Manoeuvres in an attitude (roll, pitch, yaw in degrees at the times `tt_s`), in the order of time.
+/// Manoeuvres found in an attitude record (roll, pitch and yaw in degrees at the times `tt_s`), in order of time.
 ///
-/// A manoeuvre is five or more extremes in a row of one axis, at least 3 degrees from one to the next, of about the
-/// same swing and spacing. Where two axes swing at once it belongs to the one that swings more.
+/// A manoeuvre is a sequence of five or more extremes of one axis, with swings of at least 3 degrees, of similar swing
+/// and spacing. If two axes swing at the same time, the manoeuvre belongs to the axis with the larger swing.
 pub fn manoeuvres(tt_s: &[f64], attitude_deg: [&[f64]; 3]) -> Vec<BoxManoeuvre> {
     let mut found: Vec<BoxManoeuvre> = vec![];
     for (axis, angle) in [ManoeuvreAxis::Roll, ManoeuvreAxis::Pitch, ManoeuvreAxis::Yaw].into_iter().zip(attitude_deg) {
@@ -86,7 +86,7 @@ pub fn manoeuvres(tt_s: &[f64], attitude_deg: [&[f64]; 3]) -> Vec<BoxManoeuvre> 
     kept
 }
 
-/// Figure of merit of a band-passed signal over the manoeuvres of a box, in the signal's unit, and the number of
+/// Figure of merit of a band-passed signal over the manoeuvres of a box, in the signal's unit, with the number of
 /// manoeuvres used. NaN unless pitch, roll and yaw manoeuvres exist on four headings at right angles.
 pub fn figure_of_merit(signal: &[f64], manoeuvres: &[BoxManoeuvre]) -> SampleStatistic {
     let Some(first) = manoeuvres.first() else { return SampleStatistic { value: f64::NAN, n: 0 } };
@@ -102,7 +102,7 @@ pub fn figure_of_merit(signal: &[f64], manoeuvres: &[BoxManoeuvre]) -> SampleSta
     SampleStatistic { value, n: counts.iter().sum() }
 }
 
-/// The mean over the periods of a manoeuvre of the largest minus the smallest value; `None` where one is not finite.
+/// Mean over the periods of a manoeuvre of the largest minus the smallest value; `None` if a value is not finite.
 fn mean_peak_to_peak(signal: &[f64], extremes: &[usize]) -> Option<f64> {
     let periods = extremes.windows(3).step_by(2).map(|w| {
         let part = signal.get(w[0]..=w[2])?;
@@ -118,7 +118,7 @@ fn mean_heading_deg(yaw_deg: &[f64]) -> f64 {
     f64::atan2(sin, cos).to_degrees()
 }
 
-/// `x` less its mean within [`TREND_S`] before and after.
+/// `x` minus its mean within [`TREND_S`] before and after.
 fn about_trend(tt_s: &[f64], x: &[f64]) -> Vec<f64> {
     let n = tt_s.len().min(x.len());
     let (mut from, mut to, mut sum) = (0, 0, 0.0);
@@ -136,7 +136,7 @@ fn about_trend(tt_s: &[f64], x: &[f64]) -> Vec<f64> {
     (0..n).map(one).collect()
 }
 
-/// Turning points with at least [`LEAST_SWING_DEG`] between them, high and low alternating.
+/// Turning points that differ by at least [`LEAST_SWING_DEG`], high and low alternating.
 fn extremes(x: &[f64]) -> Vec<usize> {
     let mut out: Vec<usize> = vec![];
     let (mut high, mut low) = (0, 0);
@@ -192,8 +192,8 @@ mod tests {
 
     use super::*;
 
-    /// Time, attitude and a signal of `nt_per_deg` of each axis: a box at 10 Hz with turns, three periods of 6 s a
-    /// manoeuvre.
+    /// Time, attitude and a signal with sensitivity `nt_per_deg` to each axis: a box with turns at 10 Hz. Each
+    /// manoeuvre has three periods of 6 s.
     fn square(amplitude_deg: [f64; 3], nt_per_deg: [f64; 3]) -> (Vec<f64>, [Vec<f64>; 3], Vec<f64>) {
         let leg_s = 100.0;
         let tt: Vec<f64> = (0..4800).map(|k| 0.1 * f64::from(k)).collect();
@@ -202,7 +202,7 @@ mod tests {
         for t in &tt {
             let leg = (t / 120.0).floor();
             let since = t - 120.0 * leg;
-            // Twenty seconds of turn, with bank, after each leg.
+            // Each leg is followed by a banked turn of twenty seconds.
             let turned = ((since - leg_s) / 20.0).clamp(0.0, 1.0);
             let bank = if turned > 0.0 { 20.0 * (0.5 * TAU * turned).sin() } else { 0.0 };
             let mut swing = [0.0; 3];
@@ -230,7 +230,8 @@ mod tests {
         assert!(found.iter().zip(order.iter().cycle()).all(|(m, axis)| m.axis == *axis));
         let merit = figure_of_merit(&signal, &found);
         assert_eq!(merit.n, 12);
-        // Peak to peak is twice amplitude times sensitivity; samples lie within 0.05 s of a peak: 1e-3 at 6 s.
+        // The peak-to-peak value is twice the amplitude times the sensitivity. Samples lie within 0.05 s of a peak: an
+        // error of 1e-3 at a period of 6 s.
         let expected = 4.0 * 2.0 * (10.0 * 0.1 + 5.0 * 0.3 + 5.0 * 0.02);
         assert!((merit.value / expected - 1.0).abs() < 2e-3, "{} {expected}", merit.value);
     }
@@ -248,7 +249,7 @@ mod tests {
     fn unit_gusts_and_turns_are_not_manoeuvres() {
         let (tt, mut attitude, _) = square([0.0; 3], [0.0; 3]);
         let mut normals = crate::random::NormalGenerator::new(5);
-        // Gusts of 1.5 degrees whose rate is continuous, as an airframe's inertia makes it: two poles at 2 s.
+        // Gusts of 1.5 degrees with a continuous rate, as the inertia of an airframe causes: two poles at 2 s.
         let (mut force, mut gust) = (0.0, 0.0);
         for roll in &mut attitude[0] {
             force = 0.95 * force + (1.0_f64 - 0.95 * 0.95).sqrt() * normals.draw();

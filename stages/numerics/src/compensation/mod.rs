@@ -1,4 +1,4 @@
-//! The aircraft field: the terms of Tolles and Lawson and their fit to a flight.
+//! The aircraft field: the Tolles-Lawson terms and their fit to a flight.
 //!
 //! | Module | Contents |
 //! |:--|:--|
@@ -8,14 +8,14 @@
 //! | [`diagnostics`] | weakly excited terms, the trivial solution, the scatter of calibrations |
 //! | [`figure_of_merit`] | the manoeuvres of a calibration box and Noriega's figure of merit |
 //!
-//! The coefficients are fitted with [`regression`](crate::regression), usually after the terms and the scalar are
-//! band-passed by the same [filter](crate::signal::filter).
+//! The coefficients are fitted with [`regression`](crate::regression). Usually terms and scalar are first band-passed
+//! by the same [filter](crate::signal::filter).
 //!
 //! # Equations
 //!
-//! The aircraft's field at the magnetometer is a permanent part, one induced by the field B and one of eddy currents
-//! driven by its change. B̂ = B/B_t and the scalar magnetometer reads B_t, so that to first order [Tolles & Lawson
-//! 1950; Leliak 1961; Gnadt 2022, (3.13)-(3.22)]
+//! The aircraft's field at the magnetometer has a permanent part, a part induced by the field B, and a part from eddy
+//! currents driven by the change of B. With B̂ = B/B_t and the reading B_t of the scalar magnetometer, to first order
+//! [Tolles & Lawson 1950; Leliak 1961; Gnadt 2022, (3.13)-(3.22)]
 //!
 //! ```text
 //! F = a + b B + c Ḃ
@@ -28,17 +28,17 @@
 //! bias         1                                                1
 //! ```
 //!
-//! with the scale s = 50,000 nT ([`DEFAULT_SCALE_NT`]) and Ḃ the central difference per sample. A term xy of the
-//! induced field is b_xy + b_yx: a scalar magnetometer cannot separate them. The band-pass removes the earth's field
-//! B_e as far as it varies slowly.
+//! with the scale s = 50,000 nT ([`DEFAULT_SCALE_NT`]) and the central difference Ḃ per sample. A term xy of the
+//! induced field is the sum b_xy + b_yx, because a scalar magnetometer cannot separate the two. The band-pass removes
+//! the slowly varying part of the earth's field B_e.
 //!
-//! Differences from the printed equations: Gnadt 2022 (3.20) lacks s, which its Tables 3.1 and 3.2 and its ridge
-//! parameter of 0.025 include. In its (3.16) and (3.19) the dots of the eddy terms are missing or misplaced: the rate
-//! is that of the vector, not |B| times that of the unit vector.
+//! Differences from the printed equations: Gnadt 2022 (3.20) omits s, but its Tables 3.1 and 3.2 and its ridge
+//! parameter of 0.025 include it. In its (3.16) and (3.19) the dots of the eddy terms are missing or misplaced: the
+//! rate is that of the vector, not |B| times that of the unit vector.
 //!
 //! The band-passed equations also have the trivial solution a = 0, b = 1, c = 0, which attributes the whole field to
-//! the aircraft. [`trivial_solution`] measures the distance of a fit from it [van der Meer 2025, 4.2.1]. The linear
-//! form itself errs by at most [van der Meer 2025, Figure 4.2]
+//! the aircraft. [`trivial_solution`] measures the distance of a fit from it [van der Meer 2025, 4.2.1]. The error of
+//! the linear form itself is at most [van der Meer 2025, Figure 4.2]
 //!
 //! ```text
 //! (|a| + ‖b‖ B)²/(2 B)

@@ -32,7 +32,7 @@ impl ExtendedTermGroup {
 }
 
 /// The terms of one input in one group, one column each, in the input's unit. `cosines` are the direction cosines of
-/// the field in the body frame. `None` where a difference of a single sample is requested. [van der Meer 2025,
+/// the field in the body frame. `None` if a difference of a single sample is requested. [van der Meer 2025,
 /// (2.35)-(2.37)]
 pub fn extended_terms(input: &[f64], cosines: [&[f64]; 3], group: ExtendedTermGroup) -> Option<Vec<Vec<f64>>> {
     let projected = |x: &[f64]| cosines.map(|c| x.iter().zip(c).map(|(x, c)| x * c).collect()).to_vec();
@@ -50,8 +50,8 @@ pub fn cosines(vector: [&[f64]; 3]) -> [Vec<f64>; 3] {
     vector.map(|v| (0..rows).map(|i| if norm(i) > 0.0 { v[i] / norm(i) } else { f64::NAN }).collect())
 }
 
-/// The names of [`core_terms`], in their order: the vector's direction, then the core field's components times it, then
-/// their differences times it.
+/// The names of [`core_terms`], in order: the direction of the vector, the core field's components times it, and their
+/// differences times it.
 pub fn core_term_names() -> Vec<String> {
     const AXES: [&str; 3] = ["x", "y", "z"];
     let pairs =
@@ -59,9 +59,10 @@ pub fn core_term_names() -> Vec<String> {
     AXES.iter().map(|a| format!("core_{a}")).chain(pairs("")).chain(pairs("_dot")).collect()
 }
 
-/// The 21 terms of the core-field (reference-free) model, row-major. With u the direction cosines of the vector
-/// magnetometer, C the core field in the body frame and Ċ its difference per sample, they are u_i (3), C_i u_j (9) and
-/// Ċ_i u_j (9). The index i varies fastest; the latter two are divided by `scale_nt`. Their target is the scalar less
+/// The 21 terms of the core-field (reference-free) model, row-major. u denotes the direction cosines of the vector
+/// magnetometer, C the core field in the body frame and Ċ its difference per sample. The terms are u_i (3), C_i u_j (9)
+/// and Ċ_i u_j (9). The index i varies fastest; the latter two are divided by `scale_nt`. Their target is the scalar
+/// minus
 /// |C|. [van der Meer 2025, (2.12)-(2.18) and (2.30), with vec() column by column]
 ///
 /// `None` for a single sample, whose difference is unknown.
@@ -130,7 +131,7 @@ mod tests {
         let of = |group| extended_terms(&input, cosines, group).unwrap();
         assert_eq!(of(ExtendedTermGroup::Raw), [[2.0, 4.0, 8.0]]);
         assert_eq!(of(ExtendedTermGroup::Projected), [[2.0, 0.0, 4.8], [0.0, 4.0, 0.0], [0.0, 0.0, 6.4]]);
-        // Differences: one-sided, 2 and 4, at the ends; 3 in the middle.
+        // Differences are one-sided at the ends (2 and 4) and central in the middle (3).
         assert_eq!(of(ExtendedTermGroup::ProjectedChange), [[2.0, 0.0, 2.4], [0.0, 3.0, 0.0], [0.0, 0.0, 3.2]]);
         let names: Vec<usize> =
             [ExtendedTermGroup::Raw, ExtendedTermGroup::Projected, ExtendedTermGroup::ProjectedChange]
@@ -142,7 +143,7 @@ mod tests {
         assert!(extended_terms(&[1.0], [&[1.0], &[0.0], &[0.0]], ExtendedTermGroup::ProjectedChange).is_none());
     }
 
-    /// Scalar reading of the model to first order: P + M C + E Ċ of the aircraft along the field's direction.
+    /// First-order scalar reading of the model: the aircraft field P + M C + E Ċ projected on the field's direction.
     #[test]
     fn law_core_terms_equal_the_aircraft_field_along_the_vector() {
         let core: [&[f64]; 3] =
@@ -186,7 +187,7 @@ mod tests {
     fn unit_slope_terms_are_in_kilometres() {
         let terms = AnomalySlopeModel::Quadratic.terms(&[45.0, 45.01], &[-75.0, -75.0], (45.0, -75.0));
         assert_eq!(terms.len(), 5);
-        // A hundredth of a degree of latitude at 45 degrees: 1111.3 m.
+        // 0.01 degrees of latitude at 45 degrees are 1111.3 m.
         assert!((terms[1][1] - 1.1113).abs() < 1e-3, "{}", terms[1][1]);
         assert!((terms[4][1] - terms[1][1].powi(2)).abs() < 1e-12 && terms[0][1].abs() < 1e-9);
         assert_eq!(AnomalySlopeModel::Planar.terms(&[45.0], &[-75.0], (45.0, -75.0)).len(), 2);

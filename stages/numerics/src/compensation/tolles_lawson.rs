@@ -1,10 +1,9 @@
 //! The Tolles-Lawson matrix: dependence of the aircraft field on the attitude in the earth's field.
 //!
-//! With B the vector magnetometer in the body frame (nT), Bt its magnitude (or a scalar
-//! magnetometer: the modified model), Ḃ the central difference of B per sample and s a scale:
-//! permanent B_i/Bt, induced B_i B_j/(Bt s), eddy B_i Ḃ_j/(Bt s), derivative Ḃ_i, bias 1.
-//! [Tolles and Lawson 1950; Gnadt 2022 eqs. 3.15-3.20, with the scale that eq. 3.20 omits and eddy currents driven by
-//! the change of the vector, as MagNav.jl computes them]
+//! B denotes the vector magnetometer in the body frame (nT), and Bt its magnitude (in the modified model, a scalar
+//! magnetometer). Ḃ is the central difference of B per sample, and s a scale. The terms are: permanent B_i/Bt, induced
+//! B_i B_j/(Bt s), eddy B_i Ḃ_j/(Bt s), derivative Ḃ_i, bias 1. [Tolles and Lawson 1950; Gnadt 2022 eqs. 3.15-3.20,
+//! with the scale that eq. 3.20 omits and eddy currents driven by the change of the vector, as MagNav.jl computes them]
 
 mod terms;
 
@@ -21,7 +20,7 @@ pub const DEFAULT_SCALE_NT: f64 = 50_000.0;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum AMatrixError {
     /// No group has this name.
-    #[error("unknown group of terms `{name}`; the groups are {}", terms::names_of_groups())]
+    #[error("unknown group of terms `{name}`; the available groups are {}", terms::names_of_groups())]
     Unknown {
         /// The given name.
         name: String,
@@ -35,12 +34,12 @@ pub enum AMatrixError {
         other: &'static str,
     },
     /// No group.
-    #[error("the list of groups of terms is empty; the groups are {}", terms::names_of_groups())]
+    #[error("the list of groups of terms is empty; the available groups are {}", terms::names_of_groups())]
     Empty,
     /// Columns of different lengths.
     #[error("the columns have different lengths: {lengths:?}")]
     Lengths {
-        /// The lengths of x, y, z and, where given, the scalar.
+        /// The lengths of x, y, z and, if given, the scalar.
         lengths: Vec<usize>,
     },
     /// The scale is not a positive number.
@@ -51,16 +50,16 @@ pub enum AMatrixError {
     },
 }
 
-/// A vector magnetometer's components in the body frame, nT, and the scalar to divide by.
+/// Components of a vector magnetometer in the body frame, nT, and the scalar that divides them.
 #[derive(Debug, Clone, Copy)]
 pub struct BodyFieldColumns<'a> {
-    /// Component along the nose.
+    /// Component along the nose, nT.
     pub x: &'a [f64],
     /// Component to the right.
     pub y: &'a [f64],
     /// Component down.
     pub z: &'a [f64],
-    /// The scalar magnetometer of the modified model; the vector's own magnitude where `None`.
+    /// Scalar magnetometer of the modified model, nT; `None` uses the vector's magnitude.
     pub bt: Option<&'a [f64]>,
 }
 
@@ -83,9 +82,9 @@ impl BodyFieldColumns<'_> {
 /// The Tolles-Lawson matrix, row-major, one row per sample and one column per term in the order of
 /// [`TermSelection::names`].
 ///
-/// Differences are taken within each run of samples whose vector is finite and are one-sided at the run's ends, so that
-/// they never cross a gap. In a run of a single sample they are NaN. A sample whose vector is not finite gives NaN in
-/// all terms but the bias. A sample whose scalar is zero or not finite gives NaN in the terms divided by it.
+/// Differences are taken within each run of samples with a finite vector. They are one-sided at the ends of a run and
+/// never cross a gap. In a run of a single sample they are NaN. A sample whose vector is not finite has NaN in all
+/// terms except the bias. A sample whose scalar is zero or not finite has NaN in the terms divided by it.
 ///
 /// # Errors
 /// Fails with [`AMatrixError::Lengths`] for columns of different lengths, and with [`AMatrixError::Scale`] for a scale
@@ -96,8 +95,8 @@ pub fn matrix(field: &BodyFieldColumns<'_>, terms: &TermSelection, scale_nt: f64
     matrix_in_runs(field, terms, scale_nt, std::slice::from_ref(&whole))
 }
 
-/// Matrix as by [`matrix`], with breaks that are not visible in the field itself, such as jumps of time. A difference
-/// stays within its run. Rows outside all `runs` are NaN in all terms but the bias.
+/// The [`matrix`] with breaks that are not visible in the field itself, such as jumps of time. A difference stays
+/// within its run. Rows outside all `runs` are NaN in all terms except the bias.
 ///
 /// # Errors
 /// Fails as [`matrix`].
@@ -159,7 +158,7 @@ fn fill_finite(
     let last = run.end - 1;
     for row in run.clone() {
         let (before, after) = (row.max(run.start + 1) - 1, (row + 1).min(last));
-        // Two samples apart in the middle of a run, one at its ends, none in a run of one.
+        // Central difference in the middle of a run, one-sided at its ends, none in a run of one sample.
         let steps = match after - before {
             0 => f64::NAN,
             steps => steps as f64,

@@ -1,12 +1,12 @@
 //! Attitude: Euler angles, direction cosine matrices and the tilt error between two of them.
 //!
-//! Navigation frame north-east-down, body frame nose-right-down. A matrix named `body_to_ned`
-//! turns a vector's body components into its north, east and down components.
+//! Navigation frame north-east-down, body frame nose-right-down. A matrix named `body_to_ned` transforms the body
+//! components of a vector to north, east and down components.
 
 use nalgebra::{Matrix3, Vector3};
 
-/// The direction cosine matrix from body to north-east-down of roll, pitch and yaw, in radians
-/// (yaw, then pitch, then roll). [Gnadt 2022, C_b^n; Titterton & Weston 3.47]
+/// Direction cosine matrix from body to north-east-down for roll, pitch and yaw in radians, applied in the order yaw,
+/// pitch, roll. [Gnadt 2022, C_b^n; Titterton & Weston 3.47]
 pub fn body_to_ned(roll_rad: f64, pitch_rad: f64, yaw_rad: f64) -> Matrix3<f64> {
     let (sr, cr) = roll_rad.sin_cos();
     let (sp, cp) = pitch_rad.sin_cos();
@@ -24,8 +24,8 @@ pub fn body_to_ned(roll_rad: f64, pitch_rad: f64, yaw_rad: f64) -> Matrix3<f64> 
     )
 }
 
-/// Roll, pitch and yaw, in radians, of a body-to-ned matrix. With the nose straight up or down
-/// only yaw minus or plus roll is defined; roll is then determined by rounding.
+/// Roll, pitch and yaw, in radians, of a body-to-ned matrix. If the nose points straight up or down, only yaw minus
+/// roll or yaw plus roll is defined; rounding then determines roll.
 pub fn euler_rad(body_to_ned: &Matrix3<f64>) -> (f64, f64, f64) {
     let roll = body_to_ned[(2, 1)].atan2(body_to_ned[(2, 2)]);
     let pitch = -body_to_ned[(2, 0)].clamp(-1.0, 1.0).asin();
@@ -38,20 +38,20 @@ pub fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
 }
 
-/// A body-to-ned matrix turned by the tilt error Ψ (north, east, down; rad): exp(-Ψ×) C, to first
-/// order (I - Ψ×) C, the convention of the Pinson tilt states. A proper rotation for any tilt;
-/// MagNav.jl's `correct_Cnb` differs in second order (wrong sign) and is not orthogonal.
+/// Body-to-ned matrix rotated by the tilt error Ψ (north, east, down; rad): exp(-Ψ×) C, to first order (I - Ψ×) C. This
+/// is the convention of the Pinson tilt states. The result is a rotation for any tilt. MagNav.jl's `correct_Cnb`
+/// differs in second order (wrong sign) and is not orthogonal.
 pub fn tilted(body_to_ned: &Matrix3<f64>, tilt_rad: &Vector3<f64>) -> Matrix3<f64> {
     let angle = tilt_rad.norm();
     let cross = skew(tilt_rad);
-    // sin(m)/m and (1-cos m)/m², the latter through the half angle to avoid cancellation.
+    // sin(m)/m and (1-cos m)/m². The latter is computed from the half angle to avoid cancellation.
     let first = sinc(angle);
     let second = 0.5 * sinc(0.5 * angle).powi(2);
     (Matrix3::identity() - cross * first + cross * cross * second) * body_to_ned
 }
 
-/// The tilt (north, east, down; rad) that turns `reference` into `other`: the inverse of
-/// [`tilted`] for turns below half a turn.
+/// The tilt (north, east, down; rad) that rotates `reference` into `other`: the inverse of [`tilted`] for rotations
+/// below half a turn.
 pub fn tilt_between(reference: &Matrix3<f64>, other: &Matrix3<f64>) -> Vector3<f64> {
     let turn = other * reference.transpose();
     let axis =
@@ -127,7 +127,7 @@ mod tests {
             0.974_774_417_003_640_8,
         );
         let second_order = skew(&tilt) * skew(&tilt) * golden();
-        // Ours minus theirs is Ψ×Ψ× C up to fourth order, |Ψ|⁴ = 2e-10 /12.
+        // Our result minus MagNav.jl's is Ψ×Ψ× C up to fourth order, |Ψ|⁴ = 2e-10 /12.
         let difference = tilted(&golden(), &tilt) - theirs;
         assert!((difference - second_order).abs().max() < 1e-10);
         assert!((theirs * theirs.transpose() - Matrix3::identity()).abs().max() > 1e-6);

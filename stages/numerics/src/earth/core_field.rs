@@ -1,12 +1,12 @@
 //! The earth's core field: IGRF-14 and WMM, as vector and magnitude, at one date or along a track.
 //!
-//! The potential is a sum of solid harmonics in earth-centred Cartesian coordinates (Cunningham's
-//! recursion; Montenbruck & Gill, *Satellite Orbits*, 3.2.4 and 3.2.5), so nothing is singular at
-//! the poles. A derivative of such a sum is again such a sum, one degree higher; the coefficients
-//! of the three field components and of the gradient tensor are therefore computed once per date, and an
-//! evaluation is one recursion and a few dot products, without allocation.
+//! The potential is a sum of solid harmonics in earth-centred Cartesian coordinates (Cunningham's recursion;
+//! Montenbruck & Gill, *Satellite Orbits*, 3.2.4 and 3.2.5). It has no singularity at the poles. A derivative of such a
+//! sum is again such a sum, one degree higher. The coefficients of the three field components and of the gradient
+//! tensor are therefore computed once per date. An evaluation is one recursion and a few dot products, without
+//! allocation.
 //!
-//! Coefficients: see [`CoreFieldModel`]; linear in time between epochs.
+//! Coefficients are linear in time between epochs; see [`CoreFieldModel`].
 
 mod coefficients;
 mod track;
@@ -19,14 +19,14 @@ pub use coefficients::{CoreFieldError, CoreFieldModel, GeodeticCoordinate};
 use coefficients::{REFERENCE_RADIUS_M, TERMS, derivative, index};
 pub use track::{CoreFieldTrack, NedField};
 
-/// The degree of the model's highest harmonics; derivatives go two degrees further.
+/// Highest degree of the evaluated harmonics: derivatives exceed the model by two degrees.
 const HIGHEST_DEGREE: usize = coefficients::DEGREE + 2;
 
 /// The core field at one date.
 #[derive(Clone, Debug)]
 pub struct CoreField {
     decimal_year: f64,
-    /// Coefficients of the field's earth-centred components, in nT.
+    /// Coefficients of the earth-centred field components, in nT.
     components: [Box<[f64; TERMS]>; 3],
     /// Coefficients of the field's gradient tensor xx, xy, xz, yy, yz, zz, in nT/m.
     tensor: [Box<[f64; TERMS]>; 6],
@@ -48,8 +48,8 @@ struct LocalDirections {
 }
 
 impl CoreField {
-    /// IGRF-14 at `decimal_year`, from 1900 to 2030. One date serves a whole flight: the field
-    /// changes by 0.3 nT a day at most.
+    /// IGRF-14 at `decimal_year`, from 1900 to 2030. One date is enough for a whole flight: the field changes by at
+    /// most 0.3 nT a day.
     ///
     /// # Errors
     /// Fails as [`Self::new`].
@@ -75,8 +75,8 @@ impl CoreField {
         self.decimal_year
     }
 
-    /// The field (north, east, down) in nT at a geodetic position: degrees, degrees, metres above
-    /// the WGS-84 ellipsoid. At a pole north is the direction of the meridian `lon_deg`.
+    /// The field (north, east, down) in nT at a geodetic position: degrees, degrees, metres above the WGS-84 ellipsoid.
+    /// At a pole, north is the direction of the meridian `lon_deg`.
     pub fn field_ned_nt(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> [f64; 3] {
         let (lat, lon) = (lat_deg.to_radians(), lon_deg.to_radians());
         let harmonics = self.recursion.harmonics(ecef_m(lat, lon, alt_m), HIGHEST_DEGREE - 1);
@@ -112,11 +112,11 @@ impl CoreField {
     }
 }
 
-/// Magnitude of the core field, expanded to first order about a position that follows the queries. A filter evaluates
-/// it several hundred thousand times per flight.
+/// Magnitude of the core field, expanded to first order about a recent position. A filter evaluates it several hundred
+/// thousand times per flight.
 ///
-/// A query further than 200 m sideways or 50 m up or down from the expansion point moves the point
-/// there. The field's curvature is below 5e-9 nT/m², so the error stays below 0.001 nT.
+/// If a query is more than 200 m horizontally or 50 m vertically from the expansion point, the query becomes the
+/// expansion point. The field's curvature is below 5e-9 nT/m², so the error stays below 0.001 nT.
 #[derive(Clone, Debug)]
 pub struct LinearisedCoreField {
     field: Arc<CoreField>,
@@ -142,8 +142,8 @@ impl LinearisedCoreField {
         Self { field: field.into(), place: None }
     }
 
-    /// Magnitude and gradient near a geodetic position (degrees, degrees, metres). The gradient is that at the
-    /// expansion point. The result depends on the order of queries (to 0.001 nT): use one instance per line.
+    /// Magnitude and gradient near a geodetic position (degrees, degrees, metres). The gradient is evaluated at the
+    /// expansion point. The result depends on the order of queries (by up to 0.001 nT): use one instance per line.
     pub fn magnitude_and_gradient(&mut self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> FieldValue {
         match self.place {
             Some(place) if place.reaches(lat_deg, lon_deg, alt_m) => place.extrapolate(lat_deg, lon_deg, alt_m),
@@ -160,7 +160,7 @@ impl CoreFieldExpansion {
     fn new(lat_deg: f64, lon_deg: f64, alt_m: f64, at_place: FieldValue) -> Self {
         let earth = EarthModel::Wgs84;
         let lat = lat_deg.to_radians();
-        // Half the reach in each of two directions keeps the corner of the box within it.
+        // With half the limit in each of two directions, the corner of the box is within the limit.
         let side_m = REACH_SIDEWAYS_M / std::f64::consts::SQRT_2;
         Self {
             lat_deg,
@@ -212,8 +212,8 @@ impl HarmonicRecursion {
         factors
     }
 
-    /// The solid harmonics (a/r)^(n+1) P_nm cos mλ and ... sin mλ, interleaved, up to `degree`
-    /// at an earth-centred position in metres. P_nm is not normalised and has no sign of phase.
+    /// The solid harmonics (a/r)^(n+1) P_nm cos mλ and ... sin mλ, interleaved, up to `degree` at an earth-centred
+    /// position in metres. P_nm is not normalised and has no Condon-Shortley phase.
     fn harmonics(&self, position_m: [f64; 3], degree: usize) -> [f64; TERMS] {
         let radius_squared = dot3(&position_m, &position_m);
         let [x, y, z] = position_m.map(|p| p * REFERENCE_RADIUS_M / radius_squared);
@@ -231,7 +231,7 @@ impl HarmonicRecursion {
         terms
     }
 
-    /// The orders below `n` of degree `n`, from the two degrees before it.
+    /// Computes the orders below `n` of degree `n` from the two lower degrees.
     fn zonal_to_subdiagonal(&self, terms: &mut [f64; TERMS], n: usize, z: f64, ratio_sq: f64) {
         for m in 0..n {
             let here = index(n, m);

@@ -7,8 +7,8 @@ const SECONDS_PER_DAY: f64 = 86_400.0;
 /// Error of an invalid date.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum DateError {
-    /// The day of the year is not one of that year's days.
-    #[error("the year {year} has no day {day_of_year}; its days run from 1 to {days}")]
+    /// The year does not have this day of the year.
+    #[error("day {day_of_year} of the year {year} does not exist; the range is 1 to {days}")]
     DayOfYear {
         /// The year.
         year: i32,
@@ -28,7 +28,7 @@ pub enum DateError {
         day: u32,
     },
     /// The seconds are not a number.
-    #[error("the seconds of the day are {0}, not a finite number")]
+    #[error("the seconds of the day must be a finite number, but are {0}")]
     Seconds(f64),
 }
 
@@ -42,9 +42,8 @@ pub fn days_in_year(year: i32) -> u32 {
     if is_leap_year(year) { 366 } else { 365 }
 }
 
-/// The decimal year of the `day_of_year` (1 is 1 January) and `seconds` past that day's midnight
-/// UTC. Noon of 1 January 2023 is 2023 + 0.5/365. Seconds may run past the end of the day, as they
-/// do in a flight over midnight.
+/// Decimal year of the day `day_of_year` (1 is 1 January) and `seconds` past midnight UTC of that day. Noon of 1
+/// January 2023 is 2023 + 0.5/365. Seconds may exceed a day, as in a flight over midnight.
 ///
 /// # Errors
 /// Fails with [`DateError::DayOfYear`] for a day that the year does not have, and with [`DateError::Seconds`] for
@@ -75,7 +74,7 @@ pub fn day_of_year(year: i32, month: u32, day: u32) -> Result<u32, DateError> {
     }
 }
 
-/// The number of the day, counted without gaps over the years of the Gregorian calendar: 1 on 1 January of the year 1.
+/// Continuous day number in the Gregorian calendar: 1 on 1 January of the year 1.
 ///
 /// # Errors
 /// Fails with [`DateError::DayOfYear`] for a day that the year does not have.
@@ -106,7 +105,7 @@ mod tests {
         assert_eq!(decimal_year(2020, 1, 0.0).unwrap(), 2020.0);
         assert_eq!(decimal_year(2020, 184, 0.0).unwrap(), 2020.5);
         let last_second = decimal_year(2023, 365, 86_399.0).unwrap();
-        // One second of a year; decimal years of this size resolve 7e-6 s.
+        // One second as a fraction of a year; decimal years of this magnitude resolve 7e-6 s.
         assert!((2024.0 - last_second - 1.0 / (365.0 * 86_400.0)).abs() < 1e-12);
         assert_eq!(decimal_year(2023, 365, 86_400.0).unwrap(), 2024.0);
     }
@@ -133,7 +132,7 @@ mod tests {
     fn unit_invalid_dates_are_rejected() {
         assert_eq!(
             decimal_year(2023, 366, 0.0).unwrap_err().to_string(),
-            "the year 2023 has no day 366; its days run from 1 to 365"
+            "day 366 of the year 2023 does not exist; the range is 1 to 365"
         );
         assert!(decimal_year(2023, 0, 0.0).is_err());
         assert!(decimal_year(2023, 1, f64::NAN).is_err());

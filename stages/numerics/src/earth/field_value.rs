@@ -7,11 +7,11 @@ use std::ops::Add;
 pub struct FieldValue {
     /// The value, in nT.
     pub value_nt: f64,
-    /// Change with latitude, in nT/rad.
+    /// Derivative with respect to latitude, in nT/rad.
     pub d_lat_nt_per_rad: f64,
-    /// Change with longitude, in nT/rad.
+    /// Derivative with respect to longitude, in nT/rad.
     pub d_lon_nt_per_rad: f64,
-    /// Change with height, in nT/m; zero for a map of one level.
+    /// Derivative with respect to height, in nT/m; zero for a map of one level.
     pub d_alt_nt_per_m: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The WGS-84 ellipsoid and the small conversions between metres and radians.
+//! The WGS-84 ellipsoid and conversions between metres and radians.
 
 use crate::angle::wrap_deg;
 use std::f64::consts::FRAC_PI_2;
@@ -14,14 +14,14 @@ pub const EARTH_RATE_RADPS: f64 = 7.292_115_146_7e-5;
 /// Standard gravity, in m/s²; the specific force of a body at rest.
 pub const STANDARD_GRAVITY_MPS2: f64 = 9.806_65;
 
-/// Earth radii that convert metres on the ground to radians of latitude and longitude.
+/// Earth radii for the conversion between metres on the ground and radians of latitude and longitude.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EarthModel {
-    /// The ellipsoid: meridian radius for north, transverse radius for east, both plus the height.
+    /// The ellipsoid: meridian radius for north and transverse radius for east, each plus the height.
     #[default]
     Wgs84,
-    /// Radii of MagNav.jl 1.3.3: the transverse radius for both, without the height (0.33 % of a northward distance at
-    /// 45°). For comparison with that program.
+    /// Radii of MagNav.jl 1.3.3: the transverse radius for both directions, without the height. A northward distance
+    /// differs by 0.33 % at 45°. For comparison with MagNav.jl.
     Compatible,
 }
 
@@ -54,7 +54,7 @@ impl EarthModel {
         radius_m * lat_rad.cos()
     }
 
-    /// Metres north and east per radian of latitude and longitude, by one sine and one root for both.
+    /// Metres north and east per radian of latitude and longitude, computed from one sine and one root.
     pub fn north_east_m_per_rad(self, lat_rad: f64, alt_m: f64) -> (f64, f64) {
         let (sin_lat, cos_lat) = lat_rad.sin_cos();
         let w_squared = 1.0 - ECCENTRICITY_SQUARED * (sin_lat * sin_lat);
@@ -88,8 +88,8 @@ impl EarthModel {
         dlon_rad * self.east_m_per_rad(lat_rad, alt_m)
     }
 
-    /// The offset (north, east), in metres, of one position from another, both in degrees; the radii
-    /// are those halfway, and the shorter way round the earth is taken.
+    /// Offset (north, east), in metres, of one position from another, both in degrees. The radii are evaluated midway,
+    /// and the shorter way around the earth is taken.
     pub fn offset_ne_m(self, from_deg: (f64, f64), to_deg: (f64, f64), alt_m: f64) -> (f64, f64) {
         let middle_rad = (0.5 * (from_deg.0 + to_deg.0)).to_radians();
         let dlat_rad = (to_deg.0 - from_deg.0).to_radians();
@@ -112,7 +112,7 @@ pub fn ecef_m(lat_rad: f64, lon_rad: f64, alt_m: f64) -> [f64; 3] {
     ]
 }
 
-/// True for a latitude that exists, in degrees.
+/// Whether a latitude in degrees is valid.
 pub fn is_latitude_deg(lat_deg: f64) -> bool {
     lat_deg.to_radians().abs() <= FRAC_PI_2
 }
@@ -150,7 +150,7 @@ mod tests {
         let (north_too, east_too) = earth.north_east_m_per_rad(lat, alt);
         assert!((north_too / earth.north_m_per_rad(lat, alt) - 1.0).abs() < 1e-15);
         assert!((east_too / earth.east_m_per_rad(lat, alt) - 1.0).abs() < 1e-15);
-        // Cancellation: 1e-9 m of rounding over a chord of 13 m.
+        // Cancellation: rounding of 1e-9 m over a chord of 13 m.
         assert!((north / earth.north_m_per_rad(lat, alt) - 1.0).abs() < 1e-9);
         assert!((east / earth.east_m_per_rad(lat, alt) - 1.0).abs() < 1e-9);
     }

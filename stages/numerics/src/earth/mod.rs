@@ -10,25 +10,25 @@
 //!
 //! # Equations
 //!
-//! The ellipsoid of semi-major axis a and eccentricity e has at latitude φ the radii of curvature M along the
-//! meridian and N across it. A small displacement at the height h is [Titterton & Weston 2004, chapter 3]
+//! The ellipsoid has semi-major axis a and eccentricity e. At latitude φ its radii of curvature are M along the
+//! meridian and N across it. A small displacement at height h is [Titterton & Weston 2004, chapter 3]
 //!
 //! ```text
 //! M = a (1 − e²)/(1 − e² sin²φ)^(3/2)      δnorth = (M + h) δφ
 //! N = a/√(1 − e² sin²φ)                    δeast  = (N + h) cos φ δλ
 //! ```
 //!
-//! MagNav.jl takes N, without h, for both; [`EarthModel::Compatible`] does the same.
+//! MagNav.jl uses N, without h, for both directions; [`EarthModel::Compatible`] does the same.
 //!
 //! The core field is the gradient of a sum of spherical harmonics in the geocentric radius r, colatitude θ and
-//! longitude λ, with the reference radius 6371.2 km and coefficients g, h that are linear in time between epochs
-//! [Blakely 1996, chapter 8; IAGA, doi:10.5281/zenodo.14012302]
+//! longitude λ. The reference radius is 6371.2 km. The coefficients g and h are linear in time between epochs [Blakely
+//! 1996, chapter 8; IAGA, doi:10.5281/zenodo.14012302]
 //!
 //! ```text
 //! V = R Σₙ (R/r)^(n+1) Σₘ (gₙᵐ cos mλ + hₙᵐ sin mλ) Pₙᵐ(cos θ),      B = −∇V
 //! ```
 //!
-//! Roll φ, pitch θ and yaw ψ make the matrix from body to north-east-down [Titterton & Weston 2004, (3.47)]
+//! The matrix from body to north-east-down for roll φ, pitch θ and yaw ψ is [Titterton & Weston 2004, (3.47)]
 //!
 //! ```text
 //!     ⎡ cθ cψ   sφ sθ cψ − cφ sψ   cφ sθ cψ + sφ sψ ⎤

@@ -2,23 +2,23 @@
 //!
 //! A compensation model also fits signals that resemble the aircraft field. If the anomaly changes while the aircraft
 //! turns, part of it resembles the aircraft field and is removed. The loss can be measured where the anomaly a is known
-//! (a simulated flight, or an accurate map). For a line, let c be the compensated reading, r the true one and r − a the
-//! true one without the anomaly. Then
+//! (a simulated flight, or an accurate map). For a line, let c be the compensated reading, r the true reading, and r −
+//! a the true reading without the anomaly. Then
 //!
 //! y = c − (r − a) = ρ a + e,
 //!
-//! where e is the residual aircraft field plus noise. The retention ρ is the least-squares slope of y on a, both less
-//! their means: 1 if the anomaly is kept, 0 if it is removed completely, above 1 if it is amplified. For a model that
-//! removes only the projection P a of the anomaly on the terms of the aircraft, ρ is exactly 1 − |P a|²/|a|², the part
-//! of the anomaly's energy that is kept. The aircraft's terms are therefore not regressed out, which would hide the
-//! measured loss.
+//! where e is the residual aircraft field plus noise. The retention ρ is the least-squares slope of y on a, both minus
+//! their means. It is 1 if the anomaly is kept, 0 if it is removed completely, and above 1 if it is amplified. For a
+//! model that removes only the projection P a of the anomaly on the terms of the aircraft, ρ is exactly 1 − |P
+//! a|²/|a|², the retained fraction of the anomaly's energy. The aircraft's terms are therefore not included in the
+//! regression: they would hide the loss.
 //!
-//! The residual e may correlate with a by chance. Both change slowly, so that a thousand samples may be a dozen
-//! independent ones. The standard error includes this effect: if a and e are independent, the variance of Σ a e is Σ
-//! over all lags of the product of their autocovariances [Bartlett 1935, J. R. Stat. Soc. 98(3)]. It is computed as the
-//! mean square of Σ a e over all circular shifts of one against the other, by one transform of each. The degree of
-//! freedom that the slope removes from e is restored through the number of independent samples, 1 over the mean squared
-//! correlation of the shifts. A retention within two standard errors of 1 is no evidence of a loss.
+//! The residual e may be correlated with a by chance. Both change slowly, so a thousand samples may correspond to only
+//! a dozen independent ones. The standard error includes this effect: if a and e are independent, the variance of Σ a e
+//! is Σ over all lags of the product of their autocovariances [Bartlett 1935, J. R. Stat. Soc. 98(3)]. It is computed
+//! as the mean square of Σ a e over all circular shifts of one against the other, with one Fourier transform of each.
+//! Fitting the slope removes one degree of freedom from e. The number of independent samples, 1 over the mean squared
+//! correlation of the shifts, corrects for it. A retention within two standard errors of 1 is no evidence of a loss.
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
@@ -46,7 +46,7 @@ pub enum RetentionError {
     /// The anomaly is constant.
     #[error("the anomaly is {value_nt} nT in all rows; the retention is undefined for a constant anomaly")]
     NoAnomaly {
-        /// Its value.
+        /// Its value, nT.
         value_nt: f64,
     },
 }
@@ -58,20 +58,20 @@ pub struct AnomalyRetention {
     pub slope: f64,
     /// Standard error of the slope; infinite for at most two independent samples.
     pub standard_error: f64,
-    /// The correlation of y and the anomaly; NaN where y is constant.
+    /// Correlation of y and the anomaly; NaN if y is constant.
     pub correlation: f64,
     /// Root mean square of the residual after removal of anomaly and mean, in nT.
     pub residual_nt: f64,
-    /// The root mean square of the anomaly less its mean, in nT.
+    /// Root mean square of the anomaly minus its mean, in nT.
     pub anomaly_nt: f64,
     /// Number of rows used.
     pub n: usize,
-    /// Number of excluded rows: a value is not finite.
+    /// Number of rows excluded because a value is not finite.
     pub left_out: usize,
 }
 
-/// The retention on one line: `compensated` and the true `reference` reading, which contains the anomaly, and the
-/// `anomaly` itself, all in nT and evenly sampled; means are subtracted.
+/// Retention on one line. `compensated` and `reference` are the compensated and the true reading, both with the
+/// anomaly; `anomaly` is the anomaly itself. All are in nT and evenly sampled; means are subtracted.
 ///
 /// Rows with a value that is not finite are excluded.
 ///
@@ -88,7 +88,7 @@ pub fn anomaly_retention(
         return Err(RetentionError::Lengths { compensated, reference, anomaly: rows });
     }
     let three = compensated.iter().zip(reference).zip(anomaly);
-    // The difference first: the common 5e4 nT cancel before they can cost digits of the anomaly.
+    // The difference is taken first: the common 5e4 nT cancel before they reduce the precision of the anomaly.
     let left: Vec<f64> = three.map(|((c, r), a)| (c - r) + a).collect();
     let known = |i: usize| left[i].is_finite() && anomaly[i].is_finite();
     let n = (0..rows).filter(|i| known(*i)).count();
@@ -120,8 +120,8 @@ pub fn anomaly_retention(
     })
 }
 
-/// Retention over several lines, each about its own mean: slopes weighted by the energy of the anomaly, which is the
-/// slope of all their rows together. `None` for no lines.
+/// Retention over several lines, each relative to its own mean. The slopes are weighted by the energy of the anomaly,
+/// which gives the slope of all rows together. `None` for no lines.
 pub fn pooled(lines: &[AnomalyRetention]) -> Option<AnomalyRetention> {
     let energy = |line: &AnomalyRetention| line.n as f64 * line.anomaly_nt * line.anomaly_nt;
     let sum = |of: &dyn Fn(&AnomalyRetention) -> f64| lines.iter().map(of).sum::<f64>();
@@ -130,7 +130,8 @@ pub fn pooled(lines: &[AnomalyRetention]) -> Option<AnomalyRetention> {
         return None;
     }
     let slope = sum(&|line| energy(line) * line.slope) / all;
-    // About the common slope, a line has the residual of its own slope plus the effect of the difference of the slopes.
+    // With the common slope, the residual of a line is that of its own slope plus the effect of the difference between
+    // the slopes.
     let residual = sum(&|l| l.n as f64 * l.residual_nt * l.residual_nt + energy(l) * (l.slope - slope).powi(2));
     Some(AnomalyRetention {
         slope,
@@ -143,15 +144,15 @@ pub fn pooled(lines: &[AnomalyRetention]) -> Option<AnomalyRetention> {
     })
 }
 
-/// The standard error of the slope on `a` that leaves `e`, both of mean zero, with zeros in all but `n` rows.
+/// Standard error of a slope on `a` with the residual `e`. Both have zero mean, and only `n` rows are not zero.
 fn standard_error(a: &[f64], e: &[f64], n: usize) -> f64 {
     let (rows, aa, ee) = (a.len(), dot(a, a), dot(e, e));
     if ee == 0.0 {
         return 0.0;
     }
     let fft = FftPlanner::new().plan_fft_forward(rows);
-    // Two real series of one size in one transform: the spectrum of the first is even under conjugation, that of the
-    // second odd.
+    // Two real series of equal length in one transform: the spectrum of the first is the conjugate-even part, that of
+    // the second the conjugate-odd part.
     let (to_a, to_e) = (1.0 / aa.sqrt(), 1.0 / ee.sqrt());
     let mut both: Vec<Complex<f64>> = a.iter().zip(e).map(|(a, e)| Complex::new(a * to_a, e * to_e)).collect();
     fft.process(&mut both);
@@ -221,8 +222,8 @@ mod tests {
 
     #[test]
     fn law_the_standard_error_is_the_scatter_of_the_slope() {
-        // Anomaly and residual are both slow: 3000 samples are some 30 independent ones, and the textbook error would
-        // be ten times too small.
+        // Anomaly and residual both vary slowly: 3000 samples are some 30 independent ones, and the standard error for
+        // independent samples would be ten times too small.
         let (mut scatter, mut said, mut textbook) = (0.0, 0.0, 0.0);
         const DRAWS: u64 = 300;
         for draw in 0..DRAWS {
@@ -232,7 +233,7 @@ mod tests {
             said += found.standard_error.powi(2) / DRAWS as f64;
             textbook += (found.residual_nt / found.anomaly_nt).powi(2) / ROWS as f64 / DRAWS as f64;
         }
-        // 300 draws determine a variance to 8 %; each estimated error uses equally few independent samples.
+        // 300 draws determine a variance to 8 %; each estimated error is based on equally few independent samples.
         assert!((said / scatter - 1.0).abs() < 0.35, "{said} {scatter}");
         assert!(scatter > 20.0 * textbook, "{scatter} {textbook}");
     }
@@ -244,8 +245,8 @@ mod tests {
         let noisy: Vec<f64> = anomaly.iter().map(|a| a + 2.0 * normals.draw()).collect();
         let found = anomaly_retention(&noisy, &anomaly, &anomaly).unwrap();
         let textbook = found.residual_nt / found.anomaly_nt / (ROWS as f64).sqrt();
-        // The power of the white noise in the anomaly's band, 0.16 Hz of 300 s and so a hundred waves or so: 10 % of a
-        // deviation; three of them.
+        // The tolerance is three standard deviations of 10 %: the anomaly's band of 0.16 Hz over 300 s contains some
+        // hundred waves of the white noise.
         assert!((found.standard_error / textbook - 1.0).abs() < 0.3, "{} {textbook}", found.standard_error);
         assert!((found.slope - 1.0).abs() < 4.0 * found.standard_error, "{found:?}");
     }

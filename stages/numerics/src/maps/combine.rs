@@ -1,7 +1,7 @@
-//! Several overlapping maps on one grid: resampled, levelled to each other, joined with feathered edges.
+//! Several overlapping maps on one grid: resampled, levelled to each other, and blended at feathered edges.
 //!
-//! The maps are of one plane and one height (continue them first), each with its own spacing and extent. The
-//! reported differences in the overlaps before and after show whether they are of one field.
+//! The maps must share one plane and one height (continue them first); spacing and extent may differ. The reported
+//! differences in the overlaps, before and after levelling, show whether the maps represent the same field.
 
 mod bias;
 mod distance;
@@ -21,17 +21,17 @@ use thiserror::Error;
 pub struct WeightedMap<'a> {
     /// The map.
     pub grid: &'a PlaneGrid,
-    /// The weight of its values in [`BlendMethod::Average`], above zero, such as the inverse square of its error.
+    /// Weight of its values in [`BlendMethod::Average`], above zero; for example the inverse square of its error.
     pub weight: f64,
 }
 
 /// Rule that merges the values of several maps at one node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BlendMethod {
-    /// The first map that is known at the node, faded into the next towards its edge.
+    /// The first map with a value at the node, blended into the next map towards its edge.
     #[default]
     Priority,
-    /// The mean by weight, each map fading out towards its edge.
+    /// Weighted mean; the weight of each map decreases towards its edge.
     Average,
 }
 
@@ -40,15 +40,15 @@ pub enum BlendMethod {
 pub struct CombineOptions {
     /// Method that merges values.
     pub blend: BlendMethod,
-    /// Distance from the edge of its known nodes, in metres, over which a map fades in from zero to its full weight, by
-    /// half a period of a cosine. Zero: no fading, and so a step at each edge.
+    /// Distance from the edge of its known nodes, in metres, over which the weight of a map rises from zero to its full
+    /// value, as half a period of a cosine. Zero disables the ramp, which leaves a step at each edge.
     pub feather_m: f64,
-    /// Bias that is subtracted from each map first.
+    /// Model of the bias that is subtracted from each map first.
     pub bias: BiasModel,
 }
 
 impl Default for CombineOptions {
-    /// Priority blending, faded over 1 km, without bias correction.
+    /// Priority blending with ramps of 1 km, without bias correction.
     fn default() -> Self {
         Self { blend: BlendMethod::Priority, feather_m: 1000.0, bias: BiasModel::Nothing }
     }
@@ -59,9 +59,9 @@ impl Default for CombineOptions {
 pub struct MapDifference {
     /// The number of nodes of the combined grid.
     pub count: usize,
-    /// The median of the first map less the second.
+    /// Median of the first map minus the second.
     pub median: f64,
-    /// The root mean square.
+    /// Root mean square of the difference.
     pub rms: f64,
 }
 
@@ -95,11 +95,11 @@ pub enum CombineError {
     /// There is no map.
     #[error("there is no map to combine")]
     Nothing,
-    /// The number of a map's values is not the number of its nodes, or it is too small to be interpolated, or a step is
-    /// not above zero.
+    /// The number of values of a map differs from its number of nodes, the map is too small to be interpolated, or a
+    /// step is not above zero.
     #[error(
-        "map {piece}: {values} values for {rows} rows x {columns} columns; a map requires two of each and steps above \
-         zero"
+        "map {piece} has {values} values for {rows} rows x {columns} columns; a map requires two of each and steps \
+         above zero"
     )]
     Size {
         /// The map, from 0.
@@ -121,8 +121,11 @@ pub enum CombineError {
         /// The column, from 0 in the west.
         column: usize,
     },
-    /// The grid to combine on has no nodes, or a step that is not above zero.
-    #[error("the grid to combine on has {rows} rows x {columns} columns with steps of {north_m} m and {east_m} m")]
+    /// The target grid has no nodes, or a step that is not above zero.
+    #[error(
+        "the target grid requires rows, columns and steps above zero, but has {rows} rows x {columns} columns with \
+         steps of {north_m} m and {east_m} m"
+    )]
     Target {
         /// The number of rows.
         rows: usize,
@@ -143,13 +146,14 @@ pub enum CombineError {
     },
 }
 
-/// Combines maps on the grid of the given axes; the first map keeps its level, to which the biases of the others refer.
+/// Combines maps on the grid of the given axes; the first map keeps its level, and the biases of the others are
+/// relative to it.
 ///
-/// Each map is resampled by the natural bicubic spline; a node that lies on a map's node takes its value unchanged. A
-/// map much finer than the grid is sampled, not averaged. Results are bit-identical for any number of threads.
+/// Each map is resampled by the natural bicubic spline; at a node of the map itself, its value is unchanged. A map that
+/// is much finer than the grid is sampled, not averaged. Results are bit-identical for any number of threads.
 ///
 /// # Errors
-/// Fails if there is no map, a map is not well formed, or a parameter is out of its range.
+/// Fails if there is no map, a map is invalid, or a parameter is out of its range.
 pub fn combine(
     pieces: &[WeightedMap<'_>],
     east_m: EvenAxis,

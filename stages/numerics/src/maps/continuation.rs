@@ -1,15 +1,15 @@
 //! Anomaly maps at other heights: upward and downward continuation, derivatives, field components, stacks of levels,
 //! and maps between a level and a drape.
 //!
-//! A map is a [`PlaneGrid`] of one harmonic quantity in nT at one height, complete (NaN is rejected: fill the map
-//! first; [`masked_like`] removes the filled nodes afterwards). It is extended past its edges ([`Padding`]),
-//! transformed once ([`MapSpectrum`]) and multiplied by a factor for each result. A field whose sources are all below
-//! has, at a height `h` above the map, its spectrum times e^(−k h), with `k` the wavenumber in rad/m [Blakely 1996, eq.
-//! 12.8; Gnadt 2022, section 2.3]. Downward, where that grows without bound, the factor is e^(−k h)/(1 + α k² e^(−k
-//! h)), with α in m² chosen by an L-curve ([`downward`]).
+//! A map is a [`PlaneGrid`] of one harmonic quantity in nT at one height. It must be complete: NaN is rejected, so fill
+//! the map first. [`masked_like`] removes the filled nodes afterwards. The map is extended past its edges
+//! ([`Padding`]), transformed once ([`MapSpectrum`]) and multiplied by one factor per result. If all sources are below,
+//! the spectrum at a height `h` above the map is the map's spectrum times e^(−k h), with the wavenumber `k` in rad/m
+//! [Blakely 1996, eq. 12.8; Gnadt 2022, section 2.3]. Downward this factor grows without bound, so e^(−k h)/(1 + α k²
+//! e^(−k h)) is used instead, with α in m² from an L-curve ([`downward`]).
 //!
-//! The accuracy of a result can be measured: [`edge_error()`] estimates the effect of the unknown field past the edges,
-//! and [`is_far`] whether the distance is too large for a map of that size.
+//! The accuracy of a result can be assessed: [`edge_error()`] estimates the effect of the unknown field past the edges,
+//! and [`is_far`] detects a distance that is too large for the map.
 
 mod components;
 mod derivatives;
@@ -45,7 +45,7 @@ pub const MAGNAV_ALPHA_M2: f64 = 200.0;
 /// Error of a continuation.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ContinuationError {
-    /// Values and axes disagree.
+    /// The number of values differs from the number of nodes.
     #[error("{values} values are not a map of {rows} rows and {columns} columns")]
     Shape {
         /// The number of values.
@@ -66,7 +66,7 @@ pub enum ContinuationError {
     /// A spacing is not above zero.
     #[error("the spacing must be above 0 m, but is {step_m} m; sort the axes in ascending order")]
     Spacing {
-        /// The spacing.
+        /// The spacing, m.
         step_m: f64,
     },
     /// Some nodes have no value.
@@ -110,7 +110,7 @@ pub enum ContinuationError {
         /// The limit.
         most: usize,
     },
-    /// The main field has no direction.
+    /// The core field has no direction.
     #[error("the core field [{east}, {north}, {up}] has no direction; give a finite vector other than zero")]
     Direction {
         /// Its eastern component.
@@ -120,7 +120,7 @@ pub enum ContinuationError {
         /// Its upward component.
         up: f64,
     },
-    /// The heights of a drape are not one per node, or not all known.
+    /// The number of heights of a drape differs from the number of nodes, or a height is unknown.
     #[error("the drape must have {nodes} finite heights, one per node, but {finite} of its {given} heights are finite")]
     DrapeHeights {
         /// The number of nodes of the map.
@@ -142,7 +142,7 @@ pub enum ContinuationError {
         /// The step between them.
         step_m: f64,
     },
-    /// The map is too small to be cropped for an estimate of its error.
+    /// The map is too small for an estimate of its edge error.
     #[error(
         "a map of {rows} rows and {columns} columns is too small for its edge error; at least {least} of each are \
          required"
@@ -184,14 +184,14 @@ pub fn check(grid: &PlaneGrid) -> Result<(), ContinuationError> {
     }
 }
 
-/// Whether a distance is more than 1/50 of the map's shorter side. Beyond that, errors of the edges and of the map
-/// become significant, and the command line warns. [Gnadt 2022, section 2.3]
+/// Whether a distance exceeds 1/50 of the map's shorter side. Beyond that, errors of the edges and of the map become
+/// significant, and the command line issues a warning. [Gnadt 2022, section 2.3]
 pub fn is_far(grid: &PlaneGrid, distance_m: f64) -> bool {
     let side = |axis: &EvenAxis| axis.step * axis.len.saturating_sub(1) as f64;
     50.0 * distance_m.abs() > side(&grid.east_m).min(side(&grid.north_m))
 }
 
-/// Map with NaN at the unknown nodes of `original`, from which it was filled.
+/// Map with NaN at the unknown nodes of `original`, the map before filling.
 pub fn masked_like(mut map: PlaneGrid, original: &PlaneGrid) -> PlaneGrid {
     for (value, known) in map.values.iter_mut().zip(&original.values) {
         if known.is_nan() {

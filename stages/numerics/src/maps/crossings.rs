@@ -1,11 +1,11 @@
-//! The misclosure of a line where its track crosses itself.
+//! Misclosure of a line at the crossings of its own track.
 
 use crate::regression::statistics::SampleStatistic;
 
-/// Maximum horizontal distance between two samples of one crossing, m.
+/// Maximum horizontal distance between the two samples of a crossing, m.
 pub const NEAR_M: f64 = 1.0;
 
-/// Minimum time between two samples of one crossing, s.
+/// Minimum time between the two samples of a crossing, s.
 pub const APART_S: f64 = 1.0;
 
 /// Maximum number of compared pairs of samples.
@@ -16,7 +16,7 @@ const MOST_PAIRS: u128 = 50_000_000;
 pub struct LineCrossingFigure {
     /// The figure, in the unit of the measurements; `n` counts pairs. NaN without a pair.
     pub figure: SampleStatistic,
-    /// The stride of the samples that were used: 1 except for long stays at one position.
+    /// Stride of the used samples: 1 except for long stays at one position.
     pub stride: usize,
 }
 
@@ -26,10 +26,10 @@ pub struct LineCrossingFigure {
 /// `north_m` and `east_m` are local positions in metres, `z` measurements in any unit, `tt` seconds. Samples with a
 /// value that is not finite are excluded. Every pair counts once.
 ///
-/// Samples are sorted into cells of 1 m, so that only neighbours are compared: the work grows with the number of
-/// samples, not with its square. A hovering aircraft puts thousands of samples into one cell. If more than 50 million
-/// pairs would be compared, only every k-th sample is used, with the smallest power of two k that meets the limit.
-/// `stride` returns k.
+/// Samples are sorted into cells of 1 m, and only neighbours are compared: the computation time grows linearly with the
+/// number of samples, not quadratically. A hovering aircraft puts thousands of samples into one cell. If more than 50
+/// million pairs would be compared, only every k-th sample is used, with the smallest power of two k that meets the
+/// limit. `stride` returns k.
 pub fn figure_of_merit_crossings(north_m: &[f64], east_m: &[f64], z: &[f64], tt: &[f64]) -> LineCrossingFigure {
     let mut stride = 1;
     let cells = loop {
@@ -65,7 +65,7 @@ struct CrossingCells {
     samples: Vec<CrossingSample>,
     /// Cell, first sample, one past the last.
     index: Vec<((i64, i64), usize, usize)>,
-    /// For each entry of the index the first one that is no less than its neighbour to the north-west.
+    /// For each entry of the index, the first entry that does not precede its north-west neighbour.
     north_west: Vec<usize>,
 }
 
@@ -104,7 +104,7 @@ impl CrossingCells {
         Self { samples, index, north_west }
     }
 
-    /// The samples of the half of a cell's neighbours that visits every pair of cells once.
+    /// Samples in half of the neighbours of a cell, chosen so that every pair of cells is visited once.
     fn around(&self, entry: usize) -> impl Iterator<Item = &[CrossingSample]> {
         let (cell, ..) = self.index[entry];
         let next = self.index.get(entry + 1).filter(move |e| e.0 == (cell.0, cell.1.saturating_add(1)));
@@ -199,7 +199,7 @@ mod tests {
         let still = vec![0.25; tt.len()];
         let found = figure_of_merit_crossings(&still, &still, &z, &tt);
         assert_eq!(found.stride, 4);
-        // Half of the pairs differ by 1: √½ but for the pairs within a second.
+        // Half of the pairs differ by 1: √½, except for pairs within a second.
         assert!((found.figure.value - 0.5f64.sqrt()).abs() < 1e-3);
     }
 }

@@ -1,8 +1,8 @@
 //! Fills the gaps of a map on a plane, and crops it to its known nodes or to limits.
 //!
 //! [`nearest()`] gives an unknown node the mean of its nearest known nodes, as in MagNav.jl. It is fast and bounded by
-//! the known values, but has steps inside a gap, which ring when the map is continued. [`smooth()`] computes the
-//! surface without sources inside the gap: continuous, and bounded by the values around the gap.
+//! the known values. However, it has steps inside a gap, which cause ringing when the map is continued. [`smooth()`]
+//! computes the surface without sources inside the gap. It is continuous and bounded by the values around the gap.
 
 mod cut;
 mod edge;
@@ -49,8 +49,8 @@ pub enum FillError {
         /// The column, from 0 in the west.
         column: usize,
     },
-    /// The gaps have more nodes around them than can be indexed.
-    #[error("{nodes} known nodes lie around the gaps, more than 4 billion")]
+    /// The gaps are surrounded by more nodes than can be indexed.
+    #[error("the gaps are surrounded by {nodes} known nodes, but the limit is 4 billion")]
     TooMany {
         /// The number of nodes.
         nodes: usize,
@@ -66,7 +66,7 @@ pub enum FillError {
         /// Its value.
         value: f64,
     },
-    /// The smooth surface was not reached.
+    /// The iteration for the smooth surface did not converge.
     #[error(
         "the fill does not converge to {tolerance:e} of the map's range in {iterations} iterations; it reaches \
          {reached:e}"

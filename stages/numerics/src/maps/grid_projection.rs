@@ -1,9 +1,9 @@
-//! The position of a latitude and a longitude on the grid of a projected map, with its exact derivatives.
+//! Position of a latitude and longitude on the grid of a projected map, with exact derivatives.
 //!
-//! A filter needs this and the four derivatives at every sample. The projection is therefore sampled once. Between the
-//! samples it is a polynomial of sixth degree in latitude and in longitude. Over half a degree it departs from a
-//! transverse Mercator, Lambert or stereographic projection by less than the rounding of its eastings. The patches are
-//! halved until this holds, and the remaining departure is measured against the projection.
+//! A filter needs the position and its four derivatives at every sample. The projection is therefore sampled once.
+//! Between the samples it is a polynomial of sixth degree in latitude and in longitude. Over half a degree it differs
+//! from a transverse Mercator, Lambert or stereographic projection by less than the rounding error of the eastings.
+//! Patches are halved until this accuracy is reached, and the remaining difference from the projection is measured.
 
 use thiserror::Error;
 
@@ -18,14 +18,14 @@ const WIDEST_DEG: f64 = 1.0;
 /// Maximum number of patches, 800 bytes each.
 const MOST_PATCHES: usize = 1 << 18;
 
-/// Maximum accepted departure from the projection, in steps of the grid.
+/// Maximum accepted difference from the projection, in steps of the grid.
 const ACCEPTED_STEPS: f64 = 1e-6;
 
 /// Error of a projection on a grid.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum GridProjectionError {
     /// The area has no extent, or exceeds the earth.
-    #[error("latitudes {lat_deg:?} and longitudes {lon_deg:?} are outside the earth")]
+    #[error("the area of latitudes {lat_deg:?} and longitudes {lon_deg:?} is empty or outside the valid range")]
     Area {
         /// Its southern and northern edge.
         lat_deg: [f64; 2],
@@ -43,7 +43,7 @@ pub enum GridProjectionError {
     /// The projection is not smooth.
     #[error("the polynomials deviate from the map's projection by {steps} grid steps")]
     Rough {
-        /// The largest departure found.
+        /// The largest difference found, in steps of the grid.
         steps: f64,
     },
 }
@@ -149,7 +149,7 @@ impl GridProjection {
             patches.push(basis.polynomial(&samples));
         }
         let mut projection = Self { area, counts, per_deg, patches, departure_steps: 0.0 };
-        // Ends and positions between the samples, where a polynomial departs most.
+        // Ends and midpoints between the samples, where a polynomial has its largest error.
         const CHECKS: [f64; 5] = [-1.0, -0.6, 0.1, 0.7, 1.0];
         for (i, j) in (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j))) {
             for (t, u) in CHECKS.into_iter().flat_map(|t| CHECKS.map(|u| (t, u))) {
@@ -172,7 +172,7 @@ impl GridProjection {
         Some(self.in_patch([i, j], [t, u]))
     }
 
-    /// The largest departure from the projection that was found, in steps of the grid.
+    /// Largest difference from the projection that was found, in steps of the grid.
     pub fn departure_steps(&self) -> f64 {
         self.departure_steps
     }
@@ -206,7 +206,7 @@ impl GridProjection {
     }
 }
 
-/// The patch at a position counted in patches, and the position in it from -1 to 1.
+/// Patch index and position within the patch, from -1 to 1, of a position in units of patches.
 #[inline]
 fn patch_of(patches: f64, count: usize) -> Option<(usize, f64)> {
     if !(patches >= 0.0 && patches <= count as f64) {
@@ -219,7 +219,7 @@ fn patch_of(patches: f64, count: usize) -> Option<(usize, f64)> {
 /// Lagrange polynomials through the zeros of a Chebyshev polynomial.
 struct ChebyshevBasis {
     nodes: [f64; SAMPLES],
-    /// For each power, the weight of each sample: Lagrange's polynomials, multiplied out.
+    /// Weight of each sample for each power: the expanded Lagrange polynomials.
     powers: [[f64; SAMPLES]; SAMPLES],
 }
 
@@ -296,7 +296,7 @@ mod tests {
         for (lat, lon) in [(45.0, 8.3), (45.5, 9.25), (46.2999, 10.39), (44.9, 8.2), (46.3, 10.4)] {
             let at = found.at(lat, lon).unwrap();
             let (easting, northing) = transverse_mercator(lat, lon).unwrap();
-            // Northings of 5e6 m are rounded by 1e-9 m, 1e-11 of a step.
+            // Northings of 5e6 m have a rounding error of 1e-9 m, 1e-11 of a step.
             assert!((at.row - rows.node(northing)).abs() < 1e-9 && (at.column - columns.node(easting)).abs() < 1e-9);
             let h = 1e-4;
             let slope = |d_lat: f64, d_lon: f64| {
@@ -311,7 +311,7 @@ mod tests {
                 [(at.row_per_deg, [per_lat[0], per_lon[0]]), (at.column_per_deg, [per_lat[1], per_lon[1]])]
             {
                 for (a, b) in exact.iter().zip(expected) {
-                    // Some 1000 rows a degree; the differences are rounded by 1e-9 m / 2e-4 / 100 m.
+                    // Some 1000 rows a degree; the differences have a rounding error of 1e-9 m / 2e-4 / 100 m.
                     assert!((a - b).abs() < 1e-5, "{lat} {lon}: {a} {b}");
                 }
             }

@@ -1,8 +1,8 @@
 //! From survey points to a grid: cleaning, blocks, minimum curvature or equivalent sources, masking and
 //! cross-validation.
 //!
-//! Positions are eastings and northings of one plane and heights, all in metres; values are magnetic anomalies in
-//! nT, the core field and its daily variation already removed. Results are the same for any number of threads.
+//! Positions are eastings and northings on one plane, and heights, all in metres. Values are magnetic anomalies in nT,
+//! without the core field and the diurnal variation. Results are bit-identical for any number of threads.
 
 mod automatic;
 mod block;
@@ -47,7 +47,7 @@ pub type GriddingProgress<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GriddingError {
     /// There is no finite point to grid.
-    #[error("no finite point is left to grid")]
+    #[error("there are no finite points to grid")]
     NoPoints,
     /// Columns of points have different lengths.
     #[error("the columns of points have different lengths: {lengths:?}")]
@@ -89,7 +89,7 @@ pub enum GriddingError {
         height_m: f64,
         /// The position's easting and northing, metres.
         at_m: [f64; 2],
-        /// The lowest height that is high enough at all positions, metres.
+        /// The lowest height that is valid at all positions, metres.
         lowest_m: f64,
     },
 }
@@ -100,7 +100,7 @@ const MOST_NODES: usize = 1 << 28;
 /// Method of gridding: model of the surface between the points.
 #[derive(Clone, Debug, PartialEq)]
 pub enum GriddingMethod {
-    /// The surface of minimum curvature at the flown heights.
+    /// Surface of minimum curvature at the flight heights.
     MinimumCurvature(RelaxationOptions),
     /// Equivalent sources.
     EquivalentSources {
@@ -108,14 +108,14 @@ pub enum GriddingMethod {
         layers: Option<Vec<SourceLayer>>,
         /// The damping, see `SourceFitOptions`.
         damping: f64,
-        /// The height of the grid, metres; `None` is the height of the highest point, the lowest level that is above
-        /// all measurements.
+        /// Height of the grid, metres. `None` is the height of the highest point, the lowest level above all
+        /// measurements.
         level_m: Option<f64>,
     },
 }
 
 impl GriddingMethod {
-    /// Minimum curvature with a tension of 0.25, as is usual for potential fields, and a tolerance of 0.1 nT.
+    /// Minimum curvature with a tension of 0.25, the usual value for potential fields, and a tolerance of 0.1 nT.
     pub fn minimum_curvature() -> Self {
         Self::MinimumCurvature(RelaxationOptions { tension: 0.25, tolerance_nt: 0.1, passes: 5000 })
     }
@@ -142,25 +142,25 @@ pub struct GriddingOptions {
     pub method: GriddingMethod,
     /// The distance between nodes, metres; `None` is half the distance between lines.
     pub spacing_m: Option<f64>,
-    /// Rectangle of the grid; `None` is that of the points, widened to whole spacings.
+    /// Rectangle of the grid; `None` is the bounding rectangle of the points, widened to whole spacings.
     pub region: Option<GridRegion>,
-    /// Side of the blocks that points are reduced to, metres; `None` is a quarter of the distance between lines and
-    /// at most 200 m, zero keeps every point.
+    /// Side of the blocks to which points are reduced, metres. `None` is a quarter of the distance between lines, at
+    /// most 200 m; zero keeps every point.
     pub block_m: Option<f64>,
     /// Distance from every point beyond which nodes are unknown, metres; `None` is twice the distance between lines,
     /// infinity keeps all nodes.
     pub mask_m: Option<f64>,
-    /// Criteria of cleaning.
+    /// Cleaning criteria.
     pub clean: CleaningOptions,
     /// Limit of the residual of a block, in robust standard deviations of the blocks around it. Blocks beyond it are
-    /// excluded and the surface is fitted anew; zero keeps all.
+    /// excluded and the surface is fitted again; zero keeps all.
     pub misfit_sigmas: f64,
-    /// Folds of lines whose prediction errors give the map of the expected error; `None` computes no such map.
+    /// Folds of lines for the map of the expected error; `None` computes no such map.
     pub folds: Option<LineFolds>,
 }
 
 impl GriddingOptions {
-    /// A method with everything else derived from the data, without cross-validation.
+    /// Options for a method, with all others derived from the data and no cross-validation.
     pub fn new(method: GriddingMethod) -> Self {
         Self {
             method,
@@ -194,9 +194,9 @@ pub struct GriddingReport {
     pub layers: Vec<SourceLayerReport>,
     /// The relaxation of minimum curvature.
     pub relaxed: Option<RelaxationReport>,
-    /// The level of the grid, metres; none for minimum curvature, whose values are at the heights flown.
+    /// Level of the grid, metres; `None` for minimum curvature, whose values are at the flight heights.
     pub level_m: Option<f64>,
-    /// Largest error of the far-field summation at a hundred nodes, nT; none for minimum curvature.
+    /// Largest error of the far-field summation at a hundred nodes, nT; `None` for minimum curvature.
     pub summation_error_nt: Option<f64>,
     /// Number of masked nodes.
     pub masked: usize,
@@ -250,7 +250,7 @@ pub fn grid(
     Ok(GriddingResult { grid: map, error, report })
 }
 
-/// Checks the options without the points, before those are read.
+/// Checks the options before the points are read.
 ///
 /// # Errors
 /// Fails with [`GriddingError::Option`] for the first option that is out of its range.

@@ -1,8 +1,8 @@
 //! Fisher information of the measurements along a line about a position.
 
-/// Smallest standard deviation, in metres, of a position from one measurement of error `sigma_nt`, along the slope
-/// `north`, `east` (nT/m) of a map: σ/|g|. Across the slope the position is undetermined. NaN where the slope is 0 or
-/// unknown.
+/// Lower bound, in metres, on the standard deviation of a position from one measurement with error `sigma_nt`, along
+/// the slope `north`, `east` (nT/m) of a map: σ/|g|. Across the slope the position is undetermined. NaN where the slope
+/// is 0 or unknown.
 pub fn sample_bound_m(north: f64, east: f64, sigma_nt: f64) -> f64 {
     let slope = north.hypot(east);
     if slope > 0.0 { sigma_nt / slope } else { f64::NAN }
@@ -15,19 +15,19 @@ pub struct WindowInformation {
     pub window_s: f64,
     /// Standard deviation of the error of a measurement, independent of the others, in nT.
     pub sigma_nt: f64,
-    /// Whether a constant bias of the measurements is unknown too.
+    /// Whether a constant bias of the measurements is also unknown.
     pub unknown_constant: bool,
 }
 
-/// Smallest root mean square horizontal error, in metres, of a position from the measurements within half a window
-/// before and after each sample. The map has the slopes `north` and `east` (nT/m) at the samples, and the motion within
-/// the window is known. It is √ trace(J⁻¹) of the Fisher information J = Σ g gᵀ/σ², with the slopes g less their mean
-/// if a constant is unknown. [Cramér-Rao bound; Kay 1993, section 3.7]
+/// Lower bound, in metres, on the root mean square horizontal error of a position from the measurements within half a
+/// window before and after each sample. The map has the slopes `north` and `east` (nT/m) at the samples, and the motion
+/// within the window is known. It is √ trace(J⁻¹) with the Fisher information J = Σ g gᵀ/σ². If a constant is unknown,
+/// the mean is subtracted from the slopes g. [Cramér-Rao bound; Kay 1993, section 3.7]
 ///
-/// `tt_s` ascends, evenly or not. Samples without a slope are excluded from the windows of others. NaN where the sample
-/// itself has none, and where J is singular: the map is flat or slopes in one direction only, or there are too few
-/// samples (two, three with a constant). J counts as singular when its smaller eigenvalue is below about 2.5e-13 of the
-/// larger one, which is rounding.
+/// `tt_s` ascends, evenly or not. Samples without a slope are excluded from all windows. NaN if the sample itself has
+/// no slope, or if J is singular. J is singular if the map is flat or slopes in one direction only, or if there are too
+/// few samples (two, three with a constant). J is treated as singular if its smaller eigenvalue is below about 2.5e-13
+/// of the larger one, the level of rounding.
 pub fn window_bounds_m(tt_s: &[f64], north: &[f64], east: &[f64], of: WindowInformation) -> Vec<f64> {
     let n = tt_s.len().min(north.len()).min(east.len());
     let half_s = 0.5 * of.window_s;
@@ -74,12 +74,14 @@ mod tests {
 
     #[test]
     fn law_alternating_slopes_each_determine_one_direction() {
-        // Every other sample slopes north by 0.02, the others east by 0.05 nT/m: J = diag(n 0.02², m 0.05²)/σ².
+        // Half of the samples have a slope of 0.02 nT/m north, the others of 0.05 nT/m east: J = diag(n 0.02², m
+        // 0.05²)/σ².
         let tt: Vec<f64> = (0..200).map(f64::from).collect();
         let of_parity = |parity: u32, slope: f64| (0..200).map(move |k| if k % 2 == parity { slope } else { 0.0 });
         let (north, east): (Vec<f64>, Vec<f64>) = (of_parity(0, 0.02).collect(), of_parity(1, 0.05).collect());
         let bounds = window_bounds_m(&tt, &north, &east, OF);
-        // An even sample has 11 even ones and 10 odd ones within 10 s, the first of the line 6 and 5.
+        // Within 10 s of a sample with even index are 11 even and 10 odd ones. The first sample of the line has 6 and 5
+        // of them.
         let expected = |n: f64, m: f64| 5.0 * (1.0 / (n * 0.02f64.powi(2)) + 1.0 / (m * 0.05f64.powi(2))).sqrt();
         for (k, n, m) in [(100, 11.0, 10.0), (101, 10.0, 11.0), (0, 6.0, 5.0), (199, 5.0, 6.0)] {
             assert!((bounds[k] / expected(n, m) - 1.0).abs() < 1e-12, "{k}: {} {}", bounds[k], expected(n, m));

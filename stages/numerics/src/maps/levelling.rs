@@ -1,9 +1,9 @@
 //! Lines levelled by their differences at crossovers.
 //!
-//! Each line gets a correction, a polynomial of low order along the line, that makes the differences at the
-//! crossovers small: least squares, weighted by the gradient of the field and reweighted so that a crossover in a
+//! The correction of a line is a polynomial of low order along the line that minimises the differences at the
+//! crossovers. The least squares are weighted by the gradient of the field and reweighted, so that a crossover in a
 //! steep field or with a wrong position does not dominate. [Luyendyk 1997, "Processing of airborne magnetic data"]
-//! Corrections that the crossovers do not support are not made, see [`LevellingOptions::tested`]. The normal equations
+//! Corrections that the crossovers do not support are omitted, see [`LevellingOptions::tested`]. The normal equations
 //! are kept sparse and solved by conjugate gradients.
 
 mod adjustment;
@@ -19,13 +19,13 @@ use crate::{maps::gridding::SurveyPoints, regression::statistics::median};
 use adjustment::CrossoverAdjustment;
 use std::collections::BTreeMap;
 
-/// Constraint that fixes the common level, which crossovers do not determine.
+/// Constraint on the common level, which crossovers do not determine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LevellingGauge {
-    /// The group, ties or the other lines, whose corrections scatter less keeps its median at zero: the ties if the
-    /// lines are out of level, the lines if the ties are. If both scatter equally, the lines.
+    /// The group with the smaller scatter of its corrections, ties or other lines, keeps its median at zero: the ties
+    /// if the lines are out of level, the lines if the ties are. If both scatters are equal, the lines.
     Steadiest,
-    /// The mean of the tie lines' corrections is zero; without ties that of all lines.
+    /// The mean of the tie lines' corrections is zero; without ties, the mean of all corrections.
     TiesMean,
     /// Tie lines are not corrected.
     TiesHeld,
@@ -36,27 +36,27 @@ pub enum LevellingGauge {
 pub struct LevellingOptions {
     /// Order of the corrections along a line: 0 a constant, 1 linear, ...
     pub order: usize,
-    /// Whether corrections are tested for significance. Then a group, ties or the other lines, is corrected only as far
-    /// as its corrections scatter beyond their standard errors, and single lines that are individually out of level are
-    /// corrected; otherwise every line is corrected fully by its crossovers.
+    /// Whether corrections are tested for significance. If true, a group (ties or other lines) is corrected only as far
+    /// as its corrections scatter beyond their standard errors, and single lines that are out of level are corrected
+    /// individually. If false, every line is corrected fully by its crossovers.
     pub tested: bool,
-    /// The penalty on corrections, as a fraction of the weight of one crossover: above zero, so that a line with fewer
-    /// crossovers than coefficients is corrected as little as possible.
+    /// Penalty on corrections, as a fraction of the weight of one crossover. It is above zero, so that a line with
+    /// fewer crossovers than coefficients is corrected as little as possible.
     pub ridge: f64,
-    /// Limit, in standard deviations, above which differences are down-weighted (Huber); infinity weights them by the
-    /// gradient alone.
+    /// Limit, in standard deviations, above which differences are down-weighted (Huber); with infinity, only the
+    /// gradient determines the weights.
     pub huber_sigmas: f64,
-    /// Constraint that fixes the common level.
+    /// Constraint on the common level.
     pub gauge: LevellingGauge,
-    /// The tie lines; `None` selects those more than 45 degrees off the heading most flown.
+    /// Tie lines; `None` selects the lines more than 45 degrees off the main heading.
     pub ties: Option<Vec<usize>>,
     /// Number of folds for cross-validation of the crossovers; below two it is disabled.
     pub folds: usize,
 }
 
 impl Default for LevellingOptions {
-    /// Tested constants, a ridge of 0.001 of a crossover, Huber's 1.345 standard deviations, the level of the steadier
-    /// group, five folds.
+    /// Tested constants, a ridge of 0.001 of a crossover, Huber's limit of 1.345 standard deviations, the level of the
+    /// steadier group, and five folds.
     fn default() -> Self {
         Self {
             order: 0,
@@ -73,7 +73,7 @@ impl Default for LevellingOptions {
 /// Statistics of the differences at crossovers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CrossoverMerit {
-    /// The root mean square of the differences, nT: the figure of merit at crossings.
+    /// Root mean square of the differences, nT: the crossing error.
     pub figure_of_merit_crossings: f64,
     /// The median absolute difference, nT.
     pub median_nt: f64,
@@ -113,20 +113,20 @@ pub struct LevellingResult {
     pub correction_nt: Vec<f64>,
     /// The lines' corrections, by line.
     pub lines: Vec<LineCorrection>,
-    /// The noise of the differences at crossovers of level lines.
+    /// Noise of the differences at crossovers of lines without level errors.
     pub noise: CrossoverNoise,
-    /// Scatter of the constants of lines, and of ties about their common one, beyond their standard errors, nT; zero if
-    /// the group is not corrected.
+    /// Scatter, beyond their standard errors, of the constants of lines, and of ties about their common constant, nT;
+    /// zero if the group is not corrected.
     pub spread_nt: [f64; 2],
-    /// Agreement before.
+    /// Crossover statistics before levelling.
     pub before: CrossoverMerit,
-    /// Agreement after.
+    /// Crossover statistics after levelling.
     pub after: CrossoverMerit,
-    /// Agreement at crossovers omitted in turn (cross-validation).
+    /// Statistics at crossovers that are omitted in turn (cross-validation).
     pub left_out: Option<CrossoverMerit>,
 }
 
-/// Levels the lines of a survey by their crossovers, from `find_crossovers` of the same points.
+/// Levels the lines of a survey by the crossovers that `find_crossovers` returns for the same points.
 pub fn level_lines(points: SurveyPoints, crossovers: &[Crossover], options: &LevellingOptions) -> LevellingResult {
     let lines = points.lines();
     let ties = options.ties.clone().unwrap_or_else(|| tie_lines(points));
@@ -159,17 +159,18 @@ pub fn level_lines(points: SurveyPoints, crossovers: &[Crossover], options: &Lev
     }
 }
 
-/// Lines more than 45 degrees off the heading, or its opposite, of the greatest flown length, ascending.
+/// Lines, ascending, whose heading differs by more than 45 degrees from the main heading and its opposite. The main
+/// heading has the greatest flown length.
 ///
-/// A line heads from its first to its last finite point. The main heading is the direction of the sum of all
-/// lines' lengths at doubled angles, so that opposite headings are equal.
+/// The heading of a line is from its first to its last finite point. The main heading is the direction of the sum of
+/// all line vectors with doubled angles, so that opposite headings are equal.
 pub fn tie_lines(points: SurveyPoints) -> Vec<usize> {
     let mut ways: Vec<(usize, [f64; 2])> = Vec::new();
     for run in points.runs() {
         let finite = |i: &usize| (points.easting_m[*i] + points.northing_m[*i]).is_finite();
         let (Some(a), Some(b)) = (run.clone().find(finite), run.clone().rev().find(finite)) else { continue };
         let (e, n) = (points.easting_m[b] - points.easting_m[a], points.northing_m[b] - points.northing_m[a]);
-        // (e + in)² / |e + in|: the doubled angle, weighed by the length.
+        // (e + in)² / |e + in|: the doubled angle, weighted by the length.
         let length = e.hypot(n).max(f64::MIN_POSITIVE);
         ways.push((points.line[run.start], [(e * e - n * n) / length, 2.0 * e * n / length]));
     }

@@ -1,14 +1,14 @@
 //! Magnetic fields in closed form: the dipole and the uniformly magnetised rectangular prism.
 //!
-//! Everything is in a right-handed frame of easting, northing and up in metres, the frame of
-//! [`PlaneGrid`](crate::maps::plane_grid::PlaneGrid) with heights: a vector is `[east, north, up]`, so that
-//! the main field of the northern hemisphere has a negative third component. Fields are in nT.
+//! All vectors are in a right-handed frame of easting, northing and up in metres, the frame of
+//! [`PlaneGrid`](crate::maps::plane_grid::PlaneGrid) with heights. A vector is `[east, north, up]`, so the core field
+//! of the northern hemisphere has a negative third component. Fields are in nT.
 //!
-//! A dipole of moment m (A m²) makes B = µ0/4π (3 (m·r̂) r̂ − m)/r³ [Blakely 1996, eq. 4.14]. A prism of
-//! magnetisation M (A/m) makes B = µ0/4π U·M with U the second derivatives of ∫1/r dv, which are sums
-//! over the eight corners of −atan(y z/(x r)) and ln(z + r) [Bhattacharyya 1964; Nagy, Papp and Benedek
-//! 2000, J. Geodesy 74], the logarithm in the form of Fukushima [2020, Geophys. J. Int. 222] that does
-//! not cancel in line with an edge. Inside the prism µ0 M is added, so that B is the same law everywhere.
+//! A dipole of moment m (A m²) has the field B = µ0/4π (3 (m·r̂) r̂ − m)/r³ [Blakely 1996, eq. 4.14]. A prism of
+//! magnetisation M (A/m) has the field B = µ0/4π U·M. U contains the second derivatives of ∫1/r dv, which are sums over
+//! the eight corners of −atan(y z/(x r)) and ln(z + r) [Bhattacharyya 1964; Nagy, Papp and Benedek 2000, J. Geodesy
+//! 74], the logarithm in the form of Fukushima [2020, Geophys. J. Int. 222], which avoids cancellation in line with an
+//! edge. Inside the prism µ0 M is added, so that B is valid inside and outside.
 
 /// µ0/4π in nT m/A: the field of a moment of 1 A m² at 1 m; the measured value is larger by 5e-10.
 const NT_M_PER_A: f64 = 100.0;
@@ -26,7 +26,7 @@ pub struct Dipole {
 }
 
 impl Dipole {
-    /// The field in nT at a point; not a number at the dipole itself.
+    /// Field in nT at a point; NaN at the dipole itself.
     pub fn field_nt(&self, point_m: EastNorthUp) -> EastNorthUp {
         let r = difference(point_m, self.at_m);
         let square = dot(r, r);
@@ -41,7 +41,7 @@ impl Dipole {
 pub struct Prism {
     /// Its western, southern and lower bounds, in metres.
     pub low_m: EastNorthUp,
-    /// Its eastern, northern and upper bounds, in metres, each above the lower one.
+    /// Its eastern, northern and upper bounds, in metres, each above the corresponding lower one.
     pub high_m: EastNorthUp,
     /// Its magnetisation, in A/m.
     pub magnetisation_apm: EastNorthUp,
@@ -56,9 +56,9 @@ enum FaceSide {
 }
 
 impl Prism {
-    /// The field B in nT at a point, outside the prism or within; on a face the value just outside.
+    /// Field B in nT at a point outside or inside the prism; on a face, the value just outside.
     ///
-    /// On an edge or a corner the field has no limit: the components are not numbers there.
+    /// On an edge or a corner the field has no limit: the components are NaN there.
     pub fn field_nt(&self, point_m: EastNorthUp) -> EastNorthUp {
         let places: [FaceSide; 3] = std::array::from_fn(|i| self.place(point_m, i));
         let faces = places.iter().filter(|place| **place == FaceSide::Face).count();
@@ -94,8 +94,8 @@ impl Prism {
         }
     }
 
-    /// Corner sums with `times` π M added: four inside, two on a face. On a face the sums give the mean of both sides,
-    /// and the two complete the normal component outside.
+    /// Corner sums plus `times` π M: four inside, two on a face. On a face the sums give the mean of both sides; the
+    /// two complete the normal component of the outside.
     fn with_own_magnetisation(&self, point_m: EastNorthUp, times: [f64; 3]) -> EastNorthUp {
         let field = self.without_jump(point_m);
         let pi = std::f64::consts::PI;
@@ -174,14 +174,14 @@ pub fn direction(inclination_deg: f64, declination_deg: f64) -> EastNorthUp {
     [cos_i * sin_d, cos_i * cos_d, -sin_i]
 }
 
-/// The total-field anomaly in nT: the part of a field along the main field, of which only the direction matters.
+/// Total-field anomaly in nT: the component of a field along the core field, of which only the direction matters.
 ///
-/// It is harmonic, and the magnetometer reading to first order. [Blakely 1996, eq. 8.20]
+/// It is harmonic and, to first order, equal to the magnetometer reading. [Blakely 1996, eq. 8.20]
 pub fn total_field_anomaly_nt(field_nt: EastNorthUp, main_field: EastNorthUp) -> f64 {
     dot(field_nt, main_field) / dot(main_field, main_field).sqrt()
 }
 
-/// The change in the magnitude of the main field (nT) by a field in nT: the magnetometer reading.
+/// Change in the magnitude of the core field (nT) caused by a field in nT: the magnetometer reading.
 pub fn magnitude_change_nt(field_nt: EastNorthUp, main_field_nt: EastNorthUp) -> f64 {
     let both: EastNorthUp = std::array::from_fn(|i| field_nt[i] + main_field_nt[i]);
     let magnitudes = dot(both, both).sqrt() + dot(main_field_nt, main_field_nt).sqrt();

@@ -1,8 +1,8 @@
-//! An anomaly in three dimensions: a stack of maps of the same nodes at ascending heights, a map draped over its own
-//! heights, and one enum over all kinds of map.
+//! Anomalies in three dimensions: a stack of maps with the same nodes at ascending heights, a draped map, and an enum
+//! over all kinds of map.
 //!
-//! Between two levels the value follows a cubic of height (or a straight line), across the levels the interpolation
-//! of the maps; both are evaluated exactly, so the gradient is that of the value in all three directions.
+//! Between two levels, the value is a cubic or linear function of height. Within a level, it follows the interpolation
+//! of the maps. Both are evaluated exactly, so the gradient is that of the value in all three directions.
 
 mod drape;
 mod levels;
@@ -21,11 +21,11 @@ use thiserror::Error;
 /// Interpolation between two levels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LevelInterpolation {
-    /// A cubic. For maps alone, the natural spline through all levels: value, slope and curvature are continuous,
-    /// without curvature at the ends. For maps with vertical derivatives, the cubic of Hermite.
+    /// Cubic interpolation. For maps alone, the natural spline through all levels: value, slope and curvature are
+    /// continuous, with zero curvature at the ends. For maps with vertical derivatives, the Hermite cubic.
     #[default]
     Cubic,
-    /// A straight line between the two levels: the slope jumps at the levels.
+    /// Linear interpolation between the two levels; the slope jumps at the levels.
     Linear,
 }
 
@@ -33,20 +33,20 @@ pub enum LevelInterpolation {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LevelExtrapolation {
     /// Linear extrapolation (value and slope of the end level) up to half of the nearest step between levels; no value
-    /// farther away. A filter that grazes the ends keeps a correct Jacobian; one that leaves them gets no value.
+    /// farther away. A filter slightly past the ends keeps a correct Jacobian; farther away it gets no value.
     #[default]
     HalfStep,
     /// No value.
     Nothing,
-    /// Value of the end level, at any distance, without change with height, as in MagNav.jl. Its error is the full
-    /// decay of the field over that distance.
+    /// Value of the end level at any distance, constant with height, as in MagNav.jl. Its error is the full decay of
+    /// the field over that distance.
     Clamp,
 }
 
 /// Settings for the interpolation of a stack.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StackOptions {
-    /// Interpolation across a level.
+    /// Interpolation within a level.
     pub interpolation: MapInterpolation,
     /// Interpolation from level to level.
     pub between: LevelInterpolation,
@@ -54,14 +54,14 @@ pub struct StackOptions {
     pub outside: LevelExtrapolation,
 }
 
-/// Error of maps that are not a stack.
+/// Error of maps that do not form a stack.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum StackError {
     /// There are fewer than two levels.
     #[error("a stack requires at least two levels, not {0}; for one level use a map with its vertical derivative")]
     TooFew(usize),
     /// The numbers of heights and of maps differ.
-    #[error("the stack has {heights} heights for {maps} maps")]
+    #[error("the stack has {heights} heights, but {maps} maps")]
     Count {
         /// Number of heights.
         heights: usize,
@@ -73,13 +73,13 @@ pub enum StackError {
     Heights {
         /// The level, from 0.
         level: usize,
-        /// The height before it.
+        /// Height of the previous level, m.
         before_m: f64,
-        /// Its height.
+        /// Height of this level, m.
         alt_m: f64,
     },
-    /// A map has other nodes than the first.
-    #[error("level {level} of the stack has other latitudes or longitudes than level 0")]
+    /// The nodes of a map differ from those of the first map.
+    #[error("the latitudes or longitudes of level {level} differ from those of level 0")]
     Nodes {
         /// The level, from 0.
         level: usize,
@@ -87,7 +87,7 @@ pub enum StackError {
     /// No node is known at all levels.
     #[error("no node of the stack is known at all of its levels")]
     Empty,
-    /// A vertical derivative is not on its map's nodes.
+    /// A vertical derivative does not match its map's nodes.
     #[error("level {level}: {source}")]
     Derivative {
         /// The level, from 0.
@@ -99,7 +99,7 @@ pub enum StackError {
 
 /// Maps of the same nodes at ascending heights.
 ///
-/// A position is known where the four nodes of its cell are known at all levels.
+/// A position has a value if the four nodes of its cell are known at all levels.
 #[derive(Clone, Debug)]
 pub struct MapStack {
     axes: GridAxes,
@@ -110,25 +110,25 @@ pub struct MapStack {
 }
 
 impl MapStack {
-    /// A stack of maps, the slopes with height derived from them by `options.between`. `heights_m` are those of
-    /// `maps`, in metres, even or not.
+    /// Stack of maps whose slopes with height are derived from the maps by `options.between`. `heights_m` are the
+    /// heights of `maps`, in metres, evenly spaced or not.
     ///
     /// # Errors
-    /// Fails for fewer than two levels, for another number of maps than of heights, for heights that are not finite
-    /// or do not ascend, for maps of other nodes than the first, and when no node is known at all levels.
+    /// Fails for fewer than two levels, if the numbers of maps and heights differ, for heights that are not finite or
+    /// do not ascend, for maps with other nodes than the first, and if no node is known at all levels.
     pub fn new(heights_m: &[f64], maps: &[GeographicGrid], options: StackOptions) -> Result<Self, StackError> {
         let known = known_values(heights_m, maps)?;
         let slopes = natural_slopes(heights_m, &known);
         Ok(Self::from_slopes(heights_m, maps, &known, &slopes, options))
     }
 
-    /// A stack of maps and their vertical derivatives, in nT/m. Between levels it uses the cubic of Hermite with these
-    /// slopes and ignores `options.between`. It is twice as accurate as a spline that has to estimate the slopes.
+    /// A stack of maps and their vertical derivatives, in nT/m. Between levels it uses the Hermite cubic with these
+    /// slopes and ignores `options.between`. It is twice as accurate as a spline with estimated slopes.
     ///
     /// # Errors
-    /// Fails as [`Self::new`], with [`StackError::Count`] when the derivatives are not as many as the maps, and with
-    /// [`StackError::Derivative`] for one that does not have its map's number of nodes or is not finite where the map
-    /// is known.
+    /// Fails as [`Self::new`], with [`StackError::Count`] if the numbers of derivatives and maps differ, and with
+    /// [`StackError::Derivative`] for a derivative that has another number of nodes than its map or is not finite at a
+    /// known node.
     pub fn with_vertical(
         heights_m: &[f64],
         maps: &[GeographicGrid],
@@ -167,19 +167,19 @@ impl MapStack {
         &self.heights_m
     }
 
-    /// Interpolation of the stack. After [`Self::with_vertical`] the cubic of height is that of Hermite.
+    /// Interpolation of the stack. After [`Self::with_vertical`], the interpolation in height is the Hermite cubic.
     pub fn options(&self) -> StackOptions {
         self.options
     }
 
-    /// The anomaly and its gradient at a position in degrees and metres; `None` off the maps, in a cell with an unknown
-    /// node at any level, where the position is NaN, and beyond the levels by [`LevelExtrapolation`].
+    /// Anomaly and gradient at a position in degrees and metres. `None` off the maps, in a cell with an unknown node at
+    /// any level, for NaN positions, and beyond the levels as set by [`LevelExtrapolation`].
     #[inline]
     pub fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         self.in_cell(self.axes.cell(lat_deg, lon_deg)?, alt_m)
     }
 
-    /// [`Self::at`] for many positions; positions without a value are NaN. Allocates only where `out` has to grow.
+    /// [`Self::at`] for many positions; positions without a value are NaN. Allocates only if `out` has to grow.
     ///
     /// # Errors
     /// Fails with [`MapGridError::Places`] for columns of different lengths.
@@ -205,10 +205,10 @@ impl MapStack {
         }
     }
 
-    /// The level below a height, not the highest one; `None` below the lowest or for NaN.
+    /// Level below a height, except the highest level; `None` below the lowest or for NaN.
     #[inline(always)]
     fn level_below(&self, alt_m: f64) -> Option<usize> {
-        // Stacks have few levels: counting them is faster than halving.
+        // Stacks have few levels: a linear search is faster than bisection.
         let below = self.heights_m.iter().filter(|height| **height <= alt_m).count();
         below.min(self.heights_m.len() - 1).checked_sub(1)
     }
@@ -278,14 +278,14 @@ fn with_secant(end: SurfaceGradient<2>, inner: SurfaceGradient<2>, way_m: f64) -
     }
 }
 
-/// The weights of value and slope of the lower and of the upper level, for the value and for its slope.
+/// Weights of value and slope of the lower and the upper level, for the value and its slope.
 struct HeightWeights {
     value: [f64; 4],
     slope: [f64; 4],
 }
 
 impl HeightWeights {
-    /// The cubic of Hermite, a fraction `t` of a step of `step_m` above the lower level.
+    /// Hermite cubic at a fraction `t` of a step of `step_m` above the lower level.
     #[inline(always)]
     fn cubic(t: f64, step_m: f64) -> Self {
         let s = 1.0 - t;
@@ -317,7 +317,7 @@ fn weighted(weights: &[f64; 4], below: [f64; 2], over: [f64; 2]) -> f64 {
     (weights[0] * below[0] + weights[1] * below[1]) + (weights[2] * over[0] + weights[3] * over[1])
 }
 
-/// The values of all levels, unknown at every level where they are at one.
+/// Values of all levels; a node unknown at one level is unknown at all.
 fn known_values(heights_m: &[f64], maps: &[GeographicGrid]) -> Result<Vec<Vec<f64>>, StackError> {
     let (heights, count) = (heights_m.len(), maps.len());
     if heights != count {
@@ -355,7 +355,7 @@ pub enum FieldMap {
 
 impl FieldMap {
     /// The anomaly and its gradient at a position in degrees and metres; `None` where the map has none. A flat map
-    /// without a vertical derivative is the same at every height.
+    /// without a vertical derivative is constant with height.
     #[inline]
     pub fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         match self {
@@ -366,7 +366,7 @@ impl FieldMap {
         }
     }
 
-    /// Whether the map changes with height: a flat map without a vertical derivative does not.
+    /// Whether the map changes with height; false for a flat map without a vertical derivative.
     pub fn has_upward_slope(&self) -> bool {
         match self {
             Self::Flat(map) => map.alt_m().is_some(),

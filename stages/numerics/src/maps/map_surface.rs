@@ -1,7 +1,7 @@
 //! An anomaly map on a regular grid of latitude and longitude: value and exact gradient.
 //!
-//! Missing nodes are NaN. A position has a value when the four nodes of its cell are known, for all interpolations;
-//! elsewhere, and off the map, there is none.
+//! Missing nodes are NaN. For all interpolations, a position has a value if the four nodes of its cell are known;
+//! otherwise, and off the map, it has none.
 //!
 //! A map with a vertical derivative also returns the change of the field with height, and the field slightly above or
 //! below it.
@@ -25,15 +25,15 @@ choice! {
     /// Interpolation between the nodes.
     #[derive(Default)]
     pub enum MapInterpolation {
-        /// Bilinear: continuous, with a gradient that jumps from cell to cell.
+        /// Bilinear: continuous, but the gradient jumps from cell to cell.
         #[default]
         Linear = "linear",
-        /// The quadratic B-spline through the nodes with its pieces centred on them (MagNav.jl's
-        /// `quad`): value and gradient are continuous. Gaps as with `Cubic`.
+        /// The quadratic B-spline through the nodes, with pieces centred on them (MagNav.jl's `quad`): value and
+        /// gradient are continuous. Gaps are treated as with `Cubic`.
         Quadratic = "quadratic",
         /// The natural cubic spline in both directions (MagNav.jl's `cubic`): value, gradient and curvature are
-        /// continuous. The gaps of a map are filled from their edges before the spline is solved. A hole affects the
-        /// cells next to it, by a factor of 4 less per cell.
+        /// continuous. The gaps of a map are filled from their edges before the spline is solved. The effect of a hole
+        /// on nearby cells decreases by a factor of 4 per cell.
         Cubic = "cubic",
     }
 }
@@ -41,9 +41,9 @@ choice! {
 /// Vertical derivative of a map at its nodes.
 #[derive(Clone, Copy, Debug)]
 pub struct VerticalDerivative<'a> {
-    /// Change of the anomaly per metre upward, in nT/m, by rows as the map's values; known where they are known.
+    /// Change of the anomaly per metre upward, in nT/m, in the order of the map's values; finite at all known nodes.
     pub d_alt_nt_per_m: &'a [f64],
-    /// The height at which the map holds, in metres.
+    /// Height of the map, in metres.
     pub alt_m: f64,
 }
 
@@ -70,7 +70,7 @@ impl GridAxes {
         Self { lat: *grid.lat(), lon: *grid.lon() }
     }
 
-    /// The cell of a position in degrees; `None` off the map or where the position is not a number.
+    /// Cell of a position in degrees; `None` off the map or for NaN.
     #[inline(always)]
     pub(crate) fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<CellPosition> {
         let (row, up) = self.lat.locate(lat_deg)?;
@@ -78,7 +78,7 @@ impl GridAxes {
         Some(CellPosition { row, column, up, right })
     }
 
-    /// A field of its value, its slopes per step and its slope per metre.
+    /// Field from a value, its slopes per step and its slope per metre.
     #[inline(always)]
     pub(crate) fn field(&self, value_nt: f64, per_row: f64, per_column: f64, d_alt: f64) -> FieldValue {
         FieldValue {
@@ -94,7 +94,7 @@ impl GridAxes {
 #[derive(Clone, Debug)]
 enum SurfaceNodes {
     Anomaly(GridInterpolant<1>),
-    /// The anomaly and its vertical derivative, of a map at a height in metres.
+    /// Anomaly and vertical derivative, with the height of the map in metres.
     WithVertical(GridInterpolant<2>, f64),
 }
 
@@ -106,17 +106,17 @@ pub struct MapSurface {
 }
 
 impl MapSurface {
-    /// Prepares a grid for look-ups; the map is the same at every height.
+    /// Prepares a grid for look-ups; the map is constant with height.
     pub fn new(grid: &GeographicGrid, interpolation: MapInterpolation) -> Self {
         let surface = GridInterpolant::new(grid.shape(), [grid.values()], interpolation);
         Self { axes: GridAxes::from_grid(grid), nodes: SurfaceNodes::Anomaly(surface) }
     }
 
-    /// Prepares a grid and its vertical derivative, which is interpolated in the same way.
+    /// Prepares a grid and its vertical derivative; both are interpolated in the same way.
     ///
     /// # Errors
-    /// Fails if the derivative does not have one value per node, is not finite at a known node, or the height is not
-    /// finite.
+    /// Fails if the number of derivatives differs from the number of nodes, if a derivative is not finite at a known
+    /// node, or if the height is not finite.
     pub fn with_vertical(
         grid: &GeographicGrid,
         vertical: VerticalDerivative<'_>,
@@ -131,7 +131,7 @@ impl MapSurface {
         Ok(Self { axes: GridAxes::from_grid(grid), nodes: SurfaceNodes::WithVertical(surface, alt_m) })
     }
 
-    /// The interpolation this map was prepared for.
+    /// Interpolation method.
     pub fn interpolation(&self) -> MapInterpolation {
         match &self.nodes {
             SurfaceNodes::Anomaly(surface) => surface.interpolation(),
@@ -148,8 +148,8 @@ impl MapSurface {
     }
 
     /// Anomaly and its gradient on the map, at a position in degrees. `None` off the map, in a cell with an unknown
-    /// node, or where the position is not a number. A longitude may differ from the map's by a full turn. Without a
-    /// vertical derivative the change with height is zero.
+    /// node, or for NaN. A longitude may differ from the map's by a full turn. Without a vertical derivative the change
+    /// with height is zero.
     #[inline(always)]
     pub fn at(&self, lat_deg: f64, lon_deg: f64) -> Option<FieldValue> {
         self.on_map(self.axes.cell(lat_deg, lon_deg)?)
@@ -178,9 +178,9 @@ impl MapSurface {
     }
 
     /// Anomaly at a height in metres, to first order: the map's value plus its vertical derivative times the distance
-    /// from the map's height; and the exact gradient of that. The caller decides how far this holds: the error grows
-    /// with the square of that distance over the depth of the sources. A map without a vertical derivative is the same
-    /// at every height.
+    /// from the map's height. The gradient is the exact derivative of this value. The caller must limit the distance:
+    /// the error increases with its square divided by the depth of the sources. A map without a vertical derivative is
+    /// constant with height.
     #[inline(always)]
     pub fn at_height(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         self.off_map(self.axes.cell(lat_deg, lon_deg)?, alt_m)
@@ -204,7 +204,8 @@ impl MapSurface {
     }
 
     /// Second derivatives of the map at a position in degrees, from the interpolation formula. A bilinear map has only
-    /// the mixed one; those of a quadratic map jump half-way between nodes. `None` where [`Self::at`] has none.
+    /// the mixed derivative; the derivatives of a quadratic map jump midway between nodes. `None` where [`Self::at`]
+    /// has none.
     pub fn curvature(&self, lat_deg: f64, lon_deg: f64) -> Option<MapCurvature> {
         let cell = self.axes.cell(lat_deg, lon_deg)?;
         let bend = match &self.nodes {

@@ -9,7 +9,7 @@
 //! | [`combine`] | overlapping maps on one grid, levelled to each other, with feathered edges |
 //! | [`continuation`] | maps at other heights; derivatives, field components, drapes, the error of the edges |
 //! | [`map_surface`] | a map on latitude and longitude, looked up with its exact gradient |
-//! | [`map_stack`] | maps at several heights, draped maps, and [`FieldMap`], which is any of the kinds |
+//! | [`map_stack`] | maps at several heights, draped maps, and [`FieldMap`], an enum of all kinds of map |
 //! | [`grid_projection`] | latitude and longitude to the nodes of a projected grid, with derivatives |
 //! | [`projection`] | map projections by their PROJ definition |
 //! | [`magnetic_sources`] | dipoles and rectangular prisms in closed form |
@@ -21,8 +21,8 @@
 //!
 //! # Equations
 //!
-//! A field F whose sources are all below has at the height h above the map, at the wavenumbers k_e and k_n along
-//! easting and northing (rad/m), with k² = k_e² + k_n², the spectrum [Blakely 1996, (12.8)]
+//! A field F has all its sources below. At height h above the map, and with k² = k_e² + k_n² from the wavenumbers k_e
+//! and k_n along easting and northing (rad/m), its spectrum is [Blakely 1996, (12.8)]
 //!
 //! ```text
 //! F(k, h) = e^(−k h) F(k, 0)
@@ -33,9 +33,9 @@
 //!
 //! MagNav.jl uses α = 200 m² ([`continuation::MAGNAV_ALPHA_M2`]); [`downward`] uses the corner of the L-curve.
 //!
-//! The anomaly is the part of the sources' field along the unit vector f of the main field B₀, which is the change
-//! of the magnitude to first order [Blakely 1996, (8.20)]. A dipole of moment m at the distance r has [Blakely 1996,
-//! (4.14)]
+//! The anomaly is the component of the sources' field along the unit vector f of the core field B₀. To first order it
+//! is the change of the magnitude [Blakely 1996, (8.20)]. The field of a dipole of moment m at distance r is [Blakely
+//! 1996, (4.14)]
 //!
 //! ```text
 //! B = µ₀/4π (3 (m·r̂) r̂ − m)/r³,      ΔT = f·B ≈ |B₀ + B| − |B₀|

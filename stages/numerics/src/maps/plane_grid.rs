@@ -1,5 +1,4 @@
-//! A map on a plane: an even grid of eastings and northings in metres, on which gridding, filling and continuation
-//! work.
+//! A map on a plane: an even grid of eastings and northings in metres, the input of gridding, filling and continuation.
 
 /// An even, ascending axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,7 +22,7 @@ impl EvenAxis {
         self.at(self.len.saturating_sub(1) as f64)
     }
 
-    /// The node, as a fraction, of a coordinate; below zero or past the last one off the axis.
+    /// Fractional node of a coordinate; off the axis it is below zero or above the last node.
     pub fn node(&self, coordinate: f64) -> f64 {
         (coordinate - self.first) / self.step
     }
@@ -61,7 +60,7 @@ impl PlaneGrid {
         self.east_m.len
     }
 
-    /// The value at a row and a column; NaN where there is none.
+    /// Value at a row and a column; NaN outside the grid.
     pub fn get(&self, row: usize, column: usize) -> f64 {
         let inside = row < self.rows() && column < self.columns();
         let value = inside.then(|| self.values.get(row * self.columns() + column)).flatten();

@@ -28,8 +28,8 @@ impl Projection {
         if self.is_geographic() { 1.0 } else { self.own.to_meter() }
     }
 
-    /// Easting and northing (or, in degrees, longitude and latitude) of a WGS-84 latitude and longitude in
-    /// degrees; `None` where the projection has none.
+    /// Easting and northing of a WGS-84 latitude and longitude in degrees; longitude and latitude if the system uses
+    /// degrees. `None` where the projection is undefined.
     pub fn project(&self, lat_deg: f64, lon_deg: f64) -> Option<(f64, f64)> {
         let mut point = (lon_deg.to_radians(), lat_deg.to_radians(), 0.0);
         transform(&self.wgs84, &self.own, &mut point).ok()?;
@@ -37,7 +37,7 @@ impl Projection {
         finite(degrees(point.0), degrees(point.1))
     }
 
-    /// WGS-84 latitude and longitude in degrees of an easting and northing (or longitude and latitude).
+    /// WGS-84 latitude and longitude, in degrees, of an easting and northing (or of a longitude and latitude).
     pub fn unproject(&self, easting: f64, northing: f64) -> Option<(f64, f64)> {
         let radians = |x: f64| if self.is_geographic() { x.to_radians() } else { x };
         let mut point = (radians(easting), radians(northing), 0.0);

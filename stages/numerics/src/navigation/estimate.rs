@@ -1,4 +1,4 @@
-//! Gaussian estimate that a filter propagates along a line: time update, measurement update with a scalar, and their
+//! Gaussian estimate that a filter propagates along a line: time update, measurement update with a scalar, and the
 //! recursion.
 //!
 //! The functions are inlined into the loop of a filter, which is compiled for each kind of vector unit. Products and
@@ -32,7 +32,7 @@ impl InsProcessModel {
         }
     }
 
-    /// Φ of the step from the sample before `row` to `row`.
+    /// Φ of the step from the previous sample to `row`.
     #[inline(always)]
     pub(crate) fn transition(&self, ins: &InsSeries<'_>, row: usize) -> StateMatrix {
         let f = pinson_matrix(&ins.point(row - 1), &self.times, self.form);
@@ -49,7 +49,7 @@ pub(crate) struct StateEstimate {
     pub(crate) p: StateMatrix,
 }
 
-/// Scalar measurement z = H x + v of the states, with an estimate.
+/// Scalar measurement z = H x + v of the states, linearised at an estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LinearisedMeasurement {
     /// H.
@@ -77,7 +77,7 @@ impl StateEstimate {
         Self { x: [0.0; STATES], p: errors.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]) }
     }
 
-    /// x ← Φ x and P ← Φ P Φᵀ + Q of the step from the sample before `row` to `row`. Returns Φ.
+    /// x ← Φ x and P ← Φ P Φᵀ + Q for the step from the previous sample to `row`. Returns Φ.
     #[inline(always)]
     pub(crate) fn propagate(&mut self, model: &InsProcessModel, ins: &InsSeries<'_>, row: usize) -> StateMatrix {
         let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];
@@ -146,7 +146,7 @@ impl StateEstimate {
         mirror(p);
     }
 
-    /// P ← P + share K (H P Hᵀ + R) Kᵀ with the a priori gain of `at`: returns a share of the covariance decrease by
+    /// P ← P + share K (H P Hᵀ + R) Kᵀ with the a priori gain of `at`: restores a share of the covariance decrease by
     /// this measurement.
     #[inline(always)]
     pub(crate) fn give_back(&mut self, at: &LinearisedMeasurement, noise: f64, share: f64) {
@@ -190,14 +190,14 @@ pub(crate) trait FilterRecursion {
     /// Output of the estimates.
     fn output(&mut self) -> &mut NavigationOutput;
 
-    /// Changes the estimate before the step from it.
+    /// Modifies the estimate before each step.
     #[inline(always)]
     fn before_step(&mut self, _: &mut StateEstimate) {}
 
     /// Corrects the estimate with the measurement of a row, if usable, and counts it.
     fn measure(&mut self, estimate: &mut StateEstimate, row: usize) -> Innovation;
 
-    /// Filters along an INS: for each row the step, the aiding positions, and the measurement.
+    /// Filters along an INS. Each row has a step, aiding positions and a measurement.
     ///
     /// # Errors
     /// Fails as [`StateEstimate::check`].

@@ -1,4 +1,4 @@
-//! Field that a filter predicts at a position: the anomaly map, and the core field if the measurement contains it.
+//! Predicted field at a position: the anomaly map, plus the core field if the measurement contains it.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use crate::earth::field_value::FieldValue;
 use crate::maps::map_stack::FieldMap;
 use crate::navigation::ins_series::InsSeries;
 
-/// Interval of divided differences, in standard deviations: its square is the kurtosis of a normal distribution.
+/// Interval of divided differences, in standard deviations; its square is the kurtosis of a normal distribution.
 const INTERVAL: f64 = 1.732_050_807_568_877_2;
 
 /// Map and core field of one date. The core field is linearised about a point near the last evaluated position, so each
@@ -48,7 +48,7 @@ impl<'a> PredictedField<'a> {
         self.at(lat_deg, lon_deg, ins.alt_m[row] + error[2])
     }
 
-    /// Variance, in nT², of the nonlinear part of the field over the uncertainty of a position. 0 without
+    /// Variance, in nT², of the nonlinear part of the field within the uncertainty of a position. 0 without
     /// [`PredictedField::with_second_order`].
     #[inline]
     pub fn curvature_nt2(
@@ -87,10 +87,10 @@ impl<'a> PredictedField<'a> {
     }
 }
 
-/// Variance, in nT², of the nonlinear part of a field over the uncertainty of a position: by second-order divided
-/// differences along the columns of the Cholesky factor of the covariance [Nørgaard, Poulsen and Ravn 2000, DD2].
-/// `covariance` has the variance of latitude, the covariance with longitude, and the variance of longitude, in rad²;
-/// `field_at` takes an error of latitude and longitude. A column that leaves the map counts 0.
+/// Variance, in nT², of the nonlinear part of a field within the uncertainty of a position. It uses second-order
+/// divided differences along the columns of the Cholesky factor of the covariance [Nørgaard, Poulsen and Ravn 2000,
+/// DD2]. `covariance` has the variance of latitude, the covariance with longitude, and the variance of longitude, in
+/// rad²; `field_at` takes an error of latitude and longitude. A column that leaves the map contributes 0.
 #[inline]
 pub(crate) fn remainder_nt2(
     [lat, both, lon]: [f64; 3],
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn law_the_nonlinear_variance_of_a_quadratic_field_is_exact() {
-        // Var[a x²/2 + b y²/2] = a² p² / 2 + b² q² / 2 for independent normal x and y of variances p and q.
+        // Var[a x²/2 + b y²/2] = a² p² / 2 + b² q² / 2 for independent normal x and y with variances p and q.
         let (a, b, p, q) = (3.0, -5.0, 0.04, 0.09);
         let field = |x: f64, y: f64| {
             let value_nt = 7.0 + 2.0 * x - y + 0.5 * (a * x * x + b * y * y);

@@ -1,25 +1,25 @@
-//! Test of aiding positions against the INS, which detects receivers that are jammed, spoofed or drift.
+//! Test of aiding positions against the INS. It detects jammed, spoofed or drifting receivers.
 //!
-//! A filter of INS and fixes alone, without the magnetic field, predicts each fix. A wrong map therefore rejects no
-//! position, and all filters of a line use the same fixes. Two tests of the innovation ν with covariance S run in
-//! parallel, each for the horizontal position and for the height:
+//! A filter of INS and fixes alone, without the magnetic field, predicts each fix. A wrong map therefore cannot cause
+//! the rejection of a position, and all filters of a line use the same fixes. Two tests of the innovation ν with
+//! covariance S run in parallel, each for the horizontal position and for the height:
 //!
 //! - the chi-square test of one fix, νᵀ S⁻¹ ν against [`SINGLE_NIS`]: a fix beyond it is rejected [Bar-Shalom, Li &
 //!   Kirubarajan 2001, section 5.4];
-//! - a cumulative sum s of the whitened innovations z, s ← (s + z) max(0, 1 − k / |s + z|) with k = [`ALLOWANCE`], and
-//!   an alarm where |s| > [`ALARM`] [Crosier 1988, Multivariate generalizations of cumulative sum quality-control
-//!   schemes, Technometrics 30(3)], which has the same power in every direction. It detects changes smaller than the
-//!   noise from fix to fix: a drift of 1 m/s with fixes of 2 m each second after 7 to 12 s, one of 0.5 m/s after 12 to
-//!   19 s.
+//! - a cumulative sum s of the whitened innovations z, s ← (s + z) max(0, 1 − k / |s + z|) with k = [`ALLOWANCE`],
+//!   which raises an alarm if |s| > [`ALARM`] [Crosier 1988, Multivariate generalizations of cumulative sum
+//!   quality-control schemes, Technometrics 30(3)]; it has the same power in every direction. It detects changes
+//!   smaller than the noise of a single fix. With fixes of 2 m every second, it detects a drift of 1 m/s after 7 to 12
+//!   s, and one of 0.5 m/s after 12 to 19 s.
 //!
-//! At an alarm the fixes since the sum was last 0 are rejected too, and the test resumes from its state before them,
-//! which requires the fixes of the last seconds. During the alarm, the INS alone predicts. [`RECOVERY`] consecutive
-//! fixes that agree with it end the alarm.
+//! At an alarm, the fixes since the sum was last 0 are also rejected, and the test resumes from the state before them.
+//! It therefore stores the fixes of the last seconds. During the alarm, the INS alone predicts. [`RECOVERY`]
+//! consecutive fixes that agree with it end the alarm.
 //!
-//! The test assumes a large uncertainty of the initial position, velocity and attitude ([`START_POSITION_M`] and so
-//! on), because the actual start error may exceed the error that a filter assumes. It needs about 30 s of fixes before
-//! it detects a drift. An offset that exists from the first fix on cannot be detected. Fixes with more noise than
-//! assumed widen both tests by the median of z² over the last [`SCALE_OVER`] fixes.
+//! The test assumes a large uncertainty of the initial position, velocity and attitude ([`START_POSITION_M`] and
+//! others), because the actual start error may exceed the error that a filter assumes. It needs about 30 s of fixes
+//! before it detects a drift. An offset that is present from the first fix on cannot be detected. Fixes with more noise
+//! than assumed widen both tests by the median of z² over the last [`SCALE_OVER`] fixes.
 
 use crate::navigation::estimate::{InsProcessModel, StateEstimate};
 use crate::navigation::ins_error::InsErrorModel;
@@ -29,8 +29,8 @@ use crate::navigation::pinson::{ALT, LAT, LON, StateMatrix, TILT_D, TILT_N, VD, 
 use crate::navigation::position_fixes::{PositionFixes, StateFix};
 use crate::navigation::sensitivity::Sensitivity;
 
-/// NIS per component above which one fix is rejected, for a height and for a pair of coordinates: 1e-6 of healthy fixes
-/// exceed it.
+/// NIS per component above which one fix is rejected, for a height and for a pair of coordinates. The probability for a
+/// valid fix is 1e-6.
 pub const SINGLE_NIS: [f64; 2] = [23.9, 13.8];
 /// Part of each whitened innovation that the cumulative sum ignores, in standard deviations.
 pub const ALLOWANCE: f64 = 1.0;
@@ -40,11 +40,11 @@ pub const ALARM: f64 = 10.0;
 const LARGEST: f64 = 5.0;
 /// Number of consecutive fixes that must agree with the INS before fixes are used again.
 pub const RECOVERY: usize = 10;
-/// Largest NIS per component of a fix that agrees: 0.1 % of healthy pairs exceed it.
+/// Largest NIS per component of a fix that agrees with the INS: 0.1 % of valid pairs exceed it.
 const AGREES_NIS: f64 = 6.9;
 /// Number of fixes from which the noise is estimated.
 pub const SCALE_OVER: usize = 50;
-/// Median of a squared standard normal.
+/// Median of the square of a standard normal variable.
 const MEDIAN_SQUARE: f64 = 0.4549;
 /// Smallest initial standard deviation of each coordinate in the test, in m.
 pub const START_POSITION_M: f64 = 10_000.0;
@@ -56,7 +56,7 @@ pub const START_ATTITUDE_DEG: [f64; 2] = [0.05, 0.2];
 /// Result for the fixes of a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FixTestResult {
-    /// Accepted fixes; NaN in place of the others.
+    /// Accepted fixes; rejected ones are NaN.
     pub accepted: PositionFixes,
     /// Whether a coordinate of the fix of each sample was rejected.
     pub rejected: Vec<bool>,
@@ -93,9 +93,9 @@ struct FixTestChannel {
     coordinates: &'static [usize],
     /// Cumulative sum of each coordinate's whitened innovations.
     sum: [f64; 2],
-    /// Sample of the last fix before which the sum was 0, and the estimate before it.
+    /// Sample of the last fix before which the sum was 0, and the estimate before that fix.
     calm: Option<(usize, StateEstimate)>,
-    /// Number of consecutive fixes that agreed during an alarm; `None` without one.
+    /// Number of consecutive fixes during an alarm that agreed; `None` without an alarm.
     alarm: Option<usize>,
     /// Squares of the last whitened innovations.
     squares: Vec<f64>,
@@ -119,7 +119,7 @@ impl FixTestChannel {
         Self { coordinates, sum, calm: None, alarm: None, squares, uses: vec![true; rows] }
     }
 
-    /// Ratio of the variance of the last fixes to the assumed variance; at least 1.
+    /// Ratio of the observed to the assumed variance of the last fixes; at least 1.
     fn scale(&self) -> f64 {
         let last = SCALE_OVER * self.coordinates.len();
         let mut squares = self.squares[self.squares.len().saturating_sub(last)..].to_vec();
@@ -154,7 +154,7 @@ impl FixTestChannel {
         if self.calm.is_none() || self.sum == [0.0; 2] {
             self.calm = Some((row, *before));
         }
-        // Before the noise of the fixes is estimated, its excess would appear as a drift.
+        // Before the noise of the fixes is estimated, excess noise would appear as a drift.
         if self.squares.len() >= SCALE_OVER / 2 * z.len() {
             self.accumulate(z, scale.sqrt());
         }
@@ -218,7 +218,7 @@ impl<'a> FixMonitor<'a> {
         channel.alarm = Some(0);
         let Some((first, before)) = channel.calm.take() else { return };
         channel.uses[first..=row].fill(false);
-        // The stored state of another channel before these samples is no longer valid.
+        // The stored state of another channel from before these samples is no longer valid.
         for other in self.channels.iter_mut().filter(|other| other.calm.is_some_and(|(at, _)| at > first)) {
             other.calm = None;
         }

@@ -1,31 +1,31 @@
 //! Fixed-lag smoother of the INS errors together with the coefficients of the aircraft field.
 //!
-//! The states x are the 18 of [`pinson`](crate::navigation::pinson), truth minus INS, followed by two groups for every
-//! magnetometer m. The first are the coefficients β_m of any linear model of the aircraft field (Tolles-Lawson terms,
-//! heading-error harmonics, a bias), constant or in a random walk. The second is a first-order Gauss-Markov error e_m,
-//! because the residual of a linear model is correlated. A measurement is
+//! The states x are the 18 of [`pinson`](crate::navigation::pinson), truth minus INS, followed by two groups for each
+//! magnetometer m. The first group contains the coefficients β_m of any linear model of the aircraft field
+//! (Tolles-Lawson terms, heading-error harmonics, a bias), constant or in a random walk. The second is a first-order
+//! Gauss-Markov error e_m, because the residual of a linear model is correlated in time. A measurement is
 //!
 //! ```text
 //! z_m = map(INS + x) + core(INS + x) + S + A_m β_m + e_m + white noise
 //! ```
 //!
-//! The start may be cold: the INS is then accurate to metres, so the map determines the coefficients before the INS
-//! drifts.
+//! A cold start is possible: the INS is initially accurate to metres, so the map determines the coefficients before the
+//! INS drifts.
 //!
 //! # Method
 //!
-//! Windows of `window_s` end every stride, `window_s` (1 − `overlap`). All states of a window are solved for together
-//! by Gauss-Newton with a line search on the posterior cost. Each step is a forward pass of the filter about the last
-//! path (Joseph's form) and its adjoint, the modified Bryson-Frazier smoother [Bierman 1973; Bell 1994: the iterated
-//! smoother is Gauss-Newton]. No covariance is inverted, so states may have no process noise or a large prior. The path
-//! is x₁ = m − P λ₁, xₖ = Φ xₖ₋₁ − Q λₖ, and half the squared distance from prior and process is ½ λ₁ᵀ P λ₁ + ½ Σ λₖᵀ Q
-//! λₖ. Robust weights are those of [`TrajectoryLoss`](crate::navigation::loss::TrajectoryLoss) (iteratively reweighted
-//! least squares).
+//! Windows of `window_s` end every stride, `window_s` (1 − `overlap`). All states of a window are estimated together by
+//! Gauss-Newton with a line search on the posterior cost. Each step is a forward pass of the filter about the last path
+//! (Joseph's form), followed by its adjoint, the modified Bryson-Frazier smoother [Bierman 1973; Bell 1994: the
+//! iterated smoother is Gauss-Newton]. No covariance is inverted, so states may have no process noise or a large prior.
+//! The path is x₁ = m − P λ₁, xₖ = Φ xₖ₋₁ − Q λₖ, and half the squared distance from prior and process is ½ λ₁ᵀ P λ₁ +
+//! ½ Σ λₖᵀ Q λₖ. Robust weights are those of [`TrajectoryLoss`](crate::navigation::loss::TrajectoryLoss) (iteratively
+//! reweighted least squares).
 //!
-//! The first windows begin at the line's start. A later window's prior is the marginal at its first node, given the
-//! dropped measurements alone, linearised about the last solution. It carries the whole covariance of INS states and
-//! coefficients, and no measurement counts twice. Between the ends of windows a filter continues from the end of the
-//! last window, linearised at its own predictions. The innovations come from this filter, so they are real-time
+//! The first windows begin at the line's start. The prior of a later window is the marginal at its first node given
+//! only the dropped measurements, linearised about the last solution. It contains the whole covariance of INS states
+//! and coefficients, and no measurement is used twice. Between the ends of windows a filter continues from the end of
+//! the last window, linearised at its predictions. The innovations are those of this filter, so they are real-time
 //! innovations at any lag.
 //!
 //! Aiding positions ([`NavigationLine::fixes`]) are measurements of the states of their node, with the full weight of
@@ -35,18 +35,18 @@
 //!
 //! At `lag_s` = 0 the estimate is that of the filter: it uses measurements up to the sample, or to the end of its
 //! `measurement_interval_s`. At a larger lag it is the smoothed state of the last window that contains the sample and
-//! ends at most `lag_s` after it; without such a window, the estimate of the filter. If lag and window are as long as
-//! the line, the whole line is smoothed. The standard deviations refer to the returned estimate.
+//! ends at most `lag_s` after it; without such a window, it is the estimate of the filter. If lag and window are as
+//! long as the line, the whole line is smoothed. The standard deviations refer to the returned estimate.
 //!
 //! # Irregularities
 //!
 //! - a measurement or one of its regressors that is not finite, or a sigma not above 0: that magnetometer is skipped at
 //!   the sample, the others are used;
-//! - a node whose predicted position is off the map or in an unknown cell for one of its samples: not used;
+//! - a node whose predicted position is off the map or in an unknown cell for one of its samples: it is not used;
 //! - a window whose solution contradicts its prior: [`WindowReport::inconsistent`], counted in
 //!   [`FixedLagOutput::inconsistent`];
 //! - a window that does not converge: [`WindowReport::converged`];
-//! - collinear or constant regressors: the prior decides;
+//! - collinear or constant regressors: the prior determines the result;
 //! - a covariance that is not finite and non-negative: an error with the row.
 
 mod nodes;
@@ -130,7 +130,7 @@ impl<'a> AircraftCoefficients<'a> {
 pub enum FixedLagUsage {
     /// The filter used the measurement of one magnetometer or more.
     Used,
-    /// No measurement.
+    /// The sample has no measurement.
     Missing,
     /// The predicted position is off the map or in an unknown cell.
     OffMap,
@@ -152,7 +152,7 @@ pub struct FixedLagOutput {
     pub aircraft_nt: Vec<f64>,
     /// Coefficients at the end of the line, in the order of the magnetometers.
     pub coefficients: Vec<f64>,
-    /// Their covariance, row-major.
+    /// Covariance of the coefficients, row-major.
     pub coefficient_covariance: Vec<f64>,
     /// Solution of each window.
     pub windows: Vec<WindowReport>,
@@ -180,7 +180,7 @@ impl FixedLagOutput {
 /// Reason why a line was not smoothed.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum FixedLagError {
-    /// Error of any filter.
+    /// Error that all filters share.
     #[error(transparent)]
     Navigation(#[from] NavigationError),
     /// An array of a magnetometer has the wrong size.
@@ -195,7 +195,7 @@ pub enum FixedLagError {
         /// Expected size from the number of samples and coefficients.
         expected: usize,
     },
-    /// An invalid prior.
+    /// The prior is invalid.
     #[error("magnetometer {magnetometer}: {what}")]
     Prior {
         /// Index of the magnetometer, from 0.
@@ -207,8 +207,8 @@ pub enum FixedLagError {
 
 /// Smooths a line.
 ///
-/// The measurements are those of `magnetometers`, each with its model of the aircraft. The line's own measurement is
-/// used only through [`FixedLagMagnetometer::of_line`]. The mean of measurement minus prediction over the line's
+/// `magnetometers` holds the measurements, each with its model of the aircraft. The line's own measurement is used only
+/// if [`FixedLagMagnetometer::of_line`] is among them. The mean of measurement minus prediction over the line's
 /// `offset_window_s` is subtracted from each magnetometer.
 ///
 /// # Errors
@@ -224,9 +224,9 @@ pub fn run(
     run_aided(parameters, line, magnetometers, &Aids::default(), keep)
 }
 
-/// [`run`] with further measurements. They are averaged over an interval like the magnetometers, and are measurements
-/// of their node's states. For any loss they have the full weight of least squares, like aiding positions. A
-/// magnetometer is skipped where the map is too flat at the prediction of the filter.
+/// [`run`] with further measurements. They are averaged over an interval like the magnetometers, as measurements of
+/// their node's states. For any loss they have the full weight of least squares, like aiding positions. A magnetometer
+/// is skipped where the map is too flat at the prediction of the filter.
 ///
 /// # Errors
 /// Fails as [`run`] and [`Aids::check`].
@@ -285,7 +285,7 @@ fn layout(magnetometers: &[FixedLagMagnetometer<'_>], states: &AidStates) -> Sta
     layout
 }
 
-/// States at the first sample before its measurements.
+/// States at the first sample, before its measurements are applied.
 fn prior(line: &NavigationLine<'_>, magnetometers: &[FixedLagMagnetometer<'_>], layout: &StateLayout) -> Gaussian {
     let dim = layout.dim();
     let Gaussian { mut x, mut p } = Gaussian::start_of(line, layout);
@@ -361,7 +361,7 @@ fn is_covariance(p: &[f64], terms: usize) -> bool {
                 factor[row * terms + row] = rest.max(0.0).sqrt();
             } else {
                 let pivot = factor[column * terms + column];
-                // Skips a column that is a linear combination of the previous ones.
+                // Skips a column that is a linear combination of previous ones.
                 if pivot < 1e-7 {
                     if rest.abs() > 1e-6 {
                         return false;

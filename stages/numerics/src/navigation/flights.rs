@@ -117,14 +117,14 @@ impl OsborneFlight {
     }
 }
 
-/// Mean square of the horizontal error from a row on by the filter's covariance, in m².
+/// Mean square of the horizontal error from a row on according to the filter's covariance, in m².
 pub(crate) fn claimed_m2(output: &NavigationOutput, from: usize) -> f64 {
     let variance = |row: usize| output.sd_n_m[row].powi(2) + output.sd_e_m[row].powi(2);
     (from..output.sd_n_m.len()).map(variance).sum::<f64>() / (output.sd_n_m.len() - from) as f64
 }
 
-/// Quantile of chi-square with `freedom` degrees at `z` standard normals, by Wilson and Hilferty: within 0.1 % for a
-/// hundred degrees and more.
+/// Quantile of chi-square with `freedom` degrees at `z` standard normal deviates, by Wilson and Hilferty: within 0.1 %
+/// for at least a hundred degrees.
 pub(crate) fn chi_square(freedom: f64, z: f64) -> f64 {
     let spread = 2.0 / (9.0 * freedom);
     freedom * (1.0 - spread + z * spread.sqrt()).powi(3)
@@ -158,8 +158,8 @@ pub(crate) struct OwnedNavigationLine {
 }
 
 impl OwnedNavigationLine {
-    /// MagNav.jl's golden line: 20 samples at 10 Hz over the golden map, the measurement off by (1e-6, -2e-6) rad and
-    /// 0.5 sin(k) nT.
+    /// MagNav.jl's golden line: 20 samples at 10 Hz over the golden map. The measurement has an error of (1e-6, -2e-6)
+    /// rad and 0.5 sin(k) nT.
     pub(crate) fn golden(sigma_nt: f64) -> Self {
         let map = golden_map();
         let of = |f: &dyn Fn(f64) -> f64| (0..20).map(|k| f(f64::from(k))).collect::<Vec<f64>>();
@@ -210,7 +210,7 @@ impl OwnedNavigationLine {
         }
     }
 
-    /// The rows for which `keeps` holds.
+    /// Rows for which `keeps` is true.
     pub(crate) fn thinned(&self, keeps: impl Fn(usize) -> bool) -> Self {
         let keep = |values: &Vec<f64>| (0..values.len()).filter(|row| keeps(*row)).map(|row| values[row]).collect();
         Self {
@@ -226,7 +226,7 @@ pub(crate) fn from_magnav(theirs: &StateVector) -> StateVector {
     std::array::from_fn::<f64, STATES, _>(|ours| theirs[MAGNAV_POSITION[ours]])
 }
 
-/// One flight of an hour at 1 Hz with 5 nT of white noise, filtered and bounded.
+/// Flight of an hour at 1 Hz with 5 nT of white noise, with its filter output and bound.
 pub(crate) struct FlightEstimates {
     pub(crate) flight: OsborneFlight,
     pub(crate) ekf: NavigationOutput,

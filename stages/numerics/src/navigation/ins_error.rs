@@ -185,7 +185,7 @@ impl InsErrorModel {
         }
     }
 
-    /// Spectral densities of the driving noise, per second, the diagonal of Q. Position and vertical acceleration have
+    /// Spectral densities of the driving noise, per second: the diagonal of Q. Position and vertical acceleration have
     /// 1e-30, as in MagNav.jl: negligible, but positive. [Gnadt 2022, (5.35)]
     pub fn noise_density(&self) -> StateVector {
         let of = |sigma: f64, tau_s: f64| GaussMarkov { sigma, tau_s }.noise_density();

@@ -6,8 +6,8 @@ use crate::navigation::ins_series::InsSeries;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::position_fixes::{NO_FIX, PositionFixes};
 
-/// INS along a line, with the covariance of its error: P ← Φ P Φᵀ + Q from the initial one on. With `fixes`, aiding
-/// positions aid the INS wherever they exist.
+/// INS along a line, with the covariance of its error: P ← Φ P Φᵀ + Q, starting from the initial covariance. With
+/// `fixes`, aiding positions correct the INS at every sample that has one.
 ///
 /// # Errors
 /// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with
@@ -75,7 +75,7 @@ mod tests {
             squares[0] += earth.lat_rad_to_north_m(last[LAT], 45_f64.to_radians(), 300.0).powi(2);
             squares[1] += earth.lon_rad_to_east_m(last[LON], 45_f64.to_radians(), 300.0).powi(2);
         }
-        // Chi-square of 300 degrees of freedom is within 27 % of its mean in 999 of 1000 cases.
+        // The mean of a chi-square of 300 degrees of freedom is within 27 % of its expected value in 999 of 1000 cases.
         for (square, sd) in squares.iter().zip([output.sd_n_m[ROWS - 1], output.sd_e_m[ROWS - 1]]) {
             let ratio = square / runs as f64 / sd.powi(2);
             assert!((ratio - 1.0).abs() < 0.27, "{ratio}");

@@ -95,7 +95,7 @@ pub enum SeriesError {
         row: usize,
         /// Time of the row.
         tt_s: f64,
-        /// Time of the row before.
+        /// Time of the previous row.
         before_s: f64,
     },
     /// Latitude at or beyond a pole.

@@ -1,11 +1,11 @@
 //! Maximum-likelihood estimate of the measurement noise of a line from the innovations.
 //!
-//! With the correct noise, an extended Kalman filter has white innovations of the predicted variance, and no other
-//! noise makes the measurements more likely [Schweppe 1965; Harvey 1989, section 3.4]:
+//! With the correct noise, an extended Kalman filter has white innovations of the predicted variance, and the
+//! likelihood of the measurements is at its maximum [Schweppe 1965; Harvey 1989, section 3.4]:
 //!
 //! ln L = -1/2 sum of (ln S_k + r_k² / S_k),
 //!
-//! with the innovation r_k and its predicted variance S_k. It needs only the measurements, no truth.
+//! with the innovation r_k and its predicted variance S_k. The estimate requires only measurements, no truth.
 //!
 //! The white noise, and the standard deviation and time constant of the first-order Gauss-Markov process, are searched
 //! in logarithms: on a coarse grid, then with shrinking steps around its best point. A constant offset of the
@@ -35,14 +35,14 @@ pub struct LineNoise {
     pub fogm_sigma_nt: IntervalEstimate,
     /// Time constant of the Gauss-Markov process, in s.
     pub fogm_tau_s: IntervalEstimate,
-    /// Factor on the variance of the map's own error at each sample; 0 if the map has none, or none is detected.
+    /// Factor on the variance of the map's own error at each sample; 0 if no map error is given or detected.
     pub map_factor: f64,
     /// Factor by which `sigma_nt` was increased; 1 for white innovations.
     pub inflation: f64,
 }
 
-/// Estimated parameter with its 95 % interval, which is the parameter itself if it was given. The interval follows from
-/// the likelihood and does not include errors of the noise model.
+/// Estimated parameter with its 95 % interval; for a given parameter, the interval has zero width. The interval follows
+/// from the likelihood and does not include errors of the noise model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IntervalEstimate {
     /// Estimate.
@@ -60,13 +60,13 @@ pub struct NoiseSearch<'a> {
     pub line: &'a NavigationLine<'a>,
     /// Rows whose measurements are used, ascending.
     pub rows: &'a [usize],
-    /// Factor from the white noise to that of each sample of the line, such as for the mean of several sensors.
+    /// Factor from the white noise to the noise of each sample, for example for the mean of several sensors.
     pub scale: &'a [f64],
-    /// Known standard deviation of each sample, in addition, in nT.
+    /// Additional known standard deviation of each sample, in nT.
     pub known_nt: Option<&'a [f64]>,
     /// Standard deviation of the map's own error at each sample, in nT.
     pub map_nt: Option<&'a [f64]>,
-    /// White noise, in nT, standard deviation of the process, in nT, and its time constant, in s, if given.
+    /// Given parameters: white noise in nT, standard deviation of the process in nT, and its time constant in s.
     pub given: [Option<f64>; 3],
 }
 
@@ -80,16 +80,17 @@ const GRID: [&[f64]; 3] = [
 ];
 /// Factors on the map's own variance.
 const MAP_FACTORS: [f64; 4] = [0.25, 1.0, 4.0, 16.0];
-/// Weak prior that keeps short lines from the ends of the ranges: centres, and standard deviations of the logarithms.
+/// Weak prior that keeps short lines away from the ends of the ranges: centres, and standard deviations of the
+/// logarithms.
 const PRIOR: [(f64, f64); 3] = [(3.0, 2.0), (5.0, 2.5), (600.0, 2.5)];
 /// First and last step of the search around the best point, as factors.
 const STEPS: [f64; 2] = [2.0, 1.12];
 /// Number of points of the grid that are refined.
 const STARTS: usize = 3;
-/// Number of filters that run at once, which bounds the memory.
+/// Maximum number of concurrent filters, which limits the memory.
 const TOGETHER: usize = 64;
-/// Smallest share of used measurements of a point, relative to the maximum over all points. A filter that left the map
-/// predicts few.
+/// Smallest number of used measurements of a point, as a fraction of the maximum over all points. A filter that has
+/// left the map predicts few.
 const LEAST_USED: f64 = 0.98;
 /// Smallest number of measurements for a search.
 pub const FEWEST: usize = 60;
@@ -172,7 +173,7 @@ struct InnovationLikelihood {
 }
 
 impl InnovationLikelihood {
-    /// Logarithm of the likelihood; -infinity for fewer measurements.
+    /// Logarithm of the likelihood; -infinity if fewer measurements were used.
     fn log_likelihood(&self, least_used: usize) -> f64 {
         if self.used >= least_used && self.log.is_finite() { self.log } else { f64::NEG_INFINITY }
     }
@@ -268,7 +269,7 @@ impl NoiseLikelihood<'_> {
     fn around(&self, point: NoisePoint, factor: f64) -> Vec<NoisePoint> {
         let mut points = vec![point];
         for at in self.search.free() {
-            // The time constant has the least influence, and has wider steps.
+            // The time constant has the least influence, so its steps are wider.
             let factor = if at == 2 { factor * factor } else { factor };
             let [low, high] = RANGES[at];
             let moved = points.iter().flat_map(|point| {
@@ -307,15 +308,14 @@ impl NoiseLikelihood<'_> {
     }
 }
 
-/// -2 ln p of an innovation without its constant, with the NIS limited to `most_nis`; `None` if an innovation of
-/// exactly 0 does not give its variance.
+/// -2 ln p of an innovation without its constant, with the NIS limited to `most_nis`. `None` if the innovation is
+/// exactly 0 and its variance is therefore undetermined.
 pub(super) fn deviance(residual: f64, nis: f64, most_nis: f64) -> Option<f64> {
     let variance = residual * residual / nis;
     (nis.is_finite() && variance.is_finite() && variance > 0.0).then(|| variance.ln() + nis.min(most_nis))
 }
 
-/// Variance of a sum of the normalised innovations over that of as many independent ones; at least 1, and 1 for an
-/// insignificant correlation.
+/// Statistical inefficiency of the normalised innovations; at least 1, and 1 if the correlation is insignificant.
 fn correlation_factor(output: &NavigationOutput) -> f64 {
     const SMALLEST: f64 = 1.3;
     let all = normalised_innovations(&output.residual_nt, &output.nis);

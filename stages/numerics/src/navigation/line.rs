@@ -31,11 +31,12 @@ pub struct NavigationLine<'a> {
     pub core: Option<&'a Arc<CoreField>>,
     /// Error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
-    /// Length, in s, of the window whose mean of measurement minus prediction is subtracted; 0 subtracts nothing.
+    /// Length, in s, of the window over which the mean of measurement minus prediction is computed and subtracted; 0
+    /// subtracts nothing.
     pub offset_window_s: f64,
     /// Aiding positions, each used before the measurement of its sample.
     pub fixes: Option<&'a PositionFixes>,
-    /// Adds the variance from the curvature of the map over the position uncertainty to the measurement noise.
+    /// Adds the variance from the curvature of the map within the position uncertainty to the measurement noise.
     pub second_order: bool,
 }
 
@@ -96,7 +97,7 @@ impl<'a> NavigationLine<'a> {
         (at.d_lat_nt_per_rad / north).hypot(at.d_lon_nt_per_rad / east)
     }
 
-    /// Step from the sample before `row` to `row`, which is at least 1.
+    /// Step from the previous sample to `row`, which is at least 1.
     #[inline]
     pub fn step(&self, row: usize) -> LineStep {
         LineStep::new(self.ins, &self.errors, row)
@@ -104,7 +105,7 @@ impl<'a> NavigationLine<'a> {
 }
 
 impl LineStep {
-    /// Step of an INS from the sample before `row` to `row`, which is at least 1.
+    /// Step of an INS from the previous sample to `row`, which is at least 1.
     #[inline]
     pub fn new(ins: &InsSeries<'_>, errors: &InsErrorModel, row: usize) -> Self {
         let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];

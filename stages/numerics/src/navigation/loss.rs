@@ -9,12 +9,13 @@ choice! {
     /// Loss ρ(r) of a residual r in standard deviations.
     #[derive(Default)]
     pub enum TrajectoryLoss {
-        /// r²/2: the most probable trajectory of normal noise.
+        /// r²/2: the most probable trajectory for normal noise.
         #[default]
         None = "none",
         /// r²/2 up to the scale c, c |r| - c²/2 beyond: the influence of an outlier is constant. [Huber 1964]
         Huber = "huber",
-        /// c²/2 ln(1 + r²/c²): the influence of an outlier decreases with its distance. J may have several minima.
+        /// c²/2 ln(1 + r²/c²): the influence of an outlier decreases with its distance. The cost may have several
+        /// minima.
         Cauchy = "cauchy",
     }
 }
@@ -75,8 +76,8 @@ mod tests {
         for loss in [TrajectoryLoss::None, TrajectoryLoss::Huber, TrajectoryLoss::Cauchy] {
             let robust = RobustLoss::new(loss, Some(1.7));
             for r in [-30.0, -1.8, -1.6, -0.2, 0.1, 1.69, 1.71, 5.0, 400.0] {
-                // A central difference over 1e-5 has an error of 1e-10 of the slope and a rounding error of 1e-11 of
-                // the loss.
+                // A central difference over 1e-5 has a truncation error of 1e-10 of the slope and a rounding error of
+                // 1e-11 of the loss.
                 let slope = (robust.value(r + 1e-5) - robust.value(r - 1e-5)) / 2e-5;
                 assert!((robust.weight(r) * r - slope).abs() < 1e-8 * (1.0 + r * r), "{loss:?} {r}");
             }
@@ -88,8 +89,8 @@ mod tests {
         for loss in [TrajectoryLoss::Huber, TrajectoryLoss::Cauchy] {
             let robust = RobustLoss::new(loss, None);
             let force = |r: f64| robust.weight(r) * r;
-            // (E ψ')²/E ψ² at the normal distribution, with E ψ' = E r ψ; by the rectangle rule, exact for smooth
-            // integrands.
+            // (E ψ')²/E ψ² for a normal distribution, with E ψ' = E r ψ; computed by the rectangle rule, which is exact
+            // for smooth integrands.
             let (mut slope, mut square) = (0.0, 0.0);
             for k in -9000..=9000 {
                 let r = 1e-3 * f64::from(k);

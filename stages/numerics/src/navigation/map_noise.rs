@@ -1,9 +1,9 @@
 //! Error of the nodes of a map as noise of the measurements along a line.
 //!
-//! The relevant error is the error at the position of the aircraft, which is unknown. Between survey lines it changes
-//! within some hundred metres, while the error of an INS is kilometres after an hour. It is therefore evaluated at the
-//! position that an extended Kalman filter of the scalar field predicts for each sample, with this noise in its own
-//! updates.
+//! The relevant error is that at the position of the aircraft, which is unknown. Between survey lines the map error
+//! changes within some hundred metres, while the error of an INS is kilometres after an hour. The map error is
+//! therefore evaluated at the position that an extended Kalman filter predicts for each sample. That filter uses the
+//! scalar field, with the map error as part of its measurement noise.
 
 use pulp::{Simd, WithSimd};
 
@@ -14,9 +14,9 @@ use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::sensitivity::Sensitivity;
 
-/// Standard deviation of the map error at each sample of a line, in nT, times `factor`; NaN if the map has a value but
-/// no error, 0 off the map. `error_nt` holds the standard deviation of each node. The noise of the line's own
-/// measurements is added.
+/// Standard deviation of the map error at each sample of a line, in nT, times `factor`. NaN where the map has a value
+/// but no error; 0 off the map. `error_nt` holds the standard deviation of each node. The noise of the line's own
+/// measurements is added in the filter.
 ///
 /// # Errors
 /// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when a state or variance is not finite or
@@ -52,7 +52,7 @@ impl WithSimd for MapNoiseEkf<'_> {
 }
 
 impl MapNoiseEkf<'_> {
-    /// Standard deviation of the map error at an error of the INS of a row, in nT.
+    /// Standard deviation of the map error, in nT, at the INS position of a row plus an INS error.
     fn sigma_nt_at(&self, row: usize, [lat_rad, lon_rad, alt_m]: [f64; 3]) -> f64 {
         let ins = self.line.ins;
         let (lat_deg, lon_deg) = (ins.lat_deg[row] + lat_rad.to_degrees(), ins.lon_deg[row] + lon_rad.to_degrees());

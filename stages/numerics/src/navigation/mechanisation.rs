@@ -1,9 +1,9 @@
 //! Strapdown inertial navigation: attitude, velocity and position from the readings of gyroscopes and accelerometers,
-//! with a vertical channel aided by a barometer; and the inverse, the readings of a motion.
+//! with a barometer-aided vertical channel. The inverse computes the readings of a motion.
 //!
-//! The navigation frame is north-east-down, the body frame nose-right-down. A reading contains the integrals over a
-//! step of the body's angular rate and specific force, in the body's axes. Within a step they are assumed linear in
-//! time, so coning and sculling are corrected with the previous reading, to third order in the angle of a step. [Savage
+//! The navigation frame is north-east-down, the body frame nose-right-down. A reading contains the integrals of the
+//! body's angular rate and specific force over a step, in body axes. Within a step both are assumed linear in time.
+//! Coning and sculling are corrected with the previous reading, to third order in the rotation angle of a step. [Savage
 //! 1998, I (38) and II (23); Titterton & Weston 2004, 11.2]
 //!
 //! Unlike the error model (`pinson`), the mechanisation is nonlinear in the errors. The earth is the ellipsoid, and
@@ -28,8 +28,8 @@ pub enum NavigationEarth {
     /// WGS-84: its ellipsoid, rotation rate and normal gravity.
     #[default]
     Wgs84,
-    /// Sphere of radius 6378137 m with 9.80665 m/s² everywhere: the earth of the error model and, at rest, of textbook
-    /// solutions.
+    /// Sphere of radius 6378137 m with 9.80665 m/s² everywhere: the earth of the error model and, without rotation, of
+    /// textbook solutions.
     Sphere {
         /// Rotation rate, in rad/s.
         rate_radps: f64,
@@ -37,7 +37,7 @@ pub enum NavigationEarth {
 }
 
 impl NavigationEarth {
-    /// Metres per radian of latitude, and of longitude at the equator, at a position.
+    /// Metres per radian of latitude at a position, and per radian of longitude at the equator.
     fn radii_m(self, lat_rad: f64, alt_m: f64) -> (f64, f64) {
         match self {
             Self::Wgs84 => (meridian_radius_m(lat_rad) + alt_m, transverse_radius_m(lat_rad) + alt_m),
@@ -98,21 +98,21 @@ pub fn quaternion(matrix: &Matrix3<f64>) -> UnitQuaternion<f64> {
 pub struct ImuReading {
     /// Length of the step, in s.
     pub dt_s: f64,
-    /// Integral of the body's angular rate against inertial space, in rad.
+    /// Integral of the body's angular rate relative to inertial space, in rad.
     pub angle_rad: Vector3<f64>,
     /// Integral of the specific force, in m/s.
     pub velocity_mps: Vector3<f64>,
 }
 
-/// Reading after removing the effect of rotation within the step: the rotation vector of the body against inertial
-/// space, and its change of velocity, in the axes of the step's beginning.
+/// Reading without the effect of rotation within the step: the rotation vector of the body relative to inertial space,
+/// and its change of velocity, in the axes at the step's beginning.
 struct ImuIncrements {
     rotation_rad: Vector3<f64>,
     velocity_mps: Vector3<f64>,
 }
 
 impl ImuReading {
-    /// Increments with coning and sculling corrected by the previous reading.
+    /// Increments with coning and sculling corrections from the previous reading.
     fn increments(&self, before: &ImuReading) -> ImuIncrements {
         let (angle, velocity) = (self.angle_rad, self.velocity_mps);
         let (angle_before, velocity_before) = before.stretched_to(self.dt_s);
@@ -131,9 +131,9 @@ impl ImuReading {
     }
 }
 
-/// Effect of the earth on a body in the middle of a step.
+/// Effect of the earth on a body at the middle of a step.
 struct EarthEffects {
-    /// Rate of the navigation frame against inertial space, in rad/s.
+    /// Rate of the navigation frame relative to inertial space, in rad/s.
     frame_rate: Vector3<f64>,
     /// Gravity minus the Coriolis and transport accelerations, in m/s².
     acceleration: Vector3<f64>,
@@ -174,7 +174,8 @@ pub struct Mechanisation {
 }
 
 impl Mechanisation {
-    /// System with an initial motion and the vertical acceleration (m/s², down) of its barometer loop, 0 if unknown.
+    /// Creates a system with an initial motion and the vertical acceleration (m/s², down) of its barometer loop, 0 if
+    /// unknown.
     pub fn new(earth: NavigationEarth, motion: NavigationState, loop_mps2: f64) -> Self {
         Self { earth, motion, loop_mps2, before: ImuReading::default() }
     }
@@ -190,8 +191,8 @@ impl Mechanisation {
     }
 
     /// Advances by one reading. `baro_alt_m` is the mean over the step of the barometric height. It aids the vertical
-    /// channel in a third-order loop with the gains K1, K2, K3 of the error model. Without it the vertical channel is
-    /// free and unstable. [Titterton & Weston 13.4]
+    /// channel through a third-order loop with the gains K1, K2, K3 of the error model. Without it the vertical channel
+    /// is free and unstable. [Titterton & Weston 13.4]
     ///
     /// Across a pole the longitude changes by half a turn and north becomes south.
     pub fn step(&mut self, reading: &ImuReading, baro_alt_m: Option<f64>) {
@@ -223,7 +224,7 @@ impl Mechanisation {
 }
 
 impl NavigationState {
-    /// Maps a latitude beyond a pole to this side of it, half a turn of longitude further.
+    /// Converts a latitude beyond a pole to one on this side, with the longitude changed by half a turn.
     fn come_down_from_the_pole(&mut self) {
         use std::f64::consts::{FRAC_PI_2, PI};
         if self.lat_rad.abs() <= FRAC_PI_2 {

@@ -4,7 +4,7 @@
 //! |:--|:--|
 //! | [`ins_series`] | the output of an INS along a line, as columns |
 //! | [`ekf`] | the 18-state extended Kalman filter, over one line or several at once |
-//! | [`line`](mod@line) | a line with its map, as the filters take it, and its steps |
+//! | [`line`](mod@line) | a line with its map, the input of the filters, and its steps |
 //! | [`map_noise`] | the error of each node of a map, as noise along a line |
 //! | [`field`] | the field that a filter predicts: map and core field |
 //! | [`loss`] | loss functions that limit the influence of outliers |
@@ -17,7 +17,7 @@
 //! field |
 //! | [`aids`] | further measurements: rows of H, predictions, noise |
 //! | [`crlb`] | the posterior Cramér-Rao bound along the true path |
-//! | [`adaptive`] | the filter that estimates its measurement noise |
+//! | [`adaptive`] | the filter that estimates its noise |
 //! | [`online`] | the filter that estimates Tolles-Lawson coefficients in flight |
 //! | [`online_nn`] | the same filter with the weights of a small network |
 //! | [`fixed_lag`] | the sliding-window smoother with Tolles-Lawson coefficients |
@@ -44,11 +44,11 @@
 //! δlat' = δv_n/R,   δv_n' = g ψ_e + (C a)_n − 2 Ω sin φ δv_e,   ψ_e' = −δv_n/R − (C b)_e + …
 //! ```
 //!
-//! with the tilt ψ, the accelerometer and gyroscope biases a and b, and the earth's rate Ω. The barometer's gains,
-//! which Gnadt 2022 does not print, are those of MagNav.jl ([`pinson::K1`], [`pinson::K2`], [`pinson::K3`]).
+//! with the tilt ψ, the accelerometer and gyroscope biases a and b, and the earth's rotation rate Ω. The barometer's
+//! gains, which Gnadt 2022 does not print, are those of MagNav.jl ([`pinson::K1`], [`pinson::K2`], [`pinson::K3`]).
 //!
-//! From P₀ on, the filter alternates the measurement z of the scalar field (nT) and the step to the next sample [Brown
-//! & Hwang 2012, chapters 4 and 7; Gnadt 2022, section 5.3]
+//! Starting from P₀, the filter alternates between the measurement z of the scalar field (nT) and the step to the next
+//! sample [Brown & Hwang 2012, chapters 4 and 7; Gnadt 2022, section 5.3]
 //!
 //! ```text
 //! h(x) = map(INS + x) + core(INS + x) + S
@@ -58,13 +58,13 @@
 //! x ← Φ x,                   P ← Φ P Φᵀ + Q_d,      Q_d = ∫₀^Δt e^(F s) Q e^(Fᵀ s) ds
 //! ```
 //!
-//! Differences from the printed equations: Gnadt 2022 (5.37) lacks the 1 of S in H, and its (5.35) is a spectral
+//! Differences from the printed equations: Gnadt 2022 (5.37) omits the element 1 for S in H. Its (5.35) is a spectral
 //! density, which must be integrated over a step ([`NoiseDiscretisation`]). A measurement with a constant offset beyond
 //! the range of S requires [`EkfParameters::offset_window_s`].
 //!
 //! # Examples
 //!
-//! Over a short time the errors of an INS at rest grow with a power of time that depends on their source.
+//! Over a short time, the errors of an INS at rest increase with a power of time that depends on the error source.
 //!
 //! ```
 //! use numerics::earth::geodesy::{SEMI_MAJOR_AXIS_M, STANDARD_GRAVITY_MPS2};

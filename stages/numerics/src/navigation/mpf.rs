@@ -3,14 +3,14 @@
 //! A map is strongly nonlinear in position; the rest of the model is nearly linear. Given the position, the 16 other
 //! states of `pinson` are linear and Gaussian. Each particle therefore holds an error of latitude and longitude with
 //! the conditional mean of the others, and all share one covariance P [Schön, Gustafsson & Nordlund 2005; Gnadt 2022,
-//! section 5.3 for the states]. Use it for a position error of kilometres, or if two positions may explain the
-//! measurements: [`MpfOutput::modes`] has the probability of each. Otherwise it agrees with the extended Kalman filter
-//! and takes seventy times as long.
+//! section 5.3 for the states]. Use this filter for a position error of kilometres, or if two positions can explain the
+//! measurements: [`MpfOutput::modes`] contains the probability of each. In other cases its results agree with the
+//! extended Kalman filter, and it takes seventy times as long.
 //!
 //! # A sample
 //!
-//! With h_i the field at particle i (map and core field, at its own position and altitude) plus its S, H_i its slopes
-//! with altitude and S, and the measurement z of variance R,
+//! Let h_i be the field at particle i (map and core field, at its own position and altitude) plus its S, and H_i its
+//! slopes with altitude and S. For a measurement z of variance R,
 //!
 //! ```text
 //! e_i = z − h_i,   V_i = H_i P H_iᵀ + R,   q_i ∝ q_i N(e_i; 0, V_i)
@@ -19,60 +19,63 @@
 //! x_i ← Φ x_i + [√M; C √M⁻ᵀ] ξ_i,          P ← T − C M⁻¹ Cᵀ,      ξ_i ~ N(0, I)
 //! ```
 //!
-//! P after a measurement is the mean of the covariances that the particles would have separately. It equals the usual
-//! update if the field changes equally with height at all of them. The step is (22)-(25) of the paper, with the linear
-//! states after their measurement. Weights are logarithms and never vanish.
+//! P after a measurement is the mean of the covariances that the particles would have individually. It equals the usual
+//! update if the field changes equally with height at all particles. The step follows (22)-(25) of the paper, with the
+//! linear states after their measurement update. Weights are stored as logarithms and never underflow.
 //!
-//! **A particle off the map**, or in an unknown cell, has its weight multiplied by the mean likelihood of the others.
-//! The probability of being off the map therefore stays constant until particles fly onto it. With less than a tenth of
-//! the weight on the map the sample is `off_map` and is not used.
+//! **A particle off the map**, or in an unknown cell: its weight is multiplied by the mean likelihood of the others.
+//! The probability of being off the map therefore stays constant until particles enter it. If less than a tenth of the
+//! weight is on the map, the sample is `off_map` and is not used.
 //!
-//! **A measurement that contradicts every particle** ([`UNEXPLAINED_NIS`]) is not used; it counts as gated, and in
-//! [`MpfReport::unexplained`]. Many in a row mean that the cloud has lost the aircraft permanently.
+//! **A measurement that contradicts every particle** ([`UNEXPLAINED_NIS`]) is not used; it is counted as gated, and in
+//! [`MpfReport::unexplained`]. Many in succession mean that the cloud has permanently lost the aircraft.
 //!
 //! # Resampling
 //!
-//! Resampling is systematic, by one uniform number, when 1/Σq² < `resample_threshold` N. The position of a
-//! navigation-grade INS has almost no driving noise. Copies of a particle therefore stay copies, in velocity and tilt
-//! too, and a plain particle filter ends with a handful of paths and a covariance far too small. `regularise` draws
-//! from a kernel density instead. The position is drawn from Gaussian kernels of the optimal bandwidth h = N^(-1/6)
-//! [Musso, Oudjane & Le Gland 2001]; the particles are first contracted by √(1 − h²), which preserves mean and
-//! covariance [West 1993]. The linear states follow the position by their regression on it. The fraction h² of the
-//! covariance about the regression moves from the particles into P instead of being drawn. A cloud wider than
-//! `smooth_over_m` has kernels by cells of at least 16 effective particles, and regressions by mode. A measurement
-//! after which less than a tenth of the particles would be effective is split into several measurements whose inverse
-//! variances add up to its own. The particles are resampled between them (progressive correction, same source).
+//! Resampling is systematic, with one uniform random number, when 1/Σq² < `resample_threshold` N. The position of a
+//! navigation-grade INS has almost no driving noise. Copies of a particle therefore remain copies, also in velocity and
+//! tilt. A plain particle filter is left with a few distinct paths and a covariance that is far too small. With
+//! `regularise`, new particles are drawn from a kernel density instead. The position is drawn from Gaussian kernels of
+//! the optimal bandwidth h = N^(-1/6) [Musso, Oudjane & Le Gland 2001]; the particles are first contracted by √(1 −
+//! h²), which preserves mean and covariance [West 1993]. The linear states follow the position by their regression on
+//! it. The fraction h² of the covariance about the regression is transferred from the particles to P instead of being
+//! drawn. A cloud wider than `smooth_over_m` has one kernel per cell of at least 16 effective particles, and one
+//! regression per mode. If a measurement would leave less than a tenth of the particles effective, it is split into
+//! several measurements whose inverse variances add up to the original one. The particles are resampled between these
+//! (progressive correction, same source).
 //!
 //! # Aiding positions
 //!
 //! A fix of latitude and longitude weights the particles, whose positions have no variance. A fix of the height is a
-//! Kalman update of the linear states of each, with a common gain. Both are exact except for the finite number of
-//! particles. A fix far narrower than the cloud is split, like a measurement.
+//! Kalman update of the linear states of each particle, with a common gain. Both are exact except for the finite number
+//! of particles. A fix far narrower than the cloud is split, like a measurement.
 //!
 //! # Further measurements
 //!
 //! The Gauss-Markov states of [`aids`](crate::navigation::aids), the slow errors of measurements and of the map, are
-//! linear like the 16. They join each particle's mean and the common covariance, which then has 21 states, or 27 with
-//! the field vector. A difference, a component of the vector, and a height are each used like the field, with
+//! linear like the other 16. They are part of each particle's mean and of the common covariance, which then has 21
+//! states, or 27 with the field vector. A difference, a component of the vector, and a height are each processed like
+//! the field, with
 //!
 //! ```text
 //! e_i = z − v(position of i) − u x_i,   H_i = u + (slope of v with height at i) for the altitude,
 //! ```
 //!
 //! where v is the map value at each particle's own position, at both ends of the baseline for a difference. The row u
-//! of biases, S and tilt is common: the effect of the tilt is linearised about the middle of the cloud. These
-//! measurements follow the field, each after a resampling if too few particles are effective. On a flat map the
-//! particles differ by its values, not by its slope, so [`Aids::flat_over_m`] is ignored; the map error is a state.
+//! of biases, S and tilt is common: the effect of the tilt is linearised at the mean of the cloud. These measurements
+//! are processed after the field, each after a resampling if too few particles are effective. On a flat map the
+//! particles differ by its values, not by its slope. [`Aids::flat_over_m`] is therefore ignored; the map error is a
+//! state.
 //!
 //! Every random number is a function of seed, sample and particle, and sums have a fixed order, so results are
 //! bit-identical for any number of threads.
 //!
 //! # Number of particles
 //!
-//! 1000 particles are sufficient for an INS position error of hundreds of metres. For an error of kilometres, the first
-//! cloud must have particles within the width of an anomaly of the truth, also at its edge. A standard deviation of 3
-//! km on each axis and a map flown 500 m above the ground require 10,000. The report shows whether the cloud has kept
-//! the aircraft.
+//! 1000 particles are sufficient for an INS position error of hundreds of metres. For an error of kilometres, some
+//! particles of the first cloud must be within the width of an anomaly of the truth, even if the truth is at its edge.
+//! A standard deviation of 3 km on each axis and a map at 500 m above the ground require 10,000. The report indicates
+//! whether the cloud has lost the aircraft.
 
 mod cloud;
 mod core_expansion;
@@ -97,10 +100,10 @@ use filter::MarginalisedParticleFilter;
 pub use output::{MpfOutput, MpfReport, PositionMode, SampleModes};
 pub use parameters::MpfParameters;
 
-/// NIS above which, for every particle, a measurement is not used: one valid measurement in a billion.
+/// NIS above which, for every particle, a measurement is not used: one valid measurement in a billion exceeds it.
 pub const UNEXPLAINED_NIS: f64 = 37.33;
 
-/// States with the biases of difference and height, and the map error, but without those of a vector.
+/// States with the biases of difference and height, and the map error, without the states of a vector.
 const WITH_BIASES: usize = STATES + 3;
 /// States including those of a vector.
 const WITH_VECTOR: usize = WITH_BIASES + 6;
@@ -109,10 +112,10 @@ const WITH_ALL: usize = WITH_VECTOR + 2;
 
 /// Filters one line.
 ///
-/// The row of a sample is the weighted mean of the particles after its measurements and before any resampling. For
-/// missing measurements (NaN, infinite, or with a sigma that is not above 0) and rejected ones, the filter only
-/// predicts. Uneven time and a single sample are valid. Costs about 0.2 ms per sample for 1000 particles on one core,
-/// and uses more threads from 8192 particles on.
+/// Each row of the output is the weighted mean of the particles after the sample's measurements and before any
+/// resampling. For missing measurements (NaN, infinite, or with a sigma that is not above 0) and rejected ones, the
+/// filter only predicts. Uneven time and a single sample are valid. Takes about 0.2 ms per sample for 1000 particles on
+/// one core, and uses several threads from 8192 particles on.
 ///
 /// # Errors
 /// Fails as [`MpfParameters::check`], [`Aids::check`] and [`NavigationLine::check`], and with

@@ -1,4 +1,4 @@
-//! Aircraft field estimated in flight: online Tolles-Lawson.
+//! In-flight estimation of the aircraft field: online Tolles-Lawson.
 //!
 //! The 18 states of the extended Kalman filter are followed by the coefficients βₘ of each magnetometer and, if
 //! requested, the bias b of the vector magnetometer of their terms. The scalar magnetometers are uncompensated. [Gnadt
@@ -10,31 +10,32 @@
 //! β ← β,   P_cc ← P_cc + q Δt,      b ← exp(−Δt/τ) b,      P_nc ← Φ P_nc
 //! ```
 //!
-//! Any terms are accepted: Tolles-Lawson terms, those of an extended model, or the heading error of a scalar sensor, if
-//! they are known at each sample and contain no scalar magnetometer ([`check_sources`]). The states beyond the 18 have
-//! a diagonal transition, so a step of 18 + 18 + 3 states takes about 6 µs.
+//! Any terms are accepted: Tolles-Lawson terms, those of an extended model, or the heading error of a scalar sensor.
+//! They must be known at each sample and contain no scalar magnetometer ([`check_sources`]). The states beyond the 18
+//! have a diagonal transition, so a step of 18 + 18 + 3 states takes about 6 µs.
 //!
-//! Differences from the source: Gnadt 2022 (5.39) overwrites three states by the vector's reading, with an infinite
-//! decay rate. Here the error of the reading is the state, which may be slow; its derivatives are those of all of A(b)
-//! β. MagNav.jl's derivatives omit the altitude, keep |B| constant and divide by B_x.
+//! Differences from the source: Gnadt 2022 (5.39) replaces three states by the vector's reading, with an infinite decay
+//! rate. Here the error of the reading is the state, and it may be slow; its derivatives are those of the complete term
+//! A(b) β. MagNav.jl's derivatives omit the altitude, keep |B| constant and divide by B_x.
 //!
 //! # Observability
 //!
 //! The attitude distinguishes the aircraft field from the earth's field. On a straight line at constant attitude each
-//! column is constant, and only their sum with S and the map value is measured. The coefficients then keep their prior
-//! covariance across that sum, and the position keeps the remaining information. A constant in the terms (`bias`, and
-//! `xx` + `yy` + `zz`, whose sum is |B|/s) absorbs the constant that a map leaves undetermined.
+//! column is constant, and only their sum with S and the map value is measured. The covariance of the coefficients
+//! given that sum then stays at its prior value, and the remaining information determines the position. A constant in
+//! the terms (`bias`, and `xx` + `yy` + `zz`, whose sum is |B|/s) absorbs the constant that a map leaves undetermined.
 //!
-//! A random walk should only allow for the expected changes. Permanent terms that walk by 20 nT in a second absorb the
-//! whole signal of the map between the manoeuvres. With 1 to 4 nT, a jump of 100 nT is estimated within minutes.
+//! The random walk should not exceed the expected changes. Permanent terms with a random walk of 20 nT in a second
+//! absorb the whole signal of the map between the manoeuvres. With 1 to 4 nT, a jump of 100 nT is estimated within
+//! minutes.
 //!
 //! # Irregularities
 //!
 //! - a measurement or a term that is NaN or infinite, or a sigma that is not above 0: that magnetometer is skipped at
 //!   the sample; the others are used;
 //! - a predicted position off the map or in an unknown cell: no magnetometer is used;
-//! - a vector of size zero: its terms are NaN;
-//! - a prior whose field is 3e6 times the noise or more: rejected, because the update would lose all digits;
+//! - a zero vector: its terms are NaN;
+//! - a prior whose field is 3e6 times the noise or more: rejected, because the update would have no significant digits;
 //! - an INS value that is not finite, time that does not ascend, a variance that is negative or not finite: an error
 //!   with the row.
 
@@ -62,7 +63,7 @@ pub struct OnlineMagnetometer<'a> {
     /// Standard deviation of the white noise of each measurement, in nT, independent of the other magnetometers. A
     /// measurement with a value that is not above 0 counts as missing.
     pub sigma_nt: &'a [f64],
-    /// The terms, row-major, one row per sample and one column per coefficient.
+    /// Terms, row-major, one row per sample and one column per coefficient.
     pub terms: &'a [f64],
     /// Prior of the coefficients.
     pub prior: &'a CoefficientPrior,
@@ -75,11 +76,11 @@ pub struct OnlineMagnetometer<'a> {
 pub struct AircraftEstimate {
     /// Coefficients after the last sample.
     pub coefficients: Vec<f64>,
-    /// Their covariance, row-major.
+    /// Covariance of the coefficients, row-major.
     pub covariance: Vec<f64>,
     /// Coefficients after each sample, row-major; empty unless `keep_coefficients` is set.
     pub coefficients_by_row: Vec<f64>,
-    /// Their standard deviations.
+    /// Standard deviations of the coefficients after each sample.
     pub sigma_by_row: Vec<f64>,
     /// Residuals, the aircraft field, and the use of the samples.
     pub track: MagnetometerTrack,
@@ -105,9 +106,9 @@ pub struct FluxgateEstimate {
 /// Output of the filter on a line.
 #[derive(Clone, Debug, Default)]
 pub struct OnlineOutput {
-    /// Track. `residual_nt` is that of the first magnetometer used at a sample. `nis` is the mean over those used or
-    /// gated; its sum is the squared innovation of all together over its covariance. A sample counts as an update if
-    /// any magnetometer is used; the offset is that of the first.
+    /// Estimated track. `residual_nt` is that of the first magnetometer used at a sample. `nis` is the mean over the
+    /// magnetometers used or gated; the sum is the joint squared innovation over its covariance. A sample counts as an
+    /// update if any magnetometer is used; the offset is that of the first.
     pub navigation: NavigationOutput,
     /// Estimates of the magnetometers, in their order.
     pub magnetometers: Vec<AircraftEstimate>,
@@ -115,7 +116,7 @@ pub struct OnlineOutput {
     pub fluxgate: Option<FluxgateEstimate>,
     /// Outcome of each sample, if there are further measurements.
     pub usage: Vec<SampleUsage>,
-    /// Their innovations.
+    /// Innovations of the further measurements.
     pub aids: AidInnovations,
     /// Horizontal slope of the predicted field at each sample, in nT/m; NaN off the map and without
     /// [`Aids::flat_over_m`](crate::navigation::aids::Aids::flat_over_m).
@@ -258,19 +259,19 @@ impl<'a> TollesLawson<'a> {
         Ok(model)
     }
 
-    /// Rejects terms of a magnetometer that differ from those of the vector.
+    /// Rejects magnetometer terms that differ from those of the vector magnetometer.
     fn check_fluxgate(&mut self, rows: usize) -> Result<(), ParameterError> {
         let Some(fluxgate) = &self.fluxgate else { return Ok(()) };
         let own = &mut self.own;
         if fluxgate.rows() != rows {
-            let what = format!("the vector magnetometer has {} rows, the line has {rows}", fluxgate.rows());
+            let what = format!("the vector magnetometer has {} rows, but the line has {rows}", fluxgate.rows());
             return Err(refused("terms", what));
         }
         for (place, OnlineMagnetometer { terms, prior, .. }) in self.magnetometers.iter().enumerate() {
             let width = prior.mean.len();
             if width < own.len() {
                 let what =
-                    format!("magnetometer {place} has {width} terms, the vector magnetometer's are {}", own.len());
+                    format!("magnetometer {place} has {width} terms, but the vector magnetometer has {}", own.len());
                 return Err(refused("terms", what));
             }
             for row in 0..rows {
@@ -281,7 +282,7 @@ impl<'a> TollesLawson<'a> {
                     false => (one - other).abs() <= 1e-9 * (1.0 + other.abs()),
                 };
                 if !given.iter().zip(&*own).all(same) {
-                    let what = format!("the terms of magnetometer {place} are not those of the vector in row {row}");
+                    let what = format!("the terms of magnetometer {place} and the vector differ in row {row}");
                     return Err(refused("terms", what));
                 }
             }

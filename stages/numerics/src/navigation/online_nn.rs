@@ -1,4 +1,4 @@
-//! Aircraft field estimated in flight: an online neural network.
+//! In-flight estimation of the aircraft field: an online neural network.
 //!
 //! The 18 states of the extended Kalman filter are followed by the weights w of a small network, whose output is the
 //! aircraft field at the uncompensated scalar magnetometer. [Gnadt 2022, section 5.6, (5.42)-(5.45); Singhal & Wu 1989,
@@ -9,16 +9,15 @@
 //! H = [∂h/∂lat, ∂h/∂lon, ∂h/∂alt, 0 … 0, 1, ∂m/∂w],      w ← w,      P_ww ← P_ww + q Δt
 //! ```
 //!
-//! ∂m/∂w is by back-propagation at each sample. The weights, their covariance and their random walk come from
-//! [`train`], recursive least squares over a calibration, or are given. The recursion is that of
-//! [`online`](super::online), with its treatment of irregularities. A measurement with a feature that is NaN or
-//! infinite counts as missing. The features must not contain a scalar magnetometer
-//! ([`check_sources`](super::online::check_sources)).
+//! Back-propagation computes ∂m/∂w at each sample. The weights, their covariance and their random walk are given, or
+//! come from [`train`], which uses recursive least squares over a calibration. The recursion, including the treatment
+//! of irregularities, is that of [`online`](super::online). A measurement with a feature that is NaN or infinite counts
+//! as missing. The features must not contain a scalar magnetometer ([`check_sources`](super::online::check_sources)).
 //!
-//! A network of p features and h hidden units has h (p + 2) + 1 weights, and a step takes time proportional to the
-//! square of 18 plus their number. It extrapolates beyond the features of its calibration. The covariance of the
-//! weights includes the noise of the calibration but not the modelling error of the network: on a smooth function of
-//! three features its errors are about 2.5 times the predicted standard deviation.
+//! A network of p features and h hidden units has h (p + 2) + 1 weights. The time per step is proportional to the
+//! square of 18 plus their number. The network extrapolates beyond the features of its calibration. The covariance of
+//! the weights includes the noise of the calibration but not the model error of the network. On a smooth function of
+//! three features, the errors are about 2.5 times the predicted standard deviation.
 
 mod network;
 mod training;
@@ -35,21 +34,21 @@ pub use training::{NetworkCalibration, NetworkPrior, TrainingParameters, train};
 /// Output of the filter on a line.
 #[derive(Clone, Debug, Default)]
 pub struct NetworkOutput {
-    /// Track.
+    /// Estimated track.
     pub navigation: NavigationOutput,
     /// Weights after the last sample.
     pub weights: Vec<f64>,
-    /// Their covariance, row-major.
+    /// Covariance of the weights, row-major.
     pub covariance: Vec<f64>,
     /// Weights after each sample, row-major; empty unless `keep_coefficients` is set.
     pub weights_by_row: Vec<f64>,
-    /// Their standard deviations.
+    /// Standard deviations of the weights after each sample.
     pub sigma_by_row: Vec<f64>,
     /// Residuals, the aircraft field, and the use of the samples.
     pub track: MagnetometerTrack,
     /// Outcome of each sample, if there are further measurements.
     pub usage: Vec<SampleUsage>,
-    /// Their innovations.
+    /// Innovations of the further measurements.
     pub aids: AidInnovations,
     /// See [`OnlineOutput`](super::online::OnlineOutput).
     pub slope_nt_per_m: Vec<f64>,
@@ -73,7 +72,7 @@ pub fn run(
     prior.check(network)?;
     let (rows, width) = (line.ins.len(), network.inputs());
     if features.len() != rows * width {
-        let what = format!("{} values of features are given, not {rows} rows of {width}", features.len());
+        let what = format!("{} feature values are given, not {rows} rows of {width}", features.len());
         return Err(refused("features", what).into());
     }
     let states = ExtraStates {

@@ -29,11 +29,11 @@ pub struct NavigationReport {
 pub struct NavigationOutput {
     /// Error states, in the order of `pinson`; empty unless `keep_states` is set.
     pub x: Vec<StateVector>,
-    /// Their covariance; empty unless `keep_covariance` is set.
+    /// Covariance of the error states; empty unless `keep_covariance` is set.
     pub p: Vec<StateMatrix>,
     /// Measurement minus prediction, in nT; NaN if either is missing.
     pub residual_nt: Vec<f64>,
-    /// NIS: residual squared over its predicted variance; NaN where the residual is.
+    /// NIS: residual squared over its predicted variance; NaN if the residual is NaN.
     pub nis: Vec<f64>,
     /// Estimated latitude, in degrees.
     pub lat_deg: Vec<f64>,
@@ -122,7 +122,7 @@ impl NavigationOutput {
 pub struct Innovation {
     /// Measurement minus prediction, in nT.
     pub residual_nt: f64,
-    /// Its square over its predicted variance.
+    /// Squared residual over its predicted variance.
     pub nis: f64,
 }
 

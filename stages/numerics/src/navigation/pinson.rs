@@ -1,9 +1,10 @@
-//! The Pinson error model of an inertial navigation system, with the states that aid it.
+//! Pinson error model of an inertial navigation system, with additional states for the barometer and the temporal
+//! variation.
 //!
 //! State order, as in Gnadt 2022 (5.14): errors of latitude, longitude (rad) and altitude (m); of velocity north, east,
 //! down (m/s); tilts north, east, down (rad); accelerometer biases x, y, z (m/s²); gyroscope biases x, y, z (rad/s);
 //! barometer-aided altitude (m) and vertical acceleration (m/s²); temporal variation S (nT). An error is truth minus
-//! INS. The earth is Gnadt 2022's sphere of radius 6378137 m and gravity does not change with height.
+//! INS. The earth is the sphere of Gnadt 2022 with a radius of 6378137 m, and gravity does not change with height.
 
 use crate::earth::attitude::body_to_ned;
 use crate::earth::geodesy::{EARTH_RATE_RADPS, SEMI_MAJOR_AXIS_M};
@@ -99,8 +100,8 @@ pub enum PinsonForm {
     /// Gnadt 2022, (5.16) to (5.32).
     #[default]
     Thesis,
-    /// Form of MagNav.jl up to 1.3.3 and its MATLAB reference data, where the effect of altitude on the
-    /// north tilt reads -ve²/R² instead of -ve/R². For comparison with that program.
+    /// Form of MagNav.jl up to 1.3.3 and its MATLAB reference data, in which the effect of altitude on the north tilt
+    /// is -ve²/R² instead of -ve/R². For comparison with MagNav.jl.
     Compatible,
 }
 

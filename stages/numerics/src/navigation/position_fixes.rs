@@ -18,7 +18,7 @@ pub struct PositionFixes {
     pub lon_deg: Vec<f64>,
     /// Height above the ellipsoid, in m.
     pub alt_m: Vec<f64>,
-    /// Standard deviation north and east, each, in m.
+    /// Standard deviation of the position in each of north and east, in m.
     pub horizontal_sigma_m: f64,
     /// Standard deviation of the height, in m.
     pub vertical_sigma_m: f64,

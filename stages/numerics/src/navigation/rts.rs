@@ -1,25 +1,26 @@
 //! Fixed-interval smoother of a whole line, iterated to the most probable trajectory.
 //!
-//! States, measurement and steps are those of `ekf`. The most probable trajectory x₀ … x_n is the minimum of
+//! States, measurements and steps are those of `ekf`. The most probable trajectory x₀ … x_n minimises
 //!
 //! ```text
 //! J = x₀ᵀ P₀⁻¹ x₀/2 + Σ wₖᵀ Qₖ⁻¹ wₖ/2 + Σ ρ(rₖ),      wₖ = xₖ - Φₖ xₖ₋₁,      rₖ = (zₖ - h(xₖ))/σₖ
 //! ```
 //!
-//! with ρ(r) = r²/2, or a [robust loss](TrajectoryLoss). The Gauss-Newton iteration linearises the map along the whole
-//! last trajectory x̄ and solves the linear problem exactly, by a forward and a backward pass of the Kalman filter: the
-//! iterated extended Kalman smoother [Bell 1994; Särkkä & Svensson 2023, chapter 13]. The first pass linearises the map
-//! as `iekf` does, at the most probable state after each measurement. A robust loss is a least-squares problem with
-//! variances σ²/w(r) and the weights w(r) = ρ'(r)/r of the last trajectory (iteratively reweighted least squares
-//! [Holland & Welsch 1977]); in the first pass r is the innovation over its standard deviation. If J of the first
-//! trajectory exceeds 1 per measurement, three others are computed: without weights, with one linearisation, and with
-//! ten times the noise. The iteration continues from the lowest J. A step from x̄ to the solution x̂ that would raise J
-//! is halved until it does not.
+//! where ρ(r) is r²/2 or a [robust loss](TrajectoryLoss). The Gauss-Newton iteration linearises the map along the whole
+//! last trajectory x̄. A forward and a backward pass of the Kalman filter then solve the linear problem exactly. This
+//! is the iterated extended Kalman smoother [Bell 1994; Särkkä & Svensson 2023, chapter 13]. The first pass linearises
+//! the map as in `iekf`, at the most probable state after each measurement. A robust loss is solved as a least-squares
+//! problem with variances σ²/w(r). The weights w(r) = ρ'(r)/r come from the last trajectory (iteratively reweighted
+//! least squares [Holland & Welsch 1977]). In the first pass, r is the innovation over its standard deviation. If J of
+//! the first trajectory exceeds 1 per measurement, three alternatives are computed: without weights, with one
+//! linearisation, and with ten times the noise. The iteration continues from the one with the lowest J. If a step from
+//! x̄ to the solution x̂ would raise J, it is halved until it does not.
 //!
 //! # The backward pass
 //!
-//! The pass is the modified Bryson-Frazier smoother [Bierman 1973]. With the innovation ν of a measurement, its
-//! variance s and its gain K, the adjoint state λ and its matrix Λ propagate backwards from 0 after the last sample:
+//! Each pass is the modified Bryson-Frazier smoother [Bierman 1973]. A measurement has the innovation ν, the variance s
+//! of the innovation, and the gain K. The adjoint state λ and its matrix Λ propagate backwards from 0 after the last
+//! sample:
 //!
 //! ```text
 //! u = ν/s + Kᵀ λ,     λ ← λ - Hᵀ u,     Λ ← (I - K H)ᵀ Λ (I - K H) + Hᵀ H/s       through a measurement
@@ -27,27 +28,28 @@
 //! x̂ = x - P λ,        P̂ = P - P Λ P                                               from the filtered x and P
 //! ```
 //!
-//! Neither Q nor a predicted covariance is inverted, so states without process noise or initial uncertainty, and units
-//! of 1e-17 rad² together with 1 m², cause no problem. The pass also gives J. Its first two terms are half a quadratic
-//! form of the trajectory, whose process noise is -Qₖ λₖ with the λ before the measurement of k, and x₀ = -P₀ λ₀. The
-//! products of the solution with itself and with any trajectory are therefore sums over the measurements, ⟨x̂, x̂⟩ = Σ
-//! uₖ Hₖ x̂ₖ and ⟨x̄, x̂⟩ = Σ uₖ Hₖ x̄ₖ, by the recursion of λ alone. J along a step takes one map value per sample.
+//! Neither Q nor a predicted covariance is inverted. States without process noise or initial uncertainty, and units of
+//! 1e-17 rad² together with 1 m², are therefore admissible. The pass also yields J. The first two terms of J are half a
+//! quadratic form of the trajectory. Its process noise is -Qₖ λₖ with the λ before the measurement of k, and x₀ = -P₀
+//! λ₀. The products of the solution with itself and with any trajectory are therefore sums over the measurements, ⟨x̂,
+//! x̂⟩ = Σ uₖ Hₖ x̂ₖ and ⟨x̄, x̂⟩ = Σ uₖ Hₖ x̄ₖ, which require only the recursion of λ. Evaluating J along a step
+//! requires one map value per sample.
 //!
 //! # Memory
 //!
 //! The forward pass stores its state every 64 samples, and the backward pass recomputes the 64 samples in between. A
-//! sample takes about 0.8 kB and a line of 100,000 samples 80 MB; storing all covariances would take 260 MB.
+//! sample takes about 0.8 kB, and a line of 100,000 samples 80 MB; storing all covariances would take 260 MB.
 //!
 //! # Irregularities
 //!
 //! - a measurement that is NaN or infinite, or whose sigma is not above 0: not used, `residual` and `nis` are NaN;
-//! - a linearisation point off the map or in an unknown cell: as above, in that pass. J of two trajectories is compared
-//!   over the measurements with a map value on both;
-//! - a flat map: without a core field only S is estimated; with one, the slope of the core field also corrects the
+//! - a linearisation point off the map or in an unknown cell: as above, for that pass. J of two trajectories is
+//!   compared over the measurements that have a map value on both;
+//! - a flat map: without a core field, only S is estimated; with one, the slope of the core field also corrects the
 //!   position;
 //! - an INS value that is not finite, time that does not ascend, a state or variance that is not finite, or a negative
 //!   variance: an error with the row;
-//! - an iteration that ends before the step is below the tolerance: the trajectory of the lowest J, and
+//! - an iteration that ends before the step is below the tolerance: the trajectory of the lowest J is returned, and
 //!   [`RtsReport::converged`] is false.
 
 mod adjoint;
@@ -70,9 +72,9 @@ use pass::{FirstPass, RtsLinearisation, RtsSolution, SmootherPass};
 
 /// Maximum number of halvings of a step.
 const MOST_HALVINGS: u32 = 10;
-/// First passes. A start with the weights of its innovations fails with an initial error too large for the map, and one
-/// without weights fails with outliers. Iterations of single measurements find the nearest minimum, and one
-/// linearisation sometimes finds another. With ten times the noise the whole line determines the start, not its first
+/// Alternative first passes. Weights from innovations fail if the initial error is too large for the map. A pass
+/// without weights fails with outliers. Iterating single measurements finds the nearest minimum; a single linearisation
+/// sometimes finds another one. With ten times the noise, the whole line determines the start instead of its first
 /// measurements.
 const STARTS: [FirstPass; 4] = [
     FirstPass { iterations: 5, robust: true, sigma_factor: 1.0 },
@@ -80,11 +82,11 @@ const STARTS: [FirstPass; 4] = [
     FirstPass { iterations: 1, robust: true, sigma_factor: 1.0 },
     FirstPass { iterations: 5, robust: false, sigma_factor: 10.0 },
 ];
-/// J per measurement above which a start is poor: normal residuals give 0.5.
+/// J per measurement above which a start is poor; normally distributed residuals give 0.5.
 const POOR_COST: f64 = 1.0;
-/// Decrease of J that is negligible: the probability of the trajectory changes by 1 %.
+/// Decrease of J that is negligible: it changes the probability of the trajectory by 1 %.
 const SMALL_FALL: f64 = 0.01;
-/// Largest step, in standard deviations, that may be the last if J no longer decreases.
+/// Largest step, in standard deviations, that may be the last one if J no longer decreases.
 const SMALL_STEP_SIGMAS: f64 = 0.5;
 
 /// Parameters of the smoother.
@@ -122,7 +124,7 @@ impl RtsParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for no iteration, and for a tolerance or scale that is not a finite number above 0.
+    /// Fails for `iterations` of 0, and for a tolerance or scale that is not a finite number above 0.
     pub fn check(&self) -> Result<(), ParameterError> {
         obeys(&self.iterations, "iterations", Rule::Positive).map_err(ParameterError)?;
         obeys(&self.tolerance_m, "tolerance_m", Rule::Positive).map_err(ParameterError)?;
@@ -137,27 +139,28 @@ pub struct RtsReport {
     pub passes: usize,
     /// Number of halved steps.
     pub halved: usize,
-    /// Whether the iteration converged. Either the last full step was below the tolerance, or it was below half a
-    /// standard deviation of every state, did not lower J, and its halvings changed J by less than 0.01. The second
-    /// case is common on a bilinear map: its slope jumps between the nodes, and J has an edge at the minimum.
+    /// Whether the iteration converged. Convergence has two criteria. The last full step was below the tolerance; or it
+    /// was below half a standard deviation of every state, did not lower J, and its halvings changed J by less than
+    /// 0.01. The second case is common on a bilinear map: its slope jumps between the nodes, and J has an edge at the
+    /// minimum.
     pub converged: bool,
     /// Largest change of a position of the line in the last full step, in m; infinite after a single pass, which has no
-    /// step. Without convergence, an estimate of the distance of the trajectory from the most probable one.
+    /// step. Without convergence, it estimates the distance of the trajectory from the most probable one.
     pub last_step_m: f64,
     /// Last full step in standard deviations: no state of the line, and no combination of states, changes by more than
     /// this number of its own standard deviations. It is the square root of twice the decrease of J predicted by the
     /// linear problem (the Newton decrement); infinite after a single pass.
     pub last_step_sigmas: f64,
-    /// J of the returned trajectory, over the measurements with a map value there.
+    /// J of the returned trajectory, over the measurements with a map value on it.
     pub cost: f64,
 }
 
 /// Output of the smoother on a line.
 ///
 /// `residual_nt` and `nis` are the innovations of the last forward pass, whose map is linearised along the smoothed
-/// trajectory: measurement minus the field predicted from the past alone, over its variance with the σ of the
-/// measurement, not of the reweighting. The expected value of `nis` therefore remains 1, and outliers stay visible. The
-/// covariances are those of the last linearisation.
+/// trajectory. The residual is measurement minus the field predicted from the past alone. The variance uses the σ of
+/// the measurement, not of the reweighting. The expected value of `nis` therefore remains 1, and outliers stay visible.
+/// The covariances are those of the last linearisation.
 #[derive(Clone, Debug, Default)]
 pub struct RtsOutput {
     /// Track.
@@ -185,7 +188,7 @@ fn check_window(line: &NavigationLine<'_>) -> Result<(), ParameterError> {
     obeys(&line.offset_window_s, "offset_window_s", Rule::NotNegative).map_err(ParameterError)
 }
 
-/// Trajectory of the next linearisation of the map.
+/// Trajectory for the next linearisation of the map.
 #[derive(Default)]
 struct RtsTrajectory {
     x: Vec<StateVector>,
@@ -221,7 +224,7 @@ struct RtsSmoother<'a> {
 }
 
 impl RtsSolution {
-    /// Size of the step from a trajectory with this motion, by the curvature of the linear problem.
+    /// Size of the step from a trajectory with this motion, from the curvature of the linear problem.
     fn step_sigmas(&self, motion: f64) -> f64 {
         let moved = motion - 2.0 * self.motion_with_last + self.motion;
         (moved + self.measured_step).max(0.0).sqrt()
@@ -261,7 +264,7 @@ impl<'a> RtsSmoother<'a> {
         Ok(())
     }
 
-    /// Computes the first trajectory: if the first of the [`STARTS`] gives a poor one, the best of all.
+    /// Computes the first trajectory: the first of the [`STARTS`], or the best of all if that one is poor.
     fn start(&mut self) -> Result<(), NavigationError> {
         let most = self.parameters.iterations;
         let first = FirstPass { iterations: STARTS[0].iterations.min(most), ..STARTS[0] };
@@ -275,7 +278,7 @@ impl<'a> RtsSmoother<'a> {
                 break;
             }
             if self.parameters.loss == TrajectoryLoss::None && start == (FirstPass { robust: false, ..STARTS[0] }) {
-                // Without a robust loss this equals the first start.
+                // Without a robust loss, this start equals the first.
                 continue;
             }
             self.report.passes += 1;
@@ -305,7 +308,7 @@ impl<'a> RtsSmoother<'a> {
         None
     }
 
-    /// Trajectory a part of the way to a solution. The step to the first solution is always full.
+    /// Trajectory at a fraction of the way to a solution. The step to the first solution is always a full step.
     fn candidate(&mut self, solution: &RtsSolution, part: f64) -> RtsCandidate {
         let (rest, rows) = (1.0 - part, solution.x.len());
         let motion = rest * rest * self.at.motion
@@ -341,7 +344,7 @@ impl<'a> RtsSmoother<'a> {
         RtsCandidate { trajectory, rise }
     }
 
-    /// Largest distance of a position from that of the trajectory, in m.
+    /// Largest change of a position from the trajectory to another, in m.
     fn step_m(&self, to: &[StateVector]) -> f64 {
         let (ins, earth) = (self.line.ins, self.line.errors.earth);
         let mut largest_m2 = 0.0_f64;

@@ -12,7 +12,7 @@ const MOST_HALVINGS: u32 = 10;
 pub(crate) struct ScalarSearch {
     /// Maximum number of linearisations, at least 1. With one, the full step is taken unconditionally.
     pub(crate) iterations: usize,
-    /// Position change, in m, below which the search ends.
+    /// Change of position, in m, below which the search ends.
     pub(crate) tolerance_m: f64,
     /// Metres north and east per radian.
     pub(crate) m_per_rad: (f64, f64),
@@ -34,7 +34,7 @@ pub(crate) struct Optimum {
     pub(crate) converged: bool,
 }
 
-/// State x⁻ + P v, the field there, and J.
+/// State x⁻ + P v, with its field and J.
 #[derive(Clone, Copy)]
 struct Iterate {
     v: [f64; 4],
@@ -42,7 +42,7 @@ struct Iterate {
     cost: f64,
 }
 
-/// Update with one measurement, in the states that it depends on.
+/// Update with one measurement, restricted to the states on which it depends.
 pub(crate) struct ScalarProblem {
     x: [f64; 4],
     p: [[f64; 4]; 4],
@@ -63,7 +63,7 @@ impl ScalarProblem {
         Self { x, p, value_nt, variance_nt2 }
     }
 
-    /// Gauss-Newton iteration from x⁻, whose field is `field`. `look_up` is the field at an error in latitude,
+    /// Gauss-Newton iteration from x⁻, whose field is `field`. `look_up` returns the field for an error in latitude,
     /// longitude (rad) and height (m).
     #[inline(always)]
     pub(crate) fn most_probable(

@@ -19,7 +19,7 @@ pub(crate) fn dense(p: &StateMatrix) -> DenseStateMatrix {
     DenseStateMatrix::from_fn(|row, column| p[row][column])
 }
 
-/// Short line with its map, which owns its data.
+/// Short line with its map; owns its data.
 #[derive(Clone)]
 pub(crate) struct AnalyticScene {
     pub(crate) columns: [Vec<f64>; 13],
@@ -41,7 +41,8 @@ pub(crate) fn m_per_deg() -> (f64, f64) {
 
 impl AnalyticScene {
     /// Flight north-eastward at 67 m/s over a field in nT as a function of metres north and east, within 7 km of its
-    /// middle, with nodes 100 m apart. The truth is 40 m north and 60 m west of the INS, and the noise a wave of 3 nT.
+    /// middle, with nodes 100 m apart. The truth is 40 m north and 60 m west of the INS, and the noise is a wave of 3
+    /// nT.
     pub(crate) fn new(tt: &[f64], interpolation: MapInterpolation, field_nt: impl Fn(f64, f64) -> f64) -> Self {
         let (north, east) = m_per_deg();
         let axis = |middle: f64, m_per_deg: f64| -> Vec<f64> {
@@ -136,8 +137,8 @@ pub(crate) fn uneven(rows: usize) -> Vec<f64> {
     (0..rows).map(|row| 0.9 * row as f64 + 0.4 * (row as f64).sin()).collect()
 }
 
-/// Normal distribution of the states of all samples at once, given all measurements: dense least squares in the space
-/// of the measurements, x = C Hᵀ (H C Hᵀ + R)⁻¹ z with the prior covariance C of all states.
+/// Joint normal distribution of the states of all samples given all measurements. It is computed by dense least squares
+/// in the space of the measurements, x = C Hᵀ (H C Hᵀ + R)⁻¹ z, with the prior covariance C of all states.
 pub(crate) struct DenseBatchSmoother {
     /// Φ and the prior covariance of each sample.
     prior: Vec<(DenseStateMatrix, DenseStateMatrix)>,
@@ -200,7 +201,7 @@ impl DenseBatchSmoother {
             columns.push(self.with_measurement(row, &h));
             rows.push((row, h));
         }
-        // In standard deviations of the measurements, whose units differ.
+        // In standard deviations of the measurements, which have different units.
         let n = rows.len();
         for (place, variance) in variances.iter().enumerate() {
             let weight = 1.0 / variance.sqrt();
@@ -223,7 +224,7 @@ impl DenseBatchSmoother {
     }
 }
 
-/// Asserts that two distributions agree to a fraction of the standard deviations of the second.
+/// Asserts that two distributions agree within a fraction of the standard deviations of the second.
 pub(crate) fn assert_close(
     x: &StateVector,
     p: &StateMatrix,

@@ -1,8 +1,8 @@
-//! Row of a scalar measurement of the field, which has entries for position and temporal variation only, and sums over
+//! Row of H for a scalar measurement of the field, with entries only for position and temporal variation, and sums over
 //! vectors and matrices of the 18 states.
 //!
-//! All functions are inlined into the loops of the filters, which are compiled for the vector unit of the machine.
-//! Products and sums are not fused, so results are bit-identical on all machines.
+//! All functions are inlined into the loops of the filters, which are compiled for the machine's vector unit. Products
+//! and sums are not fused, so results are bit-identical on all machines.
 
 use crate::earth::field_value::FieldValue;
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector};
@@ -11,7 +11,7 @@ use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVect
 pub(crate) const MEASURED: [usize; 4] = [LAT, LON, ALT, S];
 
 /// Entries of the row H of a measurement for latitude, longitude (nT/rad), height (nT/m) and the temporal variation
-/// (1); the others are 0. [Gnadt 2022, (5.37), with the 1 of S that is missing in print]
+/// (1); the others are 0. [Gnadt 2022, (5.37), with the element 1 for S that is missing in print]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Sensitivity(pub(crate) [f64; 4]);
 
@@ -27,7 +27,7 @@ impl Sensitivity {
         Self(MEASURED.map(|measured| f64::from(u8::from(measured == state))))
     }
 
-    /// Row of a field with this slope: its change with latitude, longitude (nT/rad) and height (nT/m).
+    /// Row for a field with this slope: derivatives with respect to latitude, longitude (nT/rad) and height (nT/m).
     #[inline(always)]
     pub(crate) fn of_slope([lat, lon, alt]: [f64; 3]) -> Self {
         Self([lat, lon, alt, 1.0])
@@ -71,7 +71,7 @@ pub(crate) fn add_scaled(to: &mut StateVector, factor: f64, from: &StateVector) 
     }
 }
 
-/// Inner product of two vectors, as four partial sums for the vector unit.
+/// Inner product of two vectors, in four partial sums for the vector unit.
 #[inline(always)]
 pub(crate) fn inner(a: &StateVector, b: &StateVector) -> f64 {
     let mut sums = [0.0; 4];

@@ -13,67 +13,71 @@
 //! | [`expected`] | expected measurement of each particle |
 //! | [`fit`] | hyper-parameters by maximum likelihood |
 //! | [`output`] | output of the filter on a line |
-//! | [`smoother`] | the most probable track of the whole flight, from that of the filter |
-//! | [`chart`] | the map from a flight |
+//! | [`smoother`] | the most probable track of the whole flight, starting from that of the filter |
+//! | [`chart`] | the map estimated from a flight |
 //!
 //! # Equations
 //!
-//! Each particle carries the errors of latitude and longitude. The other 16 states of
+//! Each particle represents the errors of latitude and longitude. The other 16 states of
 //! [`pinson`](crate::navigation::pinson) are linear and Gaussian given its path, with one covariance P for all
-//! particles. They are not measured directly; the displacements of the particle update them. With C = Φ P Φᵀ + Q and F
-//! the first two columns of its Cholesky factor, a step draws w ~ N(0, I) for each particle [Lee 2019, (27)-(29)]
+//! particles. They are not measured directly but are updated by the displacements of the particle. Let F be the first
+//! two columns of the Cholesky factor of C = Φ P Φᵀ + Q. A step draws w ~ N(0, I) for each particle [Lee 2019,
+//! (27)-(29)]
 //!
 //! ```text
 //! x ← Φ x + F w,      P ← C − F Fᵀ
 //! ```
 //!
-//! The nine states of Lee 2019 (30) follow when the sources of the biases, of the barometer and of S are set to zero;
-//! its fifteen states (67) follow when those of the barometer and of S are zero. (The barometer aiding, K1 to K3,
-//! remains, because the height would diverge without it.)
+//! Setting the sources of the biases, of the barometer and of S to zero gives the nine states of Lee 2019 (30); setting
+//! those of the barometer and of S to zero gives its fifteen states (67). (The barometer aiding, K1 to K3, remains,
+//! because the height would diverge without it.)
 //!
-//! The map of a particle is its own path with the common measurements. At each step the weight is the likelihood of the
-//! measurement z given the earlier ones,
+//! The map of a particle consists of its path and the measurements, which all particles share. At each step the weight
+//! is the likelihood of the measurement z given the earlier ones,
 //!
 //! ```text
 //! z(x, t) = μ + m(x) + S(t) + e,      m ~ GP(0, k(|x − x'|)),      S ~ GP(0, σ_S² exp(−|t − t'|/τ))
 //! log q ← log q − ((z − ẑ)²/V + log V)/2
 //! ```
 //!
-//! with the covariance k of [`CovarianceFunction`], and the mean ẑ and variance V given the 12 nearest earlier samples
-//! of its path and the 4 most recent ones. The product of these weights is Vecchia's approximation of the likelihood of
-//! the path, p(z₁…z_n | path). It has three advantages over independent weights at crossings [Lee 2019, (76)]. Map
-//! errors that two neighbouring measurements share are counted once, because the most recent measurements are
-//! conditioned on. The temporal variation between two visits is part of the covariance. A particle without a revisit
-//! also has a likelihood, that of new ground, so no list of active particles is needed.
+//! with the covariance k of [`CovarianceFunction`]. The mean ẑ and the variance V are conditioned on the 12 nearest
+//! earlier samples of the particle's path and on the 4 most recent ones. The product of these weights is Vecchia's
+//! approximation of the likelihood of the path, p(z₁…z_n | path). Compared with independent weights at crossings [Lee
+//! 2019, (76)], it has three advantages. Map errors that two neighbouring measurements share are counted once, because
+//! of the conditioning on the most recent measurements. The temporal variation between two visits is part of the
+//! covariance. A particle without a revisit also has a likelihood, that of unvisited ground, so no list of active
+//! particles is needed.
 //!
 //! # Cost
 //!
-//! A particle's prediction is the elimination of a matrix of 17 rows, for any length of the flight: candidates come
+//! The prediction of a particle is the elimination of a matrix of 17 rows for any length of the flight. Candidates come
 //! from an index whose cells are full after a few visits. No path is copied: particles share their past in a tree,
-//! which takes 8 bytes per particle and sample until the first resampling and much less after it ([`history`]). A
-//! reduced-rank map (a basis of the region) for each particle would have to be copied with the particle and be as large
-//! as the region.
+//! which takes 8 bytes per particle and sample until the first resampling and much less after it ([`history`]). In
+//! contrast, a reduced-rank map for each particle (a basis of the region) would have to be copied with the particle,
+//! and its size would be proportional to the region.
 //!
 //! # Limits
 //!
 //! Only the position relative to the earlier path is observed. The error of the first lap therefore remains, unless
 //! aiding positions ([`fixes`]) locate that lap. On straight lines without a revisit the track is that of the INS.
-//! Particles must be dense enough to hit a revisit. With 1000 of them the drift between visits may be some hundreds of
-//! metres. After kilometres of drift no particle is near the truth, the standard deviations are too small, and false
-//! revisits shift the track. The innovations do not reveal this. [`SlamReport::largest_correction`], the largest
-//! squared correction over the covariance of the INS alone (chi-square of 2 degrees of freedom), reveals it if it is
-//! above [`IMPLAUSIBLE`]. A small value proves nothing for an INS of unlimited error.
+//! Particles must be dense enough for some of them to coincide with a revisit. With 1000 particles, the drift between
+//! visits may be some hundreds of metres. After kilometres of drift no particle is near the truth, the standard
+//! deviations are too small, and false revisits shift the track. The innovations do not indicate this. The indicator is
+//! [`SlamReport::largest_correction`], the largest squared correction over the covariance of the INS alone (chi-square
+//! of 2 degrees of freedom), if it is above [`IMPLAUSIBLE`]. For an INS of unlimited error, a small value is no
+//! evidence of a correct track.
 //!
-//! Survivors of many resamplings share their early path and its error, which the particles do not show [Bailey, Nieto &
-//! Nebot 2006]. Two measures keep the covariance from going to 0. A resampling draws from a kernel density of the
-//! particles ([`SlamParticles::regularise`]), so they never become copies. The covariance that a resampling removes is
-//! added to the returned one ([`resolution::LostVariance`]). Neither helps if the particles follow a false revisit.
+//! Particles that survive many resamplings share their early path and its error, which their spread does not represent
+//! [Bailey, Nieto & Nebot 2006]. Two measures prevent a covariance of 0. A resampling draws from a kernel density of
+//! the particles ([`SlamParticles::regularise`]), so they never become copies. The covariance that a resampling removes
+//! is added to the returned one ([`resolution::LostVariance`]). Neither measure helps if the particles follow a false
+//! revisit.
 //!
-//! The field must distinguish places: along a track the position error is about the noise (sensor, temporal variation,
+//! The field must distinguish places. Along a track, the position error is about the noise (sensor, temporal variation,
 //! residual of the kernel) over the gradient. With 0.25 nT/m the error of a tactical INS is limited to some tens of
-//! metres, with 0.03 nT/m to one or two hundred. Where the field is not stationary and the white part of the kernel is
-//! too small, the filter is overconfident. The fit uses neighbours some distance apart, so it counts roughness as
-//! white.
+//! metres, and with 0.03 nT/m to one or two hundred metres. Where the field is not stationary and the white part of the
+//! kernel is too small, the filter is overconfident. The fit uses neighbours at some distance from each other, so it
+//! attributes roughness to white noise.
 
 pub mod chart;
 pub mod expected;
@@ -112,7 +116,7 @@ pub use smoother::{SlamSmootherParameters, SlamSmootherReport};
 /// With [`SlamParameters::smoother`], track and path are the smoothed ones if [`SlamReport::smoother`] is present;
 /// innovations are those of the filter.
 ///
-/// Results are bit-identical for any number of threads. Costs about 6 µs of a core per particle and step with a
+/// Results are bit-identical for any number of threads. Takes about 6 µs of one core per particle and step with a
 /// revisit.
 ///
 /// # Errors
@@ -128,14 +132,15 @@ pub fn run(parameters: &SlamParameters, line: &SlamLine<'_>) -> Result<SlamOutpu
     filter.finish()
 }
 
-/// [`SlamReport::largest_correction`] above which a track is not plausible: one in a million exceeds it.
+/// [`SlamReport::largest_correction`] above which a track is implausible; the probability for a consistent filter is
+/// 1e-6.
 pub const IMPLAUSIBLE: f64 = 27.6;
 
-/// Smallest total weight of revisiting particles before all are weighted. Otherwise a single stray particle would gain
-/// the weight from any unexpected measurement.
+/// Smallest total weight of revisiting particles for which all particles are weighted. With less, any unexpected
+/// measurement would shift the weight to a single stray particle.
 const FEWEST_REVISITING: f64 = 0.01;
 
-/// First number of the resamplings by aiding positions, which are numbered by rows, above those of steps.
+/// Offset added to the row number of a resampling by aiding positions, above all step numbers.
 const AIDED: u64 = 1 << 40;
 
 /// Particle filter without a map, with its state along a line.
@@ -152,8 +157,8 @@ struct SlamFilter<'a> {
     /// Displacement of each particle at the mean time of the step's measurements, in m.
     now_m: Vec<[f64; 2]>,
     moments: SlamMoments,
-    /// Moments of the Kalman filter, with aiding positions and until the next weighting by the field: without the
-    /// sampling error of a finite number of draws.
+    /// Moments of the Kalman filter, used with aiding positions until the next weighting by the field. They have no
+    /// sampling error from a finite number of draws.
     exact: Option<SlamMoments>,
     /// Covariance of the INS alone.
     alone: StateMatrix,
@@ -268,11 +273,11 @@ impl<'a> SlamFilter<'a> {
         self.particles.regularise(&spread, &mean, bandwidth(effective), step);
     }
 
-    /// Resamples the particles, whose states have this covariance, with their paths.
+    /// Resamples the particles and their paths; `spread` is the covariance of their states.
     fn thin_out(&mut self, spread: &StateMatrix, step: u64) {
         self.lost.bank(&self.particles.weights, spread, &self.map.history);
         let active = self.particles.active.clone();
-        // Without a list of active particles all take part; an aiding position weights all.
+        // Without a list of active particles all are resampled; an aiding position weights all.
         let all = self.parameters.expected == ExpectedMeasurement::NearestNeighbour || self.line.fixes.is_some();
         let parents = self.particles.resample(|particle| all || active[particle], step);
         self.map.history.resample(&parents);
@@ -300,7 +305,7 @@ impl<'a> SlamFilter<'a> {
         self.exact = Some(self.moments);
     }
 
-    /// Time update over the rows of a step. Rows in between only propagate mean and covariance.
+    /// Time update over the rows of a step. Intermediate rows only propagate mean and covariance.
     fn propagate(&mut self, first: usize, last: usize, step: u64) -> Result<(), NavigationError> {
         let (ins, errors) = (self.line.ins, &self.line.errors);
         let (times, density) = (errors.time_constants(), errors.noise_density());
@@ -467,7 +472,7 @@ fn kernel_of(
     (fitted.unwrap_or(parameters.kernel), fitted.is_some(), [spacing_m, speed_mps])
 }
 
-/// Covariance `p` of all states without the part common to all particles.
+/// Covariance `p` of all states minus the part common to all particles.
 fn spread(p: &StateMatrix, particles: &SlamParticles) -> StateMatrix {
     std::array::from_fn(|row| std::array::from_fn(|column| p[row][column] - particles.linear[row][column]))
 }
@@ -497,7 +502,7 @@ fn innovation(predictions: &[ParticlePrediction], weights: &[f64]) -> Innovation
 fn log_likelihoods(predictions: &[ParticlePrediction], method: ExpectedMeasurement) -> Vec<f64> {
     let of = |prediction: &ParticlePrediction| match method {
         ExpectedMeasurement::NearestNeighbour => prediction.log_likelihood(),
-        // (76) has no normalisation by the variance.
+        // (76) is not normalised by the variance.
         ExpectedMeasurement::Regression | ExpectedMeasurement::InverseDistance => {
             -0.5 * prediction.residual_nt * prediction.residual_nt / prediction.variance_nt2
         }

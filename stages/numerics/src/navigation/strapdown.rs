@@ -1,7 +1,7 @@
 //! Inertial quantities of a flight without an inertial navigation record, derived from its positions: velocity from
-//! position, specific force from velocity, attitude from the course.
+//! positions, specific force from velocity, attitude from the course.
 //!
-//! They replace the coefficients of the error model, which need an accuracy of only a few per cent.
+//! They are inputs to the coefficients of the error model, which require an accuracy of only a few per cent.
 
 use crate::angle::unwrapped_deg;
 use crate::{
@@ -28,8 +28,9 @@ pub fn derivative(tt_s: &[f64], values: &[f64]) -> Result<Vec<f64>, SeriesError>
     Ok(slopes(tt_s, values))
 }
 
-/// Slope at each sample: of the parabola through it and its neighbours, of the chord between these if the sample itself
-/// is missing, of the first and last two samples at the ends; NaN if a neighbour is missing or time does not increase.
+/// Slope at each sample: the slope of the parabola through the sample and its neighbours. If the sample itself is
+/// missing, it is the slope of the chord between the neighbours; at the ends, the slope of the first or last two
+/// samples. NaN if a neighbour is missing or time does not increase.
 pub fn slopes(tt_s: &[f64], values: &[f64]) -> Vec<f64> {
     let n = tt_s.len().min(values.len());
     let slope = |from: usize, to: usize| {
@@ -47,7 +48,7 @@ pub fn slopes(tt_s: &[f64], values: &[f64]) -> Vec<f64> {
     (0..n).map(one).collect()
 }
 
-/// Velocity north, east and down, in m/s, of geodetic positions (degrees, degrees, m above the ellipsoid), with the
+/// Velocity north, east and down, in m/s, from geodetic positions (degrees, degrees, m above the ellipsoid), with the
 /// ellipsoid's radii at each sample. A longitude may cross ±180°.
 ///
 /// # Errors
@@ -74,8 +75,8 @@ pub fn velocity_ned_mps(
     Ok([north.collect(), east.collect(), alt_rate.iter().map(|rate| -rate).collect()])
 }
 
-/// Specific force north, east and down, in m/s², along a track of latitudes (degrees) and heights above the ellipsoid
-/// (m), flown with these velocities (m/s): [`specific_force_mps2`] of their derivatives.
+/// Specific force north, east and down, in m/s², along a track: [`specific_force_mps2`] of the derivatives. The track
+/// has latitudes (degrees), heights above the ellipsoid (m) and velocities (m/s).
 ///
 /// MagNav.jl omits the Coriolis and transport terms and uses 9.80665 m/s² for gravity.
 ///
@@ -101,9 +102,9 @@ pub fn specific_force_ned_mps2(
     Ok(out)
 }
 
-/// f = dv/dt + (2 ω_ie + ω_en) × v − g, all north-east-down: in m/s², for a latitude in rad, a height above the
-/// ellipsoid in m, a velocity in m/s and its rate in m/s², with the ellipsoid's normal gravity. [Titterton & Weston
-/// 2004, (3.29)]
+/// Specific force f = dv/dt + (2 ω_ie + ω_en) × v − g, north-east-down, in m/s². Inputs are latitude in rad, height
+/// above the ellipsoid in m, velocity in m/s and its rate in m/s²; g is the ellipsoid's normal gravity. [Titterton &
+/// Weston 2004, (3.29)]
 pub fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [f64; 3]) -> [f64; 3] {
     let (sin, cos) = lat_rad.sin_cos();
     let (meridian_m, transverse_m) = (meridian_radius_m(lat_rad) + alt_m, transverse_radius_m(lat_rad) + alt_m);
@@ -116,8 +117,8 @@ pub fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [f64; 3]
     [rate[0] + cross[0], rate[1] + cross[1], rate[2] + cross[2] - normal_gravity_mps2(lat_rad, alt_m)]
 }
 
-/// Roll, pitch and yaw, in degrees, of an aircraft in level flight with its nose along the course of its velocity. A
-/// sample at rest keeps the previous yaw; rest from the beginning has yaw 0.
+/// Roll, pitch and yaw, in degrees, of an aircraft in level flight with its nose along its course. A sample at rest
+/// keeps the previous yaw; before any motion, yaw is 0.
 ///
 /// # Errors
 /// Fails with [`SeriesError::Length`] for columns of different lengths.
@@ -187,11 +188,12 @@ mod tests {
         assert!(ve.iter().all(|v| (v - speed_e).abs() < 1e-2), "{ve:?}");
         assert!(vd.iter().all(|v| (v + 2.0).abs() < 1e-9));
         let [f_n, f_e, f_d] = specific_force_ned_mps2(&tt, [&lats, &alts], [&vn, &ve, &vd]).unwrap();
-        // Coriolis and transport: (2 ω sin φ + ve tan φ/R) turns the velocity; the vertical has the Eötvös term.
+        // Coriolis and transport: (2 ω sin φ + ve tan φ/R) rotates the velocity; the vertical component has the Eötvös
+        // term.
         let (lat, radius) = (50.0_f64.to_radians(), transverse_radius_m(50.0_f64.to_radians()) + 305.0);
         let turn = 2.0 * EARTH_RATE_RADPS * lat.sin() + speed_e * lat.tan() / radius;
         let eotvos = 2.0 * EARTH_RATE_RADPS * lat.cos() + speed_e / radius;
-        // The latitude changes, and with it the speed for a given rate of longitude.
+        // As the latitude changes, the speed changes for a given rate of longitude.
         let [rate_n, rate_e] = [&vn, &ve].map(|v| derivative(&tt, v).unwrap()[25]);
         assert!((f_n[25] - rate_n - turn * speed_e).abs() < 1e-4);
         assert!((f_e[25] - rate_e + turn * speed_n - 2.0 * eotvos).abs() < 1e-4);
@@ -203,7 +205,7 @@ mod tests {
     fn law_specific_force_is_minus_gravity_at_rest_and_zero_in_orbit() {
         let f = specific_force_mps2(0.7, 300.0, [0.0; 3], [0.0; 3]);
         assert_eq!(f, [0.0, 0.0, -normal_gravity_mps2(0.7, 300.0)]);
-        // At the equator gravity is attraction minus ω²R; a circle at v in the inertial frame needs v²/R.
+        // At the equator, gravity is attraction minus ω²R; a circle at speed v in the inertial frame requires v²/R.
         let alt = 2000.0;
         let radius = transverse_radius_m(0.0) + alt;
         let attraction = normal_gravity_mps2(0.0, alt) + EARTH_RATE_RADPS.powi(2) * radius;

@@ -1,4 +1,4 @@
-//! Map of a track: Gaussian-process regression of reduced rank on the measurements along a track with position errors.
+//! Map of a track: reduced-rank Gaussian-process regression on the measurements along a track with position errors.
 //!
 //! | Module | Contents |
 //! |:--|:--|
@@ -8,31 +8,32 @@
 //!
 //! # Equations
 //!
-//! A measurement z at the position x and time t of the line l of a flight is
+//! A measurement z at position x and time t, on line l of a flight, is
 //!
 //! ```text
 //! z = m(x) + μ + S(t) + c_l + e,    m ~ GP(0, k),    S ~ GP(0, σ_S² exp(−|t − t'|/τ)),    c_l ~ N(0, σ_c²),    e ~ N(0, v)
 //! ```
 //!
-//! with the kernel k of [`slam`](crate::navigation::slam). The map is m + μ. Instead of using the covariances of all
-//! pairs of measurements, m is a sum of M eigenfunctions of the Laplacian on a rectangle [`basis::LaplacianBasis`].
-//! Their weights are independent, so the equations have M unknowns for any length of the flight [Solin & Särkkä 2020].
-//! A measurement adds to sums of 4 M entries ([`normal::TrackMapSums`]); then one matrix of order M is factorised. S is
-//! linear between knots a quarter of τ apart, with the covariance of the process at the knots.
+//! with the kernel k of [`slam`](crate::navigation::slam). The map is m + μ. The covariances of all pairs of
+//! measurements are not used. Instead, m is a sum of M eigenfunctions of the Laplacian on a rectangle
+//! ([`basis::LaplacianBasis`]). Their weights are independent, so the equations have M unknowns for any length of the
+//! flight [Solin & Särkkä 2020]. Each measurement is added to sums of 4 M entries ([`normal::TrackMapSums`]); a single
+//! matrix of order M is then factorised. S is linear between knots that are a quarter of τ apart, and has the
+//! covariance of the process at the knots.
 //!
 //! The position of the track has an error with the covariance P. To first order it contributes gᵀP g to the variance of
 //! the measurement, where g is the slope of the map [McHutchon & Rasmussen 2011]. The slope comes from a first solution
-//! without this contribution. Position errors persist for minutes, so that
+//! without this contribution. Position errors persist for minutes. Therefore,
 //!
-//! - in the weights v = σ_n² + gᵀP g n, with the number n of samples in a length of the kernel, whose errors are
-//!   common;
+//! - the inverse weights are v = σ_n² + gᵀP g n, where n is the number of samples within a length of the kernel, whose
+//!   errors are common;
 //! - the standard deviation of the map at a node is √(V + gᵀP g), where V is the variance of the regression and P that
-//!   of the nearest measurement: an error common to the whole track moves the map as a whole, and no number of
-//!   measurements shows it.
+//!   of the nearest measurement. An error common to the whole track shifts the map as a whole and is not observable
+//!   from any number of measurements.
 //!
-//! Heights that differ from the mean add the variance of
-//! [`AnomalyKernel::height_nt2`](crate::navigation::slam::AnomalyKernel). Waves shorter than those of the basis count
-//! as white noise of the measurements, and add to the variance of the map.
+//! Heights that differ from the mean add the variance
+//! [`AnomalyKernel::height_nt2`](crate::navigation::slam::AnomalyKernel). Waves shorter than those of the basis are
+//! treated as white noise of the measurements and add to the variance of the map.
 
 pub mod basis;
 pub mod hyper;
@@ -52,7 +53,7 @@ use normal::{FieldVariance, TrackMapRow, TrackMapSolution, TrackMapSums};
 const MOST_LACKING: f64 = 0.02;
 /// Number of knots of the temporal variation per time constant.
 const KNOTS: f64 = 4.0;
-/// Maximum number of knots of all flights; on longer flights they are further apart.
+/// Maximum number of knots of all flights; on longer flights their spacing is larger.
 const MOST_KNOTS: usize = 500;
 
 /// Measurement of a track.
@@ -81,7 +82,7 @@ pub struct TrackSample {
 pub struct TrackMapParameters {
     /// Gaussian process of the anomaly; if it is fitted, the start of the search.
     pub kernel: AnomalyKernel,
-    /// Whether it is fitted.
+    /// Whether the kernel is fitted.
     pub hyperparameters: HyperparameterSource,
     /// Standard deviation (nT) and time constant (s) of the temporal variation; a standard deviation of 0 means none.
     pub temporal: (f64, f64),
@@ -94,16 +95,16 @@ pub struct TrackMapParameters {
 /// Reason why a map cannot be computed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TrackMapError {
-    /// No measurement.
+    /// There is no measurement.
     #[error("no measurement has a position")]
     Nothing,
-    /// An invalid kernel.
+    /// The kernel is invalid.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
     /// The basis would omit too much of the variance.
     #[error(
-        "the area of {east_m:.0} by {north_m:.0} m is too large for a field of length {length_m:.0} m: \
-         {functions} functions omit the fraction {lacking:.3} of its variance"
+        "the area of {east_m:.0} by {north_m:.0} m is too large for a correlation length of {length_m:.0} m: \
+         {functions} basis functions omit {lacking:.3} of the variance"
     )]
     TooLarge {
         /// Extent from west to east, in m.
@@ -117,7 +118,7 @@ pub enum TrackMapError {
         /// Fraction of the variance that they omit.
         lacking: f64,
     },
-    /// The normal equations have no solution in floating point.
+    /// The normal equations are numerically singular.
     #[error("the equations of the map cannot be solved: the noise is too small compared with the anomaly")]
     Singular,
 }
@@ -127,18 +128,18 @@ pub enum TrackMapError {
 pub struct TrackMapReport {
     /// Kernel of the map.
     pub kernel: AnomalyKernel,
-    /// Whether it was fitted. If a fit was requested, false means that the track is too short or constant, and that the
-    /// given kernel was used.
+    /// Whether it was fitted. False after a requested fit means that the track is too short or constant; the given
+    /// kernel was then used.
     pub fitted: bool,
     /// Number of measurements.
     pub samples: usize,
     /// Number of functions of the basis.
     pub functions: usize,
-    /// Fraction of the variance that they omit.
+    /// Fraction of the variance that the functions omit.
     pub lacking: f64,
     /// Mean height of the measurements, in m.
     pub alt_m: f64,
-    /// Root mean square residual over the root of the measurements' noise variance: 1 or less.
+    /// Root mean square residual over the square root of the measurements' noise variance; at most 1.
     pub misfit: f64,
 }
 
@@ -305,7 +306,7 @@ fn lines_of(samples: &[TrackSample]) -> Vec<&[TrackSample]> {
     samples.chunk_by(|a, b| a.line == b.line).collect()
 }
 
-/// Waves of the basis at a coordinate.
+/// Sines and cosines of the basis at a coordinate.
 struct BasisWaves {
     at_m: f64,
     cosines: Vec<f64>,
@@ -334,7 +335,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Variance of a slope times a position error, in nT².
+/// Variance due to a slope and a position error, in nT².
 fn moved([east, north]: [f64; 2], [ee, nn, en]: [f64; 3]) -> f64 {
     (east * east * ee + north * north * nn + 2.0 * east * north * en).max(0.0)
 }
@@ -397,13 +398,13 @@ fn misfit(basis: &LaplacianBasis, solution: &TrackMapSolution, rows: &[TrackMapR
 struct NuisanceParameters {
     columns: usize,
     level_nt2: f64,
-    /// Index of the first column of the lines' constants, if any, with their number and variance.
+    /// Constants of lines: index of the first column, their number, and their variance; `None` without them.
     lines: Option<(usize, usize, f64)>,
     flights: Vec<TemporalKnots>,
     temporal: (f64, f64),
 }
 
-/// Knots of the temporal variation of a flight, spaced by `step_s` from `from_s`.
+/// Knots of the temporal variation of a flight, from `from_s` on at a spacing of `step_s`.
 struct TemporalKnots {
     first: usize,
     count: usize,
@@ -435,7 +436,7 @@ impl NuisanceParameters {
         Self { columns, level_nt2: kernel.mean_nt2(), lines, flights, temporal: parameters.temporal }
     }
 
-    /// Writes the entries of each sample.
+    /// Adds the entries of each sample to its row.
     fn enter(&self, samples: &[TrackSample], rows: &mut [TrackMapRow]) {
         for (row, sample) in rows.iter_mut().zip(samples) {
             row.beside.push((0, 1.0));
@@ -452,7 +453,7 @@ impl NuisanceParameters {
         }
     }
 
-    /// Inverse of their covariance, by rows.
+    /// Inverse covariance of these parameters, by rows.
     fn prior(&self) -> Vec<f64> {
         let n = self.columns;
         let mut prior = vec![0.0; n * n];

@@ -15,19 +15,19 @@ choice! {
     /// Discretisation of the white driving noise over a step.
     #[derive(Default)]
     pub enum NoiseDiscretisation {
-        /// Half of q Δt before the step and half after it: second order and positive semidefinite, without additional
-        /// cost. With steps of 1 s, the filter's NEES equals that of Van Loan's to five digits.
+        /// Half of q Δt before the step and half after it: second order, positive semidefinite, without additional
+        /// cost. With steps of 1 s, the filter's NEES equals that of the Van Loan method to five digits.
         #[default]
         Trapezoidal = "trapezoidal",
         /// q Δt added after the step (MagNav.jl): first order.
         Rectangular = "rectangular",
-        /// The integral of Φ(s) Q Φ(s)ᵀ over the step, to rounding; a filter with it takes five times
-        /// as long. [Van Loan 1978]
+        /// The integral of Φ(s) Q Φ(s)ᵀ over the step, exact to rounding; the filter then takes five times as long.
+        /// [Van Loan 1978]
         VanLoan = "van_loan",
     }
 }
 
-/// Coupled states, with the coupled states that each depends on.
+/// Coupled states, each with the coupled states on which it depends.
 const COUPLED: [(usize, &[usize]); 10] = [
     (LAT, &[ALT, VN]),
     (LON, &[LAT, ALT, VE]),
@@ -56,8 +56,8 @@ const DRIVEN: [(usize, &[usize]); 8] = [
 /// Gauss-Markov states, which depend only on their own past.
 const DECAYING: [usize; 8] = [ACC, ACC + 1, ACC + 2, GYRO, GYRO + 1, GYRO + 2, HA, S];
 
-/// Scales that make the coupling between different states comparable: metres of position, metres per 30 s of velocity,
-/// and so on along the chain gyroscope, tilt, velocity, position.
+/// Scales that make the couplings between different states comparable: metres of position, metres per 30 s of velocity,
+/// and correspondingly along the chain gyroscope, tilt, velocity, position.
 const SCALE: StateVector = {
     const RADIUS: f64 = 6.4e6;
     const T: f64 = 30.0;
@@ -73,9 +73,10 @@ const LARGEST: f64 = 0.5;
 
 /// Transition matrix exp(F Δt) of a matrix from `pinson_matrix`.
 ///
-/// The Gauss-Markov states decay by their exponentials. The rest is the Taylor series over the nonzero entries. Its
-/// order gives a remainder θ^(k+1)/(k+1)! e^θ below 1e-16, where θ is the largest row sum of |F Δt| in scaled states (6
-/// terms at 0.1 s, 8 at 1 s). A step with θ above one half (several seconds) is made of halves.
+/// The Gauss-Markov states decay by their exponentials. The remaining states use the Taylor series over the nonzero
+/// entries. Its order gives a remainder θ^(k+1)/(k+1)! e^θ below 1e-16, where θ is the largest row sum of |F Δt| in
+/// scaled states (6 terms at 0.1 s, 8 at 1 s). A step with θ above one half (several seconds) is divided by repeated
+/// halving.
 #[inline(always)]
 pub fn transition_matrix(f: &StateMatrix, dt_s: f64) -> StateMatrix {
     let norm = scaled_norm(f);
@@ -100,7 +101,7 @@ fn scaled_norm(f: &StateMatrix) -> f64 {
     for state in DECAYING {
         sums[state] = f[state][state].abs();
     }
-    // A NaN must propagate, so that it appears in the matrix instead of giving a wrong order.
+    // A NaN must propagate to the matrix instead of causing a wrong order.
     sums.into_iter().fold(0.0, |largest, sum| if sum <= largest { largest } else { sum })
 }
 
@@ -219,8 +220,8 @@ pub fn propagate_covariance(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
 /// Covariance that white noise of spectral density `q` (per state, per second) adds over a step of exp(F s), the
 /// integral of exp(F s) Q exp(F s)ᵀ. [Van Loan 1978]
 ///
-/// Four-point Gauss-Legendre quadrature over pieces with a scaled norm of at most one half. Its weights are positive,
-/// so every result is positive semidefinite.
+/// Four-point Gauss-Legendre quadrature over subintervals with a scaled norm of at most one half. Its weights are
+/// positive, so every result is positive semidefinite.
 #[inline(always)]
 pub fn van_loan(f: &StateMatrix, q: &StateVector, dt_s: f64) -> StateMatrix {
     const NODES: [(f64, f64); 4] = [

@@ -1,6 +1,6 @@
-//! Confidence intervals by resampling groups: flight lines are drawn with replacement, so that the common errors
-//! of the samples of a line do not count as independent evidence.
-//! [Efron & Tibshirani 1993, "An Introduction to the Bootstrap", ch. 13; Davison & Hinkley 1997, 3.8]
+//! Confidence intervals by resampling groups: flight lines are drawn with replacement, so that errors shared by the
+//! samples of a line are not treated as independent evidence. [Efron & Tibshirani 1993, "An Introduction to the
+//! Bootstrap", ch. 13; Davison & Hinkley 1997, 3.8]
 
 use crate::{random::SplitMix64, regression::statistics::quantile};
 
@@ -20,16 +20,16 @@ pub struct BootstrapResamples {
 }
 
 impl BootstrapResamples {
-    /// `draws` times `groups` groups with replacement. The same seed gives the same draws on every machine.
+    /// Draws `groups` groups with replacement, `draws` times. The same seed gives the same draws on every machine.
     pub fn new(groups: usize, draws: usize, seed: u64) -> Self {
         let mut bits = SplitMix64::new(seed);
-        // The upper half of a product of 64 bits each is uniform below `groups` to one part in 2^64.
+        // The upper half of the 128-bit product is uniform below `groups` to one part in 2^64.
         let one = |bits: u64| ((u128::from(bits) * groups as u128) >> 64) as u32;
         let draws = (0..draws).map(|_| (0..groups).map(|_| one(bits.draw())).collect()).collect();
         Self { draws }
     }
 
-    /// The statistic of each draw; its argument is the indices of the drawn groups.
+    /// The statistic of each draw; its argument iterates over the indices of the drawn groups.
     pub fn values(&self, statistic: impl Fn(&mut dyn Iterator<Item = usize>) -> f64) -> Vec<f64> {
         self.draws.iter().map(|draw| statistic(&mut draw.iter().map(|i| *i as usize))).collect()
     }
@@ -62,7 +62,8 @@ mod tests {
         let sigma = (x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
         let found = BootstrapResamples::new(x.len(), 4000, 1).values(|chosen| chosen.map(|i| x[i]).sum::<f64>() / n);
         let found = PercentileInterval::central(found, 0.95).unwrap();
-        // A 95 % quantile of 4000 draws is accurate to 0.04 sigma of the mean; five of these.
+        // A 95 % quantile of 4000 draws is accurate to 0.04 standard deviations of the mean; the limit is five times
+        // that.
         let (half, error) = (1.96 * sigma / n.sqrt(), 0.2 * sigma / n.sqrt());
         assert!((found.low - (mean - half)).abs() < error && (found.high - (mean + half)).abs() < error, "{found:?}");
     }
@@ -72,7 +73,7 @@ mod tests {
         let draws = BootstrapResamples::new(7, 5000, 9);
         let mut counts = [0usize; 7];
         draws.draws.iter().flatten().for_each(|i| counts[*i as usize] += 1);
-        // 5000 each, give or take a standard deviation of 65.
+        // The expected number is 5000, with a standard deviation of 65.
         assert!(counts.iter().all(|c| c.abs_diff(5000) < 330), "{counts:?}");
         assert_eq!(draws.draws, BootstrapResamples::new(7, 5000, 9).draws);
         assert_ne!(draws.draws, BootstrapResamples::new(7, 5000, 10).draws);

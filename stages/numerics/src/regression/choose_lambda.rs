@@ -1,8 +1,8 @@
 //! Choice of the ridge parameter: generalised cross-validation, L-curve and cross-validation over lines.
 //!
-//! One singular value decomposition R = U S Vᵀ of the (scaled) factor serves a whole grid of λ: with c = Uᵀ z, ‖r‖² =
-//! ‖z − R b‖² + unexplained = Σ (λ c/(s² + λ))² + unexplained, ‖b‖² = Σ (s c/(s² + λ))², and the number of parameters Σ
-//! s²/(s² + λ).
+//! One singular value decomposition R = U S Vᵀ of the (scaled) factor is sufficient for a whole grid of λ. With c = Uᵀ
+//! z, ‖r‖² = ‖z − R b‖² + unexplained = Σ (λ c/(s² + λ))² + unexplained, ‖b‖² = Σ (s c/(s² + λ))², and the number of
+//! parameters is Σ s²/(s² + λ).
 
 use crate::regression::l_curve::log_curvature;
 use crate::regression::least_squares::{
@@ -10,8 +10,8 @@ use crate::regression::least_squares::{
     leave_line_out, setting,
 };
 
-/// Change of the logarithms from one λ to the next but one, below which a curve is stationary and its curvature is
-/// dominated by rounding.
+/// Change of the logarithms over two steps of λ below which a curve is stationary and its curvature is dominated by
+/// rounding.
 const STANDS_STILL: f64 = 1e-6;
 
 /// The scores of a fit with one λ.
@@ -21,14 +21,14 @@ pub struct LambdaPoint {
     pub lambda: f64,
     /// ‖y − A β‖², in the target's unit squared.
     pub residual_squares: f64,
-    /// ‖b‖, of the coefficients of the scaled columns.
+    /// ‖b‖ for the coefficients of the scaled columns.
     pub size: f64,
     /// The effective number of parameters, with the intercept.
     pub degrees_of_freedom: f64,
-    /// n ‖r‖²/(n − degrees of freedom)²: the mean squared error expected at unseen rows, apart from the correlation of
-    /// the noise. NaN without remaining degrees of freedom. [Golub, Heath & Wahba 1979]
+    /// n ‖r‖²/(n − degrees of freedom)²: the expected mean squared error at unseen rows, if the noise is uncorrelated.
+    /// NaN without remaining degrees of freedom. [Golub, Heath & Wahba 1979]
     pub generalised: f64,
-    /// The curvature of log ‖b‖ over log ‖r‖; 0 at both ends.
+    /// The curvature of log ‖b‖ as a function of log ‖r‖; 0 at both ends.
     pub curvature: f64,
 }
 
@@ -44,7 +44,7 @@ pub fn grid(first: f64, last: f64, count: usize) -> Result<Vec<f64>, LeastSquare
     Ok((0..count).map(|k| first * (last / first).powf(k as f64 / steps)).collect())
 }
 
-/// Fit, size and scores of one target for each of `lambdas`, which ascend evenly in their logarithm
+/// Misfit, solution norm and scores of one target for each of `lambdas`, which ascend evenly in their logarithm
 /// ([`grid`]).
 ///
 /// # Errors
@@ -97,21 +97,21 @@ fn curvature(points: &[LambdaPoint]) -> f64 {
     if moved < STANDS_STILL { 0.0 } else { log_curvature(misfit, size) }
 }
 
-/// The index of the point with the least expected error; `None` where none is defined.
+/// Index of the point with the smallest expected error; `None` if none is defined.
 pub fn by_generalised_cross_validation(points: &[LambdaPoint]) -> Option<usize> {
     let defined = (0..points.len()).filter(|&k| points[k].generalised.is_finite());
     defined.min_by(|&a, &b| points[a].generalised.total_cmp(&points[b].generalised))
 }
 
-/// Index of the point at the corner, van der Meer 2025's choice; `None` if the curve has no corner. If the true
-/// coefficients are smooth, it is weaker than the best ridge, by one or two decades of λ.
+/// Index of the point at the corner, as chosen by van der Meer 2025; `None` if the curve has no corner. If the true
+/// coefficients are smooth, this ridge is weaker than the best one, by one or two decades of λ.
 pub fn by_l_curve(points: &[LambdaPoint]) -> Option<usize> {
     let bent = (0..points.len()).filter(|&k| points[k].curvature > 0.0);
     bent.max_by(|&a, &b| points[a].curvature.total_cmp(&points[b].curvature))
 }
 
-/// The leave-one-line-out prediction error of each λ. The candidates are in the order of `lambdas`: list them from the
-/// largest to the smallest for the choice within one standard error to be the strongest ridge.
+/// The leave-one-line-out prediction error of each λ. The candidates are in the order of `lambdas`. If `lambdas`
+/// descend, the choice within one standard error is the strongest ridge.
 ///
 /// # Errors
 /// Fails with [`LeastSquaresError::Setting`] for a lambda that is not a finite number above 0, and as
@@ -197,7 +197,7 @@ mod tests {
 
     #[test]
     fn law_generalised_cross_validation_finds_the_prediction_error() {
-        // Over 200 draws of the noise, the mean score at each lambda equals the mean error at new noise within its
+        // Over 200 draws of the noise, the mean score at each lambda equals the mean error at new noise, within its
         // scatter.
         let (rows, p) = (60, 12);
         let mut normals = NormalGenerator::new(3);
@@ -218,7 +218,8 @@ mod tests {
             }
         }
         for (told, met) in told.iter().zip(&met) {
-            // Scatter of a variance over 60 rows and 200 draws 1.3 %; the score itself is too large by (p/n)² = 4 %.
+            // A variance over 60 rows and 200 draws has a scatter of 1.3 %; the score itself is too large by (p/n)² = 4
+            // %.
             assert!((told / met - 1.0).abs() < 0.08, "{told} {met}");
         }
     }
@@ -276,9 +277,10 @@ mod tests {
             assert!(corner < 0.1 * errors[0] && corner < 0.5 * errors[80], "{seed} {corner}");
             assert!(points.windows(2).all(|p| p[1].size < p[0].size && p[1].residual_squares >= p[0].residual_squares));
         }
-        // Computed in numpy on other draws: the error of the corner is 1.5 to 4 times the least, as its lambda is too
-        // small where the truth is smooth [Hanke 1996]. That of cross-validation is 1.1 to 2 times the least, but now
-        // and then it fits noise: hence medians. The ends are off by 60 and by 9 times the least.
+        // Computed in numpy with other draws: the error of the corner is 1.5 to 4 times the smallest error, because its
+        // lambda is too small for a smooth truth [Hanke 1996]. The error of cross-validation is 1.1 to 2 times the
+        // smallest one, but occasionally it fits noise; medians are therefore compared. The errors at the two ends of
+        // the grid are 60 and 9 times the smallest one.
         by_score.sort_by(f64::total_cmp);
         by_corner.sort_by(f64::total_cmp);
         assert!(by_score[4] < 2.5 && by_corner[4] < 4.0, "{by_score:?} {by_corner:?}");

@@ -1,5 +1,5 @@
-//! Consistency of a filter's covariance with its errors: chi-square bounds of their normalised squares, and the
-//! whiteness of its innovations.
+//! Consistency of a filter's covariance with its errors: chi-square bounds of the normalised squared errors, and the
+//! whiteness of the innovations.
 //!
 //! [Bar-Shalom, Li and Kirubarajan 2001, section 5.4; Mehra 1970]
 
@@ -10,12 +10,13 @@ const BLOCKS: usize = 2048;
 /// Minimum number of samples of a test.
 const LEAST: usize = 10;
 
-/// Effective number of independent samples of `x`: the variance of a sample over that of the mean. The autocorrelations
-/// are summed up to the first two neighbours whose sum is not above 0, each pair no larger than the one before. At
-/// least 1, at most the number of samples; NaN for a constant or fewer than ten samples. Values that are not finite are
-/// excluded, and their neighbours become adjacent. [Geyer 1992, section 3.3]
+/// Effective number of independent samples of `x`: the variance of a sample divided by that of the mean.
+/// Autocorrelations are summed in pairs of neighbouring lags until the sum of a pair is not above 0; each pair is
+/// limited to the previous one. The result is at least 1 and at most the number of samples; NaN for a constant or fewer
+/// than ten samples. Values that are not finite are excluded, and their neighbours are treated as adjacent. [Geyer
+/// 1992, section 3.3]
 ///
-/// A series of a few correlation times or less appears more independent than it is.
+/// The result is too large for a series of only a few correlation times.
 pub fn effective_samples(x: &[f64]) -> f64 {
     let known: Vec<f64> = x.iter().copied().filter(|x| x.is_finite()).collect();
     let n = known.len();
@@ -55,10 +56,10 @@ fn inefficiency(x: &[f64], variance: f64) -> f64 {
     (2.0 * sum - 1.0).max(1.0 / x.len() as f64)
 }
 
-/// Probability that a consistent filter has a smaller mean of `squares`, the normalised squares of its errors or
-/// innovations of `freedom` components each, than the given one. It is near 0 for a cautious filter and near 1 for an
-/// overconfident one. The mean times the number of independent samples ([`effective_samples`]) is chi-square with
-/// `freedom` degrees for each of these. NaN if that number is NaN.
+/// Probability that a consistent filter has a smaller mean of `squares` than the given one. `squares` are the
+/// normalised squares of errors or innovations with `freedom` components each. It is near 0 for a cautious filter and
+/// near 1 for an overconfident one. The mean times the number of independent samples ([`effective_samples`]) is
+/// chi-square with `freedom` degrees of freedom per independent sample. NaN if that number is NaN.
 pub fn chi_square_probability(squares: &[f64], freedom: f64) -> SampleStatistic {
     let known = || squares.iter().filter(|x| x.is_finite());
     let n = known().count();
@@ -75,8 +76,8 @@ pub fn within_chi_square_band(squares: &[f64], freedom: f64) -> SampleStatistic 
     SampleStatistic { value: if value.is_nan() { f64::NAN } else { within }, n }
 }
 
-/// Autocorrelation of `x` about 0 at a lag, in samples, over the mean square of `x`, and its number of pairs. Pairs
-/// with a value that is not finite are excluded. NaN for a lag without a pair, and for a series of zeros.
+/// Autocorrelation of `x` about 0 at a lag, in samples, divided by the mean square of `x`, and its number of pairs.
+/// Pairs with a value that is not finite are excluded. NaN for a lag without a pair, and for a series of zeros.
 pub fn autocorrelation(x: &[f64], lag: usize) -> SampleStatistic {
     let products = || x.iter().zip(x.iter().skip(lag)).map(|(a, b)| a * b).filter(|p| p.is_finite());
     let pairs = products().count();
@@ -96,10 +97,10 @@ fn stride(x: &[f64]) -> usize {
     rows.windows(2).map(|pair| pair[1] - pair[0]).min().unwrap_or(1)
 }
 
-/// Share of the autocorrelations of `x` at lags of 1 to `lags` finite values that are within 1.96/√n, with n the pairs
-/// of a lag: 0.95 on average for white noise of mean 0. Autocorrelations are about 0, so that a bias is not white
-/// noise. Pairs with a value that is not finite are excluded. NaN for fewer samples than twice the lags, and for a
-/// series of zeros.
+/// Share of the autocorrelations of `x`, at lags of 1 to `lags` finite values, within 1.96/√n, where n is the number of
+/// pairs of a lag. Its expected value is 0.95 for white noise of mean 0. Autocorrelations are about 0, so that a bias
+/// is not treated as white noise. Pairs with a value that is not finite are excluded. NaN for fewer samples than twice
+/// the lags, and for a series of zeros.
 pub fn whiteness(x: &[f64], lags: usize) -> SampleStatistic {
     let n = x.iter().filter(|x| x.is_finite()).count();
     if n < 2 * lags.max(1) || mean_square(x) <= 0.0 {
@@ -113,9 +114,9 @@ pub fn whiteness(x: &[f64], lags: usize) -> SampleStatistic {
     SampleStatistic { value: (1..=lags).filter(within).count() as f64 / lags as f64, n }
 }
 
-/// The regularised lower incomplete gamma function P(a, x), of a above 0: the distribution of chi-square with 2a
-/// degrees at 2x. By its series below a + 1, by its continued fraction above. [Abramowitz & Stegun 1964, 6.5.29 and
-/// 6.5.31]
+/// Regularised lower incomplete gamma function P(a, x) for a above 0: the distribution of chi-square with 2a degrees of
+/// freedom at 2x. Computed by its series for x below a + 1, and by its continued fraction above. [Abramowitz & Stegun
+/// 1964, 6.5.29 and 6.5.31]
 fn gamma_p(a: f64, x: f64) -> f64 {
     if a.is_nan() || x.is_nan() || a <= 0.0 {
         return f64::NAN;
@@ -124,7 +125,7 @@ fn gamma_p(a: f64, x: f64) -> f64 {
         return 0.0;
     }
     let front = (a * x.ln() - x - ln_gamma(a)).exp();
-    // Both converge within some √a terms near a.
+    // Both converge within about √a terms for x near a.
     let most = 200 + (20.0 * a.sqrt()) as usize;
     if x < a + 1.0 {
         let (mut term, mut sum) = (1.0 / a, 1.0 / a);
@@ -154,8 +155,8 @@ fn gamma_p(a: f64, x: f64) -> f64 {
     (1.0 - front * fraction).max(0.0)
 }
 
-/// ln Γ(a) of a above 0, by Stirling's series above 10 and the recurrence below: to 1e-13. [Abramowitz & Stegun 1964,
-/// 6.1.41]
+/// ln Γ(a) for a above 0, accurate to 1e-13, by Stirling's series above 10 and the recurrence below. [Abramowitz &
+/// Stegun 1964, 6.1.41]
 fn ln_gamma(a: f64) -> f64 {
     let (mut shift, mut a) = (0.0, a);
     while a < 10.0 {
@@ -172,17 +173,17 @@ pub fn normalised_innovations(residual: &[f64], nis: &[f64]) -> Vec<f64> {
     residual.iter().zip(nis).map(|(residual, nis)| nis.sqrt().copysign(*residual)).collect()
 }
 
-/// Statistical inefficiency of `x`: its finite values over [`effective_samples`], at least 1. NaN for a constant or
-/// fewer than ten samples.
+/// Statistical inefficiency of `x`: its number of finite values over [`effective_samples`], at least 1. NaN for a
+/// constant or fewer than ten samples.
 pub fn statistical_inefficiency(x: &[f64]) -> f64 {
     x.iter().filter(|x| x.is_finite()).count() as f64 / effective_samples(x)
 }
 
-/// Mean of the normalised innovations squared times their [`statistical_inefficiency`], 1 plus twice the sum of their
-/// autocorrelations. It is the variance of averages of `x` over that of averages of independent values of variance 1;
-/// its expected value is 1 for a consistent filter. Averages of innovations correct the position, so values above 1
-/// mean that the covariance is too small, whether the innovations are too large or too correlated. NaN for a constant
-/// or fewer than ten samples.
+/// Mean of the squared normalised innovations times their [`statistical_inefficiency`], 1 plus twice the sum of their
+/// autocorrelations. This is the ratio of the variance of averages of `x` to that of averages of independent values of
+/// variance 1. Its expected value is 1 for a consistent filter. Averages of innovations correct the position. Values
+/// above 1 therefore mean that the covariance is too small, because the innovations are too large or too correlated.
+/// NaN for a constant or fewer than ten samples.
 pub fn correlated_nis(x: &[f64]) -> SampleStatistic {
     let n = x.iter().filter(|x| x.is_finite()).count();
     SampleStatistic { value: mean_square(x) * statistical_inefficiency(x), n }
@@ -229,7 +230,7 @@ mod tests {
                 gamma_p(freedom / 2.0, at / 2.0)
             );
         }
-        // By the normal limit, for ten thousand samples.
+        // From the normal limit for ten thousand samples.
         assert!((gamma_p(1e4, 1e4 + 1.96e2) - 0.975).abs() < 2e-3);
         assert!((ln_gamma(0.5) - 0.5 * std::f64::consts::PI.ln()).abs() < 1e-12 && ln_gamma(1.0).abs() < 1e-12);
         assert!((ln_gamma(20.0) - 121_645_100_408_832_000f64.ln()).abs() < 1e-12);
@@ -242,8 +243,8 @@ mod tests {
             let expected = f64::from(n) * (1.0 - decay) / (1.0 + decay);
             let all: Vec<f64> = (0..20).map(|seed| effective_samples(&coloured(n as usize, decay, seed))).collect();
             let mean = all.iter().sum::<f64>() / 20.0;
-            // A truncated sum of autocorrelations is accurate to some 15 %, the mean of twenty to 4 %. Pairs that are
-            // positive by chance make it slightly too small.
+            // A truncated sum of autocorrelations is accurate to some 15 %, and the mean of twenty sums to 4 %. Pairs
+            // that are positive by chance make the result slightly too small.
             assert!((0.8..1.1).contains(&(mean / expected)), "{decay}: {mean} {expected}");
         }
         assert!(effective_samples(&[1.0; 50]).is_nan() && effective_samples(&[1.0, 2.0]).is_nan());
@@ -262,7 +263,8 @@ mod tests {
             let within = |scale: f64| share(200, |seed| within_chi_square_band(&nees(scale, seed), 2.0).value == 1.0);
             let (fair, proud, shy) = (within(1.0), within(2.0), within(0.5));
             println!("decay {decay}: consistent {fair}, half the covariance {proud}, twice {shy}");
-            // 0.95, of 200: 1.5 % a sigma; an estimated number of independent samples costs a few per cent more.
+            // The expected share is 0.95 of 200, with a standard deviation of 1.5 %; estimating the number of
+            // independent samples adds a few per cent.
             assert!((0.87..=1.0).contains(&fair), "{fair}");
             assert!(proud < 0.02 && shy < 0.02, "{proud} {shy}");
         }
@@ -281,7 +283,7 @@ mod tests {
             };
             (0..50).map(of).sum::<f64>() / 50.0
         };
-        // 1000 lags of fifty series: 0.7 % a sigma.
+        // 1000 lags of fifty series: one standard deviation is 0.7 %.
         let (white, coloured_one, biased) = (mean(0.0, 0.0, 1.0), mean(0.9, 0.0, 1.0), mean(0.0, 0.5, 1.0));
         println!("white {white:.3}, decay of 0.9 {coloured_one:.3}, bias of half a sigma {biased:.3}");
         assert!((white - 0.95).abs() < 0.025, "{white}");

@@ -1,23 +1,23 @@
 //! Sampling errors of coefficients whose residual is correlated, from cross-spectra of terms and target in bands.
 //!
-//! A filter leaves residuals that are correlated over its impulse response, and so does coloured noise. The usual
-//! covariance s² (AᵀA)⁻¹ assumes independent residuals: after a pass band of 0.1 to 0.9 Hz at 10 Hz its standard
+//! A filter leaves residuals that are correlated over its impulse response, as does coloured noise. The usual
+//! covariance s² (AᵀA)⁻¹ assumes independent residuals. After a pass band of 0.1 to 0.9 Hz at 10 Hz, its standard
 //! deviations are 2.5 times too small. The covariance of b = G Aᵀ y, with G = (AᵀA + λ)⁻¹, is
 //!
 //! ```text
 //! G (Aᵀ Σ A) G,   Aᵀ Σ A ≈ Σ over bands  s_band C_band
 //! ```
 //!
-//! where C_band is the part of AᵀA that lies in a band of frequencies and s_band the power of the residual there, per
-//! degree of freedom. The bands are an eighth of an octave wide. Neighbours are joined until enough degrees of freedom
-//! remain after the fit to estimate a power. Terms and residual may have any spectrum that is smooth within a band.
+//! where C_band is the part of AᵀA in a band of frequencies, and s_band the power of the residual there, per degree of
+//! freedom. The bands are an eighth of an octave wide. Neighbouring bands are merged until enough degrees of freedom
+//! for a power estimate remain after the fit. Terms and residual may have any spectrum that is smooth within a band.
 //!
-//! A drifting residual, such as a random walk in a fit without a filter, has different values at its ends. This jump
-//! correlates its waves, and a slow term fits its ramp: standard deviations are then 2 to 4 times too small. If the
-//! slowest waves are far stronger than the next ones, a residual is therefore split into a ramp from its first sample
-//! to its last and a remainder with independent waves. The ramp's variance is that of a walk with the increments of the
-//! slowest waves ([`ResidualDrift::Wandering`]). The uncertainty of a constant grows with the length of the walk and is
-//! not part of its standard deviation.
+//! A drifting residual, such as a random walk in a fit without a filter, has different values at its ends. The
+//! resulting jump correlates its Fourier components, and a slow term fits the ramp: standard deviations are then 2 to 4
+//! times too small. If the slowest waves are far stronger than the next ones, the residual is therefore split into a
+//! ramp from its first to its last sample and a remainder with independent waves. The variance of the ramp is that of a
+//! random walk with the increments of the slowest waves ([`ResidualDrift::Wandering`]). The uncertainty of a constant
+//! increases with the length of the walk and is not included in its standard deviation.
 //!
 //! Source: Hannan 1963, Regression for time series; Robinson 1998, Inference without smoothing in the presence of
 //! nonparametric autocorrelation, Econometrica 66(5).
@@ -33,17 +33,17 @@ const LOWEST_HZ: f64 = 1e-3;
 /// Minimum degrees of freedom of a band after the fit.
 const LEAST_FREEDOM: f64 = 16.0;
 
-/// Waves of a run that indicate a drifting residual: the slowest, and those that they are compared with.
+/// Waves of a run that indicate a drifting residual: the slowest ones, and those with which they are compared.
 const SLOWEST: std::ops::Range<usize> = 1..5;
 const NEXT: std::ops::Range<usize> = 9..25;
-/// Minimum ratio of the power of the slowest waves to the next for a drifting residual. Fewer than one run in a million
-/// of independent samples reaches it; a random walk has 80.
+/// Minimum ratio of the power of the slowest waves to that of the next ones for a drifting residual. Fewer than one in
+/// a million runs of independent samples reaches this ratio; a random walk has 80.
 const WANDERS: f64 = 10.0;
 
 /// Model of a residual's drift between the first and the last sample of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResidualDrift {
-    /// Equal distance from 0 at both ends: rows after a high-pass.
+    /// Distance from 0 equal at both ends, as for rows after a high-pass.
     Bound,
     /// Free drift.
     Wandering,
@@ -56,7 +56,7 @@ struct SpectralBand {
     freedom: f64,
     /// The upper triangle of the cross-products, row by row.
     products: Vec<f64>,
-    /// Triangle of columns less their ramps; empty for [`ResidualDrift::Bound`].
+    /// Upper triangle for columns minus their ramps; empty for [`ResidualDrift::Bound`].
     level: Vec<f64>,
 }
 
@@ -72,18 +72,18 @@ impl SpectralBand {
     }
 }
 
-/// Statistics of a drifting residual. All but the last are upper triangles, of sums over runs.
+/// Statistics of a drifting residual. All except the last are upper triangles of sums over runs.
 #[derive(Clone, Debug, PartialEq)]
 struct DriftStatistics {
-    /// The mean powers of the slowest waves.
+    /// Mean powers of the slowest waves.
     slowest: Vec<f64>,
     /// The mean powers of the next waves.
     next: Vec<f64>,
-    /// Mean squares of increments of a walk, from the slowest waves of columns less their ramps.
+    /// Mean squares of the increments of a walk, from the slowest waves of columns minus their ramps.
     increments: Vec<f64>,
     /// n Aᵀt (Aᵀt)ᵀ with the ramp t from −½ to ½ over n rows.
     ramps: Vec<f64>,
-    /// Number of runs that are long enough to have these waves.
+    /// Number of runs that are long enough for these waves.
     runs: f64,
 }
 
@@ -102,7 +102,7 @@ impl DriftStatistics {
     }
 }
 
-/// Cross-products of columns in bands of frequencies; over all bands they are those of the rows.
+/// Cross-products of columns in bands of frequencies; summed over all bands, they are those of the rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CrossSpectra {
     width: usize,
@@ -174,7 +174,7 @@ impl CrossSpectra {
             let mean = |waves: &std::ops::Range<usize>| 1.0 / (n * waves.len()) as f64;
             add_products(&mut walk.slowest, &spectra, SLOWEST, |_| mean(&SLOWEST));
             add_products(&mut walk.next, &spectra, NEXT, |_| mean(&NEXT));
-            // A walk has the power of its increments over 4 sin²(π k/n).
+            // A walk has the power of its increments divided by 4 sin²(π k/n).
             let increment = |k: usize| (2.0 * (std::f64::consts::PI * k as f64 / n as f64).sin()).powi(2);
             add_products(&mut walk.increments, level, SLOWEST, |k| mean(&SLOWEST) * increment(k));
             let along: Vec<f64> = columns.iter().map(|values| along_ramp(values)).collect();
@@ -237,9 +237,9 @@ impl CrossSpectra {
         }
     }
 
-    /// Covariance of the coefficients b of all columns but the last, which is the target, row-major, in its unit
-    /// squared over those of the terms. `gain` is the symmetric matrix G of b = G Aᵀ y, row-major; `centred` is true if
-    /// columns were taken about their means. `None` without degrees of freedom beyond the coefficients.
+    /// Covariance of the coefficients b of all columns except the last, which is the target. Row-major, in the squared
+    /// unit of the target over those of the terms. `gain` is the symmetric matrix G of b = G Aᵀ y, row-major; `centred`
+    /// is true if the means of the columns were subtracted. `None` without degrees of freedom beyond the coefficients.
     pub fn covariance(&self, coefficients: &[f64], gain: &[f64], centred: bool) -> Option<Vec<f64>> {
         let p = self.width.checked_sub(1).filter(|p| coefficients.len() == *p && gain.len() == p * p)?;
         let entry = |products: &[f64], i: usize, j: usize| products[place(self.width, i.min(j), i.max(j))];
@@ -299,7 +299,7 @@ impl CrossSpectra {
         Some(product(&product(gain, &middle, p), gain, p))
     }
 
-    /// Bands, from the slowest, of the columns unchanged or about their means.
+    /// Bands, from the slowest, of the columns as they are or about their means.
     fn about_means(&self, centred: bool) -> impl Iterator<Item = SpectralBand> + '_ {
         let off = move |(number, band): (&i32, &SpectralBand)| {
             let mut band = band.clone();
@@ -349,7 +349,7 @@ fn along_ramp(values: &[f64]) -> f64 {
     values.iter().enumerate().map(|(row, x)| x * ramp(row, values.len())).sum()
 }
 
-/// Values less the ramp from the first to the last.
+/// Values minus the ramp from the first to the last.
 fn without_ramp(values: &[f64]) -> Vec<f64> {
     let jump = values.last().zip(values.first()).map_or(0.0, |(last, first)| last - first);
     values.iter().enumerate().map(|(row, x)| x - jump * ramp(row, values.len())).collect()
@@ -405,8 +405,8 @@ mod tests {
         assert_eq!(found.bands.len(), cut.bands.len());
     }
 
-    /// Root mean square ratio of the scatter of the coefficient to its reported standard deviation, for one sinusoidal
-    /// term with the noise `of` each run.
+    /// Root mean square ratio of the coefficient's scatter to its reported standard deviation, for one sinusoidal term;
+    /// `of` returns the noise of each run.
     fn scatter(of: impl Fn(&mut NormalGenerator) -> Vec<f64>, f: f64) -> f64 {
         let (runs, n) = (300, 1000);
         let term: Vec<f64> = (0..n).map(|k| (f * k as f64).sin()).collect();
@@ -436,7 +436,7 @@ mod tests {
         };
         for f in [0.02, 0.2] {
             for found in [scatter(white, f), scatter(coloured, f)] {
-                // 300 draws of a standard deviation: 4 %.
+                // 300 draws determine a standard deviation to 4 %.
                 assert!((0.88..1.12).contains(&found), "{f}: {found}");
             }
         }
@@ -481,7 +481,7 @@ mod tests {
         let known = ratios(&walk, ResidualDrift::Wandering);
         let plain = ratios(&walk, ResidualDrift::Bound);
         println!("scatter over claimed: {known:.2?}, {plain:.2?} without the ramp");
-        // 200 draws of a standard deviation: 5 %; the walk's increments have 8 degrees of freedom a run.
+        // 200 draws determine a standard deviation to 5 %; the walk's increments have 8 degrees of freedom per run.
         assert!(known.iter().all(|ratio| (0.75..1.3).contains(ratio)), "{known:?}");
         assert!(plain[0] > 2.5 && plain[1] > 2.5, "{plain:?}");
         let steady = ratios(&white, ResidualDrift::Wandering);

@@ -1,12 +1,13 @@
-//! The elastic net: least squares with a penalty on the size and on the number of coefficients.
+//! The elastic net: least squares with a penalty on the magnitude and on the number of coefficients.
 //!
-//! The minimum of ‖y − A b‖²/(2n) + α ρ ‖b‖₁ + α (1 − ρ) ‖b‖²/2 over the coefficients b of the scaled columns is the
-//! objective of scikit-learn and glmnet; Gnadt 2022 (3.31)-(3.32) writes it with λ₁ = 2 n α ρ and λ₂ = n α (1 − ρ). It
-//! is solved by cyclic coordinate descent on the covariances [Friedman, Hastie & Tibshirani 2010, "Regularization paths
-//! for generalized linear models via coordinate descent", J. Stat. Softw. 33(1)]. The path of α descends from where all
-//! coefficients are zero, and each α starts from the one before. Rows are never read: everything is computed from the
-//! triangular factor. The active terms are also solved for exactly on it, so that badly conditioned terms do not slow
-//! the descent down. The descent ends where the duality gap, which bounds the distance from the minimum, is small.
+//! The objective ‖y − A b‖²/(2n) + α ρ ‖b‖₁ + α (1 − ρ) ‖b‖²/2 of the coefficients b of the scaled columns is
+//! minimised, as in scikit-learn and glmnet. Gnadt 2022 (3.31)-(3.32) writes it with λ₁ = 2 n α ρ and λ₂ = n α (1 − ρ).
+//! It is solved by cyclic coordinate descent on the covariances [Friedman, Hastie & Tibshirani 2010, "Regularization
+//! paths for generalized linear models via coordinate descent", J. Stat. Softw. 33(1)]. The path begins at the α for
+//! which all coefficients are zero and descends; each α starts from the previous solution. Rows are never read: all
+//! computations use the triangular factor. The active terms are also solved exactly on it, so that ill-conditioned
+//! terms do not slow the descent. The descent ends when the duality gap, which bounds the distance from the minimum, is
+//! small.
 
 mod descent;
 
@@ -27,7 +28,7 @@ pub struct ElasticNetOptions {
     pub scaling: ColumnScaling,
     /// Whether means are subtracted, for an intercept without a penalty.
     pub intercept: bool,
-    /// The duality gap that ends an α, as a fraction of ‖y‖².
+    /// Duality gap, as a fraction of ‖y‖², at which the solution of an α is accepted.
     pub tolerance: f64,
     /// The maximum number of sweeps over the terms for one α.
     pub sweeps: usize,
@@ -47,11 +48,11 @@ pub struct ElasticNetFit {
     pub alpha: f64,
     /// The model in the columns' own units.
     pub fit: LinearFit,
-    /// The terms with a coefficient other than zero, in their order.
+    /// Indices of the terms with nonzero coefficients, ascending.
     pub active: Vec<usize>,
     /// The sum of squared residuals.
     pub residual_squares: f64,
-    /// The upper bound on the excess of the objective times n over its minimum, as a fraction of ‖y‖².
+    /// Upper bound, as a fraction of ‖y‖², on n times the excess of the objective over its minimum.
     pub gap: f64,
     /// The number of sweeps.
     pub sweeps: usize,
@@ -67,12 +68,12 @@ pub struct ElasticNetPath {
 }
 
 impl ElasticNetPath {
-    /// The fit with the least mean score.
+    /// The fit with the smallest mean score.
     pub fn best(&self) -> Option<&ElasticNetFit> {
         self.path.get(self.scores.best)
     }
 
-    /// The fit of largest α whose mean score is within one standard error of the least.
+    /// Fit with the largest α whose mean score is within one standard error of the smallest.
     pub fn within_one_error(&self) -> Option<&ElasticNetFit> {
         self.path.get(self.scores.within_one_error)
     }
@@ -85,8 +86,8 @@ impl ElasticNetOptions {
         setting("the tolerance of an elastic net", self.tolerance, "above 0", positive)
     }
 
-    /// `count` values of α, evenly spaced in their logarithm, from the smallest at which all coefficients
-    /// are zero, max|Aᵀ y|/(n ρ), down to `least` times that.
+    /// `count` values of α, evenly spaced in their logarithm. They descend from the smallest α for which all
+    /// coefficients are zero, max|Aᵀ y|/(n ρ), to `least` times that.
     ///
     /// # Errors
     /// Fails for a setting out of its range, an l1 ratio of 0, a `least` that is not between 0 and 1, without rows,
@@ -114,11 +115,12 @@ impl ElasticNetOptions {
         Ok((0..count).map(|k| largest * least.powf(k as f64 / last)).collect())
     }
 
-    /// The fits for all `alphas`, in their order, which is fastest from the largest to the smallest.
+    /// Fits for all `alphas`, in their order; descending order is fastest.
     ///
     /// # Errors
     ///
-    /// Fails for a setting out of its range, without rows, for an unknown target, or when the sweeps are used up.
+    /// Fails for a setting out of its range, without rows, for an unknown target, or when the maximum number of sweeps
+    /// is reached.
     pub fn path(
         &self,
         moments: &RegressionMoments,
@@ -136,7 +138,7 @@ impl ElasticNetOptions {
         self.path_of(&moments.prepare(self.scaling, self.intercept)?, target, alphas)
     }
 
-    /// The paths of several targets, on rayon's threads, one per target.
+    /// Paths of several targets in parallel (rayon), one target per task.
     ///
     /// # Errors
     /// Fails as [`Self::path`] for any of them.
@@ -176,8 +178,8 @@ impl ElasticNetOptions {
         Ok(path)
     }
 
-    /// The path over all lines, and the score of each α at each line when it is omitted. List `alphas` from the largest
-    /// to the smallest, so that the choice within one standard error is the simplest.
+    /// Path over all lines, and the score of each α at each line when that line is omitted. If `alphas` descend, the
+    /// choice within one standard error is the simplest model.
     ///
     /// # Errors
     /// Fails as [`Self::path`] and [`leave_line_out`].

@@ -1,12 +1,12 @@
-//! The corner of an L-curve, where more regularisation begins to increase the misfit.
+//! Corner of an L-curve, at which more regularisation begins to increase the misfit.
 //!
-//! The curve is the logarithm of the size of the solution against that of the misfit; its corner is where its
-//! curvature is largest. [Hansen & O'Leary 1993, "The use of the L-curve in the regularization of discrete
-//! ill-posed problems", SIAM J. Sci. Comput. 14(6)]
+//! The curve is the logarithm of the solution norm as a function of that of the misfit; its corner is the point of
+//! largest curvature. [Hansen & O'Leary 1993, "The use of the L-curve in the regularization of discrete ill-posed
+//! problems", SIAM J. Sci. Comput. 14(6)]
 
-/// The curvature in the middle of three points that are evenly spaced in the logarithm of the parameter,
-/// positive at a corner towards the origin; 0 where it is not defined. `misfit` and `size` are lengths
-/// (not squares) above 0, in ascending order of the parameter.
+/// Curvature at the middle of three points that are evenly spaced in the logarithm of the parameter. Positive at a
+/// corner towards the origin; 0 if it is undefined. `misfit` and `size` are norms (not squared) above 0, in ascending
+/// order of the parameter.
 pub fn log_curvature(misfit: [f64; 3], size: [f64; 3]) -> f64 {
     let of = |values: [f64; 3]| {
         let [a, b, c] = values.map(f64::ln);
@@ -27,7 +27,7 @@ mod tests {
         let at = |angle: f64| ((2.0 - 0.2 * angle.cos()).exp(), (3.0 - 0.2 * angle.sin()).exp());
         let points = [0.799, 0.8, 0.801].map(at);
         let curvature = log_curvature(points.map(|p| p.0), points.map(|p| p.1));
-        // Differences over 1e-3 leave 1e-6 of truncation and 1e-9 of rounding.
+        // Differences over 1e-3 have a truncation error of 1e-6 and a rounding error of 1e-9.
         assert!((curvature * 0.2 - 1.0).abs() < 1e-5, "{curvature}");
         assert_eq!(log_curvature([1.0; 3], [1.0; 3]), 0.0);
     }

@@ -1,11 +1,10 @@
-//! Least squares and ridge regression over more rows than fit in memory, for many targets and many
-//! ridge parameters at once.
+//! Least squares and ridge regression with more rows than fit in memory, for many targets and many ridge parameters.
 //!
-//! The rows of [A | Y] are folded into the triangular factor of a QR factorisation, a panel at a time (tall-skinny QR
+//! The rows of [A | Y] are folded into the triangular factor of a QR factorisation, one panel at a time (tall-skinny QR
 //! [Demmel et al. 2012, "Communication-optimal parallel and sequential QR and LU factorizations", SIAM J. Sci. Comput.
-//! 34(1)]). Memory depends on the number of columns only, and the normal equations, which square the condition number,
-//! are never formed. One singular value decomposition of the p x p factor then gives the solution for all targets and
-//! all lambdas: β = V diag(s/(s² + λ)) Uᵀ Qᵀ y, the minimum of |y − A β|² + λ |β|². λ is absolute (not divided by the
+//! 34(1)]). Memory depends only on the number of columns. The normal equations, which square the condition number, are
+//! never formed. One singular value decomposition of the p x p factor then gives the solution for all targets and all
+//! lambdas: β = V diag(s/(s² + λ)) Uᵀ Qᵀ y, the minimum of |y − A β|² + λ |β|². λ is absolute (not divided by the
 //! number of rows) and penalises every term uniformly, as in MagNav.jl.
 //!
 //! ```
@@ -36,14 +35,14 @@ pub use prepared::{ColumnScaling, ScaledFactor, ScaledFactorSvd};
 pub use ridge::{RANK_TOLERANCE, RidgePath, RidgeSolution};
 pub(crate) use triangular::TriangularSystem;
 
-/// Rows that one thread folds before the factors are merged, fixed so that the result does not
-/// depend on the number of threads.
+/// Number of rows that one thread folds before the factors are merged. It is fixed, so that the result does not depend
+/// on the number of threads.
 const CHUNK: usize = 16_384;
 
 /// Error of a least-squares fit.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LeastSquaresError {
-    /// Columns or names do not fit the matrix.
+    /// The number of columns or names does not match the matrix.
     #[error("{what} has {given} entries, but {expected} are required")]
     Shape {
         /// Name of the argument.
@@ -70,7 +69,7 @@ pub enum LeastSquaresError {
     /// There are no rows.
     #[error("there are no rows to fit")]
     NoRows,
-    /// Without a ridge the terms are linearly dependent.
+    /// The terms are linearly dependent and there is no ridge.
     #[error("{}", ridge::deficient(*rank, *terms, *rows, unexcited, dependent))]
     RankDeficient {
         /// The number of independent combinations of terms in the rows.
@@ -79,13 +78,13 @@ pub enum LeastSquaresError {
         terms: usize,
         /// The number of rows.
         rows: usize,
-        /// Terms that are zero in every row (or constant, where the fit subtracts means).
+        /// Terms that are zero in every row (or constant, if the fit subtracts means).
         unexcited: Vec<String>,
-        /// Terms that take part in a linear dependence.
+        /// Terms with a linear dependence on other terms.
         dependent: Vec<String>,
     },
     /// A requested term or target does not exist.
-    #[error("there is no {what} {number}: they are numbered from 0 and there are {count}")]
+    #[error("{what} {number} does not exist: there are {count}, numbered from 0")]
     NoSuch {
         /// `term` or `target`.
         what: &'static str,
@@ -94,14 +93,14 @@ pub enum LeastSquaresError {
         /// The number of terms or targets.
         count: usize,
     },
-    /// There are too few lines to leave one out.
+    /// There are too few lines for cross-validation.
     #[error("cross-validation requires at least two lines, but the number of lines is {given}")]
     TooFewLines {
         /// The number of lines.
         given: usize,
     },
     /// A line to be omitted and predicted has no rows.
-    #[error("line {line} (from 0) has no rows to predict; remove it from the cross-validation")]
+    #[error("line {line} (counted from 0) has no rows to predict; remove it from the cross-validation")]
     EmptyLine {
         /// The index of the line.
         line: usize,
@@ -118,8 +117,8 @@ pub enum LeastSquaresError {
     },
     /// An elastic net did not reach its tolerance.
     #[error(
-        "the elastic net with alpha {alpha} may still be {gap:e} of the target's sum of squares above its minimum \
-         after {sweeps} sweeps; allow more sweeps or a larger tolerance"
+        "the elastic net with alpha {alpha} did not converge in {sweeps} sweeps: its duality gap is {gap:e} of the \
+         target's sum of squares; allow more sweeps or a larger tolerance"
     )]
     Sweeps {
         /// The strength of the penalty.
@@ -136,19 +135,19 @@ pub enum LeastSquaresError {
 
 /// The triangular QR factor of [1 | A | Y], built up row by row.
 ///
-/// The leading column of ones gives the means and the centred fit without a second pass.
+/// The leading column of ones provides the means and the centred fit without a second pass.
 #[derive(Debug, Clone)]
 pub struct QrAccumulator {
     terms: usize,
     targets: usize,
     rows: usize,
     triangle: QrTriangle,
-    /// Buffer for one row: a one, the terms, the targets, and zeros up to whole cache lines.
+    /// Buffer for one row: a one, the terms, the targets, and zeros up to a whole number of cache lines.
     row: Vec<f64>,
 }
 
 impl QrAccumulator {
-    /// An empty factor of `terms` columns of A and `targets` columns of Y.
+    /// Creates an empty factor for `terms` columns of A and `targets` columns of Y.
     pub fn new(terms: usize, targets: usize) -> Self {
         let triangle = QrTriangle::new(1 + terms, targets);
         let mut row = vec![0.0; triangle.padded()];
@@ -156,14 +155,14 @@ impl QrAccumulator {
         Self { terms, targets, rows: 0, triangle, row }
     }
 
-    /// The factor of a whole matrix, on rayon's threads.
+    /// Factor of a whole matrix, computed in parallel (rayon).
     ///
-    /// The rows are split at fixed positions and the blocks merged in order: the result is the same with
-    /// any number of threads (and differs in the last bits from one [`push`](Self::push) of all).
+    /// The rows are split at fixed positions and the blocks merged in order. The result is the same for any number of
+    /// threads, but differs in the last bits from that of a single [`push`](Self::push).
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::Shape`] when the matrix and the targets are not of the same whole number of
-    /// rows, and with [`LeastSquaresError::NotFinite`] for a value that is not finite.
+    /// Fails with [`LeastSquaresError::Shape`] unless matrix and targets have the same whole number of rows, and with
+    /// [`LeastSquaresError::NotFinite`] for a value that is not finite.
     pub fn from_matrix(a: &[f64], terms: usize, targets: &[&[f64]]) -> Result<Self, LeastSquaresError> {
         let mut whole = Self::new(terms, targets.len());
         let rows = whole.check(a, targets)?;
@@ -185,14 +184,13 @@ impl QrAccumulator {
         Ok(whole)
     }
 
-    /// Folds in rows: `a` is row-major with one column per term, `targets` one slice per target.
+    /// Folds in rows: `a` is row-major with one column per term; `targets` has one slice per target.
     ///
-    /// Pushing in blocks gives the same bits as pushing at once. On an error the factor is unchanged.
+    /// Pushing in blocks and pushing all rows together give bit-identical results. On an error the factor is unchanged.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::Shape`] for another number of targets, or when the matrix and the targets are
-    /// not of the same whole number of rows, and with [`LeastSquaresError::NotFinite`] for a value that is not
-    /// finite.
+    /// Fails with [`LeastSquaresError::Shape`] for another number of targets, or unless matrix and targets have the
+    /// same whole number of rows, and with [`LeastSquaresError::NotFinite`] for a value that is not finite.
     pub fn push(&mut self, a: &[f64], targets: &[&[f64]]) -> Result<(), LeastSquaresError> {
         let rows = self.check_finite(a, targets)?;
         for i in 0..rows {
@@ -203,12 +201,12 @@ impl QrAccumulator {
         Ok(())
     }
 
-    /// Folds in rows as [`push`](Self::push), with a weight of at least 0 for each row's squared residual. Means are
-    /// then weighted too, in a fit with an intercept as well.
+    /// Folds in rows as [`push`](Self::push) does, with a weight of at least 0 for each row's squared residual. The
+    /// means are then also weighted, including those of a fit with an intercept.
     ///
     /// # Errors
-    /// Fails as [`push`](Self::push), with [`LeastSquaresError::Shape`] when the weights are not as many as the rows,
-    /// and with [`LeastSquaresError::Setting`] for a weight that is not a finite number of at least 0.
+    /// Fails as [`push`](Self::push), with [`LeastSquaresError::Shape`] if the numbers of weights and rows differ, and
+    /// with [`LeastSquaresError::Setting`] for a weight that is not a finite number of at least 0.
     pub fn push_weighted(&mut self, a: &[f64], targets: &[&[f64]], weights: &[f64]) -> Result<(), LeastSquaresError> {
         let rows = self.check_finite(a, targets)?;
         expect("the list of weights", weights.len(), rows)?;
@@ -234,8 +232,8 @@ impl QrAccumulator {
         }
     }
 
-    /// Folds in the rows of another factor, after its own. The result depends on the order of
-    /// merging in its last bits: merge in the order of the lines.
+    /// Folds in the rows of another factor, after the present ones. The last bits of the result depend on the order of
+    /// merging: merge in the order of the lines.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::Shape`] for a factor of another number of terms or targets.
@@ -272,22 +270,22 @@ impl QrAccumulator {
         1 + self.terms + self.targets
     }
 
-    /// Ridge fits of every target for every lambda, all terms penalised, no intercept.
+    /// Ridge fits of every target for every lambda; all terms are penalised, without an intercept.
     ///
-    /// `names` are the names of the terms, for the report. With a lambda of 0 linearly dependent terms are rejected by
-    /// name; with a ridge they are solved and reported in the path.
+    /// `names` are the names of the terms, for messages and the path. For a lambda of 0, linearly dependent terms are
+    /// rejected by name; with a ridge they are fitted and listed in the path.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::Shape`] when the names are not as many as the terms, with
+    /// Fails with [`LeastSquaresError::Shape`] if the numbers of names and terms differ, with
     /// [`LeastSquaresError::Lambda`] for a lambda that is not a finite number of at least 0, with
-    /// [`LeastSquaresError::NoRows`], with [`LeastSquaresError::RankDeficient`] for a lambda of 0 with dependent
-    /// terms, and with [`LeastSquaresError::NoConvergence`].
+    /// [`LeastSquaresError::NoRows`], with [`LeastSquaresError::RankDeficient`] for a lambda of 0 with dependent terms,
+    /// and with [`LeastSquaresError::NoConvergence`].
     pub fn solve<S: AsRef<str>>(&self, lambdas: &[f64], names: &[S]) -> Result<RidgePath, LeastSquaresError> {
         self.path(lambdas, names, false)
     }
 
-    /// The same as [`solve`](Self::solve) after subtracting the means of terms and targets: a fit with an intercept
-    /// that is not penalised.
+    /// The same as [`solve`](Self::solve) after subtraction of the means of terms and targets: a fit with an
+    /// unpenalised intercept.
     ///
     /// # Errors
     /// Fails as [`solve`](Self::solve).
@@ -307,7 +305,7 @@ impl QrAccumulator {
         let unexplained = triangle.squares().to_vec();
         let upper = triangle.upper();
         let means: Vec<f64> = upper[1..width].iter().map(|sum| sum / upper[0]).collect();
-        // Below its first row and column, the factor of [1 | A | Y] is that of the centred [A | Y].
+        // Without its first row and column, the factor of [1 | A | Y] is that of the centred [A | Y].
         let skipped = usize::from(centred);
         let mut factor = QrTriangle::new(self.terms, self.targets);
         factor.add_squares(&unexplained);

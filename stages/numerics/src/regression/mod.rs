@@ -1,7 +1,7 @@
-//! Linear models and their statistics: least squares, shrinkage, components, robust losses, recursion.
+//! Linear models and their statistics: least squares, shrinkage, components, robust losses, recursive fits.
 //!
 //! Rows are read once: [`QrAccumulator`] or [`RegressionMoments`] folds them into the triangular factor of a QR
-//! factorisation, from which every linear model here is computed. Only the robust fit reads the rows again.
+//! factorisation, from which every linear model in this folder is computed. Only the robust fit reads the rows again.
 //!
 //! | Module | Contents |
 //! |:--|:--|
@@ -20,7 +20,7 @@
 //!
 //! # Equations
 //!
-//! With the singular value decomposition A = U S Vᵀ, the ridge solution, its effective number of parameters and its
+//! Let A = U S Vᵀ be the singular value decomposition. The ridge solution, its effective number of parameters and its
 //! generalised cross-validation over n rows are [Golub, Heath & Wahba 1979]
 //!
 //! ```text
@@ -29,8 +29,8 @@
 //! GCV(λ) = n ‖y − A β‖²/(n − d)²
 //! ```
 //!
-//! λ is absolute. Gnadt 2022 (3.26) has the same solution by normal equations, which square the condition number and
-//! are not formed here. The other objectives are
+//! λ is absolute. Gnadt 2022 (3.26) computes the same solution from normal equations, which square the condition number
+//! and are not formed here. The objectives of the other models are
 //!
 //! ```text
 //! elastic net   ‖y − A b‖²/(2n) + α ρ ‖b‖₁ + α (1 − ρ) ‖b‖²/2       [Friedman, Hastie & Tibshirani 2010]

@@ -1,14 +1,14 @@
-//! Partial least squares: the few combinations of terms that vary most with the targets.
+//! Partial least squares: the few combinations of terms with the largest covariance with the targets.
 //!
-//! Gnadt 2022 (3.33)-(3.43): of the standardised columns, u is the leading left singular vector of
-//! the covariances with the targets (3.34), p and q the loadings (3.37)-(3.38), by which columns and
-//! targets are deflated (3.41)-(3.42); after k of them β = U (Pᵀ U)⁻¹ Qᵀ (3.43). scikit-learn's
-//! `PLSRegression(scale=True)` is the same for one target and for several.
+//! Gnadt 2022 (3.33)-(3.43), for standardised columns: u is the leading left singular vector of the covariances with
+//! the targets (3.34). The loadings p and q (3.37)-(3.38) deflate columns and targets (3.41)-(3.42). After k
+//! components, β = U (Pᵀ U)⁻¹ Qᵀ (3.43). scikit-learn's `PLSRegression(scale=True)` is the same for one target and for
+//! several.
 //!
-//! The steps use the p x p triangular factor. It has the same scores as the rows, and avoids covariances, which would
-//! square the condition number. The inverse of Pᵀ U is never formed: it is unit upper triangular, and each component
-//! adds r qᵀ to β, with r = u less the earlier r's along pᵀ u [de Jong 1993, "SIMPLS"], so that one pass gives all
-//! numbers of components.
+//! The computation uses the p x p triangular factor. It has the same scores as the rows, and avoids covariances, which
+//! would square the condition number. The inverse of Pᵀ U, which is unit upper triangular, is never formed. Each
+//! component adds r qᵀ to β, where r is u minus the earlier r's along pᵀ u [de Jong 1993, "SIMPLS"], so a single pass
+//! gives the fits for all numbers of components.
 
 use faer::Mat;
 
@@ -17,7 +17,7 @@ use crate::regression::least_squares::{
     setting,
 };
 
-/// Fraction of the covariance with the targets below which the remainder is rounding.
+/// Fraction of the initial covariance with the targets below which the remaining covariance is treated as rounding.
 const NOTHING_LEFT: f64 = 1e-13;
 
 /// The fits with 1, 2, ... components.
@@ -35,7 +35,7 @@ pub struct PlsPath {
     pub target_loadings: Vec<Vec<f64>>,
 }
 
-/// The fits of all `targets` with 1 to `components` components, together.
+/// Joint fits of all `targets` with 1 to `components` components.
 ///
 /// `scaling` is that of the terms; the targets are always divided by their standard deviation (n − 1), which matters
 /// for several targets. Means are subtracted from both. The path is shorter than requested if no covariance remains.
@@ -96,12 +96,11 @@ pub fn fit(
     Ok(path)
 }
 
-/// Leave-one-line-out scores of `target` for 1 to `components` components, from fits of `targets` together. `target` is
-/// one of `targets`. If the other lines have fewer components, their largest number is scored instead.
+/// Leave-one-line-out scores of `target` for 1 to `components` components, from joint fits of `targets`. `target` is
+/// one of `targets`. If the other lines support fewer components, the largest number of these is scored instead.
 ///
 /// # Errors
-/// Fails with [`LeastSquaresError::NoSuch`] when `target` is not one of `targets`, and as [`fit`] and
-/// [`leave_line_out`].
+/// Fails with [`LeastSquaresError::NoSuch`] if `target` is not one of `targets`, and as [`fit`] and [`leave_line_out`].
 pub fn choose_components(
     lines: &[RegressionMoments],
     targets: &[usize],
@@ -201,7 +200,7 @@ mod tests {
         for row in 0..24 {
             let path = &paths[table["targets"][row] as usize - 1];
             let fit = &path.fits[table["components"][row] as usize - 1][table["target"][row] as usize];
-            // scikit-learn uses covariances of terms with a condition number of 1e3, which loses some 1e-10.
+            // scikit-learn uses covariances of terms with a condition number of 1e3, which gives errors of some 1e-10.
             for (ours, name) in fit.coefficients.iter().zip(TERMS) {
                 near(*ours, table[name][row], 1e-8);
             }
@@ -234,7 +233,7 @@ mod tests {
 
     #[test]
     fn law_scores_of_different_components_are_uncorrelated() {
-        // (3.39)-(3.41): tᵢᵀ tⱼ = 0, by the rotations on the factor that was not deflated.
+        // (3.39)-(3.41): tᵢᵀ tⱼ = 0, computed by applying the rotations to the factor before deflation.
         let all = RegressionMoments::merged(&lines()).unwrap();
         let path = fit(&all, &[0, 1], 8, ColumnScaling::Standardise).unwrap();
         let prepared = all.prepare(ColumnScaling::Standardise, true).unwrap();

@@ -11,14 +11,14 @@ pub enum ComponentCount {
     Variance(f64),
 }
 
-/// The directions of largest variance, for columns that are centred and scaled.
+/// Directions of largest variance of centred and scaled columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PrincipalComponents {
-    /// One direction per component, of length 1, with one entry per column; of its entries, the largest is positive.
+    /// One direction of length 1 per component, with one entry per column; its largest entry is positive.
     pub directions: Vec<Vec<f64>>,
     /// The variance (n − 1) of each component, largest first.
     pub variances: Vec<f64>,
-    /// The fraction of the total variance that they explain.
+    /// Fraction of the total variance that the components explain.
     pub explained: f64,
     means: Vec<f64>,
     scales: Vec<f64>,
@@ -32,7 +32,7 @@ impl PrincipalComponents {
     ///
     /// # Errors
     ///
-    /// Fails without rows, when no component is to be kept, or without convergence.
+    /// Fails without rows, if no component would be kept, or without convergence.
     pub fn from_moments(
         moments: &RegressionMoments,
         scaling: ColumnScaling,
@@ -83,8 +83,7 @@ impl PrincipalComponents {
         self.directions.is_empty()
     }
 
-    /// The weights of each component in the columns' own units, and the offset of the sum: a component is
-    /// Σⱼ weight · column − offset.
+    /// Weights of each component in the columns' own units, and the offset: a component is Σⱼ weight · column − offset.
     pub fn as_sums(&self) -> (Vec<Vec<f64>>, Vec<f64>) {
         let of = |(direction, variance): (&Vec<f64>, &f64)| -> Vec<f64> {
             let size = if self.whiten { variance.sqrt() } else { 1.0 };
@@ -108,7 +107,7 @@ impl PrincipalComponents {
         LinearFit { coefficients, intercept }
     }
 
-    /// The components of rows with as many columns, row-major, as the moments; without a unit where they are whitened.
+    /// Components of row-major rows with the same number of columns as the moments; dimensionless if whitened.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::Shape`] for values that are not a whole number of rows.
@@ -157,7 +156,7 @@ mod tests {
             for (row, theirs) in theirs.iter().enumerate() {
                 near(sign * scores[3 * row + k], *theirs, 1e-11);
             }
-            // Whitened: a variance of 1 over the rows that they were made of.
+            // Whitened components have a variance of 1 over the rows from which they were computed.
             let square: f64 = scores.iter().skip(k).step_by(3).map(|x| x * x).sum();
             near(square / 119.0, 1.0, 1e-12);
         }
@@ -196,7 +195,8 @@ mod tests {
         for (one, other) in fit(&by_moments).iter().zip(fit(&by_rows)) {
             near(*one, other, 1e-9 * other.abs());
         }
-        // Ridge of whitened components is least squares on them, each shrunk equally: n - 1 over n - 1 + lambda.
+        // Ridge regression on whitened components equals least squares on them, with each coefficient shrunk by (n - 1)
+        // / (n - 1 + lambda).
         let plain =
             crate::regression::truncated_svd::path(&moments.prepare(ColumnScaling::Standardise, true).unwrap(), 0)
                 .unwrap();

@@ -1,10 +1,10 @@
 //! Least squares row by row, with exponential forgetting of older rows.
 //!
-//! After each row the coefficients are the minimum of Σᵢ φ^(n−i) (yᵢ − aᵢ β)² + φⁿ Σⱼ ((βⱼ − β₀ⱼ)/σⱼ)², with φ the
-//! forgetting factor: ridge with λ = 1/σ² without forgetting. The state is the square root of the information matrix.
-//! Givens rotations turn each row into it [Haykin 2002, "Adaptive Filter Theory", QR-RLS; Bierman 1977, square-root
-//! information filter]. Nothing is subtracted, so the covariance cannot become indefinite, as that of the textbook
-//! recursion does after about 1e5 rows.
+//! After each row the coefficients minimise Σᵢ φ^(n−i) (yᵢ − aᵢ β)² + φⁿ Σⱼ ((βⱼ − β₀ⱼ)/σⱼ)² with the forgetting factor
+//! φ. Without forgetting this is ridge regression with λ = 1/σ². The state is the square root of the information
+//! matrix. Givens rotations merge each row into it [Haykin 2002, "Adaptive Filter Theory", QR-RLS; Bierman 1977,
+//! square-root information filter]. The update uses no subtraction, so the covariance cannot become indefinite. In the
+//! textbook recursion this happens after about 1e5 rows.
 
 use crate::regression::least_squares::{LeastSquaresError, expect, setting};
 
@@ -16,22 +16,23 @@ pub struct RecursiveLeastSquares {
     keep_prior: bool,
     /// 1/σ of the prior.
     prior: Vec<f64>,
-    /// Upper triangular followed by the target's column: `terms` rows of `terms` + 1.
+    /// Upper triangle followed by the target's column: `terms` rows of `terms` + 1.
     root: Vec<f64>,
     rows: usize,
 }
 
 impl RecursiveLeastSquares {
-    /// State before any row: `initial` coefficients with standard deviations `sigma` over that of the noise.
+    /// Initial state without rows: `initial` coefficients with standard deviations `sigma`, relative to that of the
+    /// noise.
     ///
-    /// `forgetting` φ: a row is weighted by φ with each row that follows, an effective number of about 1/(1 − φ) in
-    /// all. With `keep_prior` no direction becomes less certain than initially, even after a long time without
-    /// excitation (its value stays). Without, the information about it decays, and the first disturbance moves it
-    /// freely.
+    /// `forgetting` φ: each new row multiplies the weights of the earlier rows by φ, which gives an effective number of
+    /// about 1/(1 − φ) rows. With `keep_prior`, the variance along any direction never exceeds the initial one, even
+    /// after a long time without excitation; the value remains. Without it, the information along that direction
+    /// decays, and the first disturbance changes the value arbitrarily.
     ///
     /// # Errors
     ///
-    /// Fails where φ is not in 0 to 1 or a σ is not above 0.
+    /// Fails if φ is not between 0 and 1, or if a σ is not above 0.
     pub fn new(initial: &[f64], sigma: &[f64], forgetting: f64, keep_prior: bool) -> Result<Self, LeastSquaresError> {
         let terms = initial.len();
         expect("the list of initial deviations", sigma.len(), terms)?;
@@ -49,8 +50,7 @@ impl RecursiveLeastSquares {
         Ok(Self { terms, forgetting, keep_prior, prior, root, rows: 0 })
     }
 
-    /// Adds a row and its target, and returns the innovation: the target less its prediction, in
-    /// the target's unit.
+    /// Adds a row and its target, and returns the innovation: the target minus its prediction, in the target's unit.
     ///
     /// # Errors
     ///
@@ -79,7 +79,7 @@ impl RecursiveLeastSquares {
         let root = self.forgetting.sqrt();
         self.root.iter_mut().for_each(|r| *r *= root);
         if self.keep_prior {
-            // The information that the rows lose is replaced by the prior, centred on the current coefficients.
+            // The information lost by forgetting is replaced by the prior, centred on the current coefficients.
             let back = (1.0 - self.forgetting).sqrt();
             for j in 0..self.terms {
                 let mut row = vec![0.0; self.terms + 1];
@@ -90,7 +90,7 @@ impl RecursiveLeastSquares {
         }
     }
 
-    /// Rotates a row, zero before column `first`, into the triangle.
+    /// Rotates a row, which is zero before column `first`, into the triangle.
     fn rotate_in(&mut self, row: &mut [f64], first: usize) {
         let width = self.terms + 1;
         for j in first..self.terms {
@@ -106,7 +106,7 @@ impl RecursiveLeastSquares {
         }
     }
 
-    /// The coefficients after all rows so far: unit of the target over unit of the term.
+    /// Coefficients after all rows so far: unit of the target over unit of the term.
     pub fn coefficients(&self) -> Vec<f64> {
         let (p, width) = (self.terms, self.terms + 1);
         let mut b = vec![0.0; p];
@@ -118,7 +118,7 @@ impl RecursiveLeastSquares {
         b
     }
 
-    /// The covariance of the coefficients over the variance of the noise, row-major: (Rᵀ R)⁻¹.
+    /// Covariance of the coefficients divided by the variance of the noise, row-major: (Rᵀ R)⁻¹.
     pub fn covariance(&self) -> Vec<f64> {
         let (p, width) = (self.terms, self.terms + 1);
         let mut inverse = vec![0.0; p * p];
@@ -231,8 +231,8 @@ mod tests {
         }
         assert!((recursive.coefficients()[2] - 2.0).abs() < 0.02);
         let late: f64 = missed[3000..].iter().map(|e| e * e).sum::<f64>() / 1000.0;
-        // Three terms estimated from 1/(1 − φ) = 50 rows add some 3 · 0.5/50 of the noise's variance; 1000 innovations
-        // scatter by 4.5 %.
+        // Three terms estimated from 1/(1 − φ) = 50 rows add some 3 · 0.5/50 of the noise variance; 1000 innovations
+        // determine it to 4.5 %.
         assert!((late / 0.25 - 1.03).abs() < 0.15, "{late}");
     }
 

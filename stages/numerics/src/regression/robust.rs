@@ -1,15 +1,15 @@
-//! Regression that is robust against outliers: M-estimates by iteratively reweighted least squares.
+//! Robust regression: M-estimates by iteratively reweighted least squares.
 //!
-//! Each pass over the rows gives every row a weight by its residual r over the scale σ, and solves a weighted least
-//! squares problem on the triangular factor. Huber: weight 1 up to the threshold ε, ε σ/|r| beyond [Huber 1981, "Robust
-//! Statistics"]. Student-t with ν degrees of freedom: (ν + 1)/(ν + r²/σ²) [Lange, Little & Taylor 1989], which reduces
-//! the influence of outliers with their distance.
+//! Each pass over the rows weights every row by its residual r over the scale σ, and solves a weighted least-squares
+//! problem on the triangular factor. Huber: weight 1 up to the threshold ε, and ε σ/|r| beyond [Huber 1981, "Robust
+//! Statistics"]. Student-t with ν degrees of freedom: weight (ν + 1)/(ν + r²/σ²) [Lange, Little & Taylor 1989], so the
+//! influence of outliers decreases with their distance.
 
 use rayon::prelude::*;
 
 use crate::regression::least_squares::{LeastSquaresError, LinearFit, QrAccumulator, expect, setting};
 
-/// The quarter point of the normal distribution: the median of |r|/σ.
+/// Upper quartile of the standard normal distribution: the median of |r|/σ.
 const MEDIAN_OF_NORMALS: f64 = 0.674_489_750_196_081_7;
 
 /// Loss function of residuals.
@@ -17,7 +17,7 @@ const MEDIAN_OF_NORMALS: f64 = 0.674_489_750_196_081_7;
 pub enum ResidualLoss {
     /// Quadratic up to `threshold` standard deviations, linear beyond.
     Huber {
-        /// ε; 1.345 keeps 95 % of the efficiency on normal noise.
+        /// ε; 1.345 has 95 % of the efficiency of least squares for normal noise.
         threshold: f64,
     },
     /// The likelihood of Student's t distribution.
@@ -30,12 +30,13 @@ pub enum ResidualLoss {
 /// Estimator of the residuals' scale σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ResidualScaleEstimator {
-    /// The median of |r| over 0.6745, in each pass: statsmodels' `RLM`.
+    /// The median of |r| over 0.6745, in each pass, as in statsmodels' `RLM`.
     Mad,
-    /// Estimated together with the coefficients. Huber: the minimum of n σ + Σ σ H(r/σ) + λ |β|², H(z) = z² inside and
-    /// 2 ε |z| − ε² outside, as scikit-learn's `HuberRegressor` (its ε above 1). Student-t: the most likely σ.
+    /// Estimation together with the coefficients. Huber: the minimum of n σ + Σ σ H(r/σ) + λ |β|², with H(z) = z²
+    /// inside and 2 ε |z| − ε² outside, as in scikit-learn's `HuberRegressor` (where ε is above 1). Student-t: the most
+    /// likely σ.
     Joint,
-    /// This value, in the unit of the target.
+    /// A given value, in the unit of the target.
     Fixed(f64),
 }
 
@@ -46,11 +47,11 @@ pub struct RobustOptions {
     pub loss: ResidualLoss,
     /// The scale.
     pub scale: ResidualScaleEstimator,
-    /// The ridge parameter: weighted squares + λ |β|², and λ σ |β|² for Huber with a joint scale.
+    /// Ridge parameter λ: the penalty is λ |β|², or λ σ |β|² for Huber with a joint scale.
     pub lambda: f64,
-    /// Whether there is an intercept, which is not penalised.
+    /// Whether there is an unpenalised intercept.
     pub intercept: bool,
-    /// Change of the model's values and the scale, as a fraction of the scale, below which the iteration ends.
+    /// Change of the model's values and of the scale, as a fraction of the scale, below which the iteration ends.
     pub tolerance: f64,
     /// The maximum number of passes over the rows.
     pub passes: usize,
@@ -86,7 +87,7 @@ pub struct RobustFit {
     pub fit: LinearFit,
     /// σ, in the unit of the target.
     pub scale: f64,
-    /// For each line, the weight of each row: below 1 for rows that count less.
+    /// For each line, the weight of each row; below 1 for down-weighted rows.
     pub weights: Vec<Vec<f64>>,
     /// The number of passes.
     pub passes: usize,
@@ -95,13 +96,13 @@ pub struct RobustFit {
 }
 
 impl RobustOptions {
-    /// The fit to all lines. It allocates a weight and a residual per row. One pass runs on
-    /// rayon's threads, one line each, with the same result on any number of them.
+    /// The fit to all lines. It allocates a weight and a residual per row. A pass runs in parallel (rayon), one line
+    /// per task, with the same result for any number of threads.
     ///
     /// # Errors
     ///
-    /// Fails for settings out of range, for rows that are not finite (numbered within their
-    /// line), and without a ridge for dependent terms.
+    /// Fails for settings out of range, for rows that are not finite (numbered within their line), and for dependent
+    /// terms without a ridge.
     pub fn fit<S: AsRef<str>>(&self, lines: &[LineRows<'_>], names: &[S]) -> Result<RobustFit, LeastSquaresError> {
         self.check()?;
         let rows: usize = lines.iter().map(|line| line.y.len()).sum();
@@ -208,7 +209,7 @@ fn residuals(lines: &[LineRows<'_>], fit: &LinearFit) -> Vec<Vec<f64>> {
     lines.par_iter().map(of).collect()
 }
 
-/// The median of |r| over that of standard normals.
+/// Median of |r| divided by that of standard normals.
 fn mad(left: &[Vec<f64>]) -> f64 {
     let mut sizes: Vec<f64> = left.iter().flatten().map(|r| r.abs()).collect();
     let half = sizes.len() / 2;
@@ -221,9 +222,9 @@ fn mad(left: &[Vec<f64>]) -> f64 {
     middle / MEDIAN_OF_NORMALS
 }
 
-/// σ with Σ min(r²/σ², ε²) = n, the minimum over σ of the joint objective.
+/// σ with Σ min(r²/σ², ε²) = n: the minimum of the joint objective with respect to σ.
 ///
-/// The sum is concave and piecewise straight in 1/σ²: Newton's method from below never overshoots and ends
+/// The sum is concave and piecewise linear in 1/σ². Newton's method from below therefore never overshoots and ends
 /// after finitely many steps.
 fn huber_scale(left: &[Vec<f64>], threshold: f64) -> f64 {
     let rows = left.iter().map(Vec::len).sum::<usize>() as f64;
@@ -280,7 +281,7 @@ mod tests {
                 RobustOptions { loss, scale, lambda, tolerance: 1e-11, passes: 5000, ..RobustOptions::default() };
             let fit = robust.fit(&rows(&lines), &TERMS).unwrap();
             assert!(fit.converged, "{}", fit.passes);
-            // BFGS ends where the objective no longer changes, at half the digits of the coefficients.
+            // BFGS ends when the objective no longer changes, at half the digits of the coefficients.
             let near = |ours: f64, theirs: f64| {
                 assert!((ours - theirs).abs() <= 2e-5 * (theirs.abs() + 1e-2), "row {row}: {ours} {theirs}");
             };
@@ -301,7 +302,8 @@ mod tests {
         let lines = [LineRows { a: &a, y: &y }];
         for loss in [ResidualLoss::Huber { threshold: 1.345 }, ResidualLoss::StudentT { degrees: 3.0 }] {
             let fit = RobustOptions { loss, ..RobustOptions::default() }.fit(&lines, &["a"]).unwrap();
-            // 950 good rows of noise 0.1 give an error of 0.003; the spikes also shift Huber's fit by 0.1 · 5 %.
+            // 950 good rows with noise of 0.1 give an error of 0.003; the spikes shift Huber's fit by 0.1 · 5 % in
+            // addition.
             assert!((fit.fit.coefficients[0] - 2.0).abs() < 0.015, "{:?} {}", fit.fit, fit.passes);
             assert!((fit.fit.intercept - 1.0).abs() < 0.03, "{:?}", fit.fit);
             assert!(fit.weights[0][20] < 1e-2 && fit.scale < 0.15);

@@ -1,13 +1,12 @@
 //! Means, deviations and the scores derived from them.
 //!
-//! Rows that are not finite are excluded and the number of rows used is returned, so that the number of averaged
-//! samples is always known. Sums run in row order and in two passes, the second about the mean of the first, which
-//! keeps a deviation of picotesla on a field of 50,000 nT.
+//! Rows that are not finite are excluded. The number of used rows is always returned. Sums run in row order and in two
+//! passes, the second about the mean of the first. This preserves deviations of picotesla in a field of 50,000 nT.
 
-/// A statistic and the number of samples it is computed from.
+/// A statistic and the number of samples from which it is computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SampleStatistic {
-    /// The statistic, in the unit of the samples; NaN where `n` is too small for it.
+    /// The statistic, in the unit of the samples; NaN if `n` is too small for it.
     pub value: f64,
     /// Number of samples used.
     pub n: usize,
@@ -51,7 +50,7 @@ fn summarise(x: impl Iterator<Item = f64> + Clone) -> SeriesMoments {
     SeriesMoments { n, left_out: total - n, mean, std, rms: (mean * mean + squares / count).sqrt() }
 }
 
-/// The median: the middle value, or the mean of the two middle ones; NaN of an empty slice. Reorders the values.
+/// Median: the middle value, or the mean of the two middle values; NaN for an empty slice. Reorders the values.
 pub fn median(values: &mut [f64]) -> f64 {
     let n = values.len();
     if n == 0 {
@@ -65,7 +64,7 @@ pub fn median(values: &mut [f64]) -> f64 {
     0.5 * (lower + upper)
 }
 
-/// The quantile of sorted values at `part`, 0 to 1, linear between order statistics (numpy's default); NaN of an empty
+/// Quantile of sorted values at `part`, 0 to 1, linear between order statistics (numpy's default); NaN for an empty
 /// slice.
 pub fn quantile(sorted: &[f64], part: f64) -> f64 {
     let at = part.clamp(0.0, 1.0) * sorted.len().saturating_sub(1) as f64;
@@ -92,13 +91,13 @@ pub fn rms(x: &[f64]) -> SampleStatistic {
     SampleStatistic { value: rms, n }
 }
 
-/// Smallest root mean square horizontal error, in metres, of a constant offset of a track that is estimated on a map.
-/// The map has the slopes `north` and `east` (nT/m) at the samples. Each sample of the measurement errs by `sigma_nt`
-/// independently, and its constant bias is unknown too. The bound is √ trace(J⁻¹) of the Fisher information J, the
-/// covariance of the slopes times n/σ². NaN unless the slopes change in two directions. [Cramér-Rao bound; Kay 1993,
-/// 3.7]
+/// Lower bound, in metres, on the root mean square horizontal error of a track's constant offset that is estimated on a
+/// map. The map has the slopes `north` and `east` (nT/m) at the samples. Each sample of the measurement has an
+/// independent error of `sigma_nt`; a constant bias is also unknown. The bound is √ trace(J⁻¹) of the Fisher
+/// information J, the covariance of the slopes times n/σ². NaN unless the slopes change in two directions. [Cramér-Rao
+/// bound; Kay 1993, 3.7]
 ///
-/// Rows where either is not finite are excluded.
+/// Rows with a value that is not finite are excluded.
 pub fn offset_bound(north: &[f64], east: &[f64], sigma_nt: f64) -> SampleStatistic {
     let known = || north.iter().zip(east).filter(|(n, e)| n.is_finite() && e.is_finite());
     let n = known().count();
@@ -116,10 +115,10 @@ pub fn offset_bound(north: &[f64], east: &[f64], sigma_nt: f64) -> SampleStatist
     SampleStatistic { value, n }
 }
 
-/// The distance root mean square √(mean(north² + east²)) of position errors in metres.
+/// Distance root mean square √(mean(north² + east²)) of position errors, in metres.
 ///
-/// Errors are taken about the truth, not about their mean: a constant offset counts. Rows where either is not finite
-/// are excluded.
+/// Errors are relative to the truth, not to their mean: a constant offset is included. Rows with a value that is not
+/// finite are excluded.
 pub fn drms(north_m: &[f64], east_m: &[f64]) -> SampleStatistic {
     let pairs = north_m.iter().zip(east_m);
     let squares = pairs.map(|(north, east)| north * north + east * east);
@@ -130,22 +129,22 @@ pub fn drms(north_m: &[f64], east_m: &[f64]) -> SampleStatistic {
 /// The improvement ratio of compensation: σ(uncompensated)/σ(compensated) over the rows
 /// where both are finite. [van der Meer 2025, (2.40)]
 ///
-/// Given band-passed signals it is the band improvement ratio (2.41). The thesis divides by N in
-/// (2.39), which cancels in the ratio.
+/// For band-passed signals, this is the band improvement ratio (2.41). The thesis divides by N in (2.39), which cancels
+/// in the ratio.
 pub fn improvement_ratio(uncompensated: &[f64], compensated: &[f64]) -> SampleStatistic {
     ratio_of_deviations(uncompensated, compensated)
 }
 
 /// Signal-to-noise ratio σ(anomaly)/σ(estimate − truth) of a magnetic measurement, over the rows where all are finite.
-/// `anomaly` is the signal part of the truth: the truth less core field and temporal variation. The gradient of the
-/// core field is not part of the anomaly, and grows with the length of the line. [Gnadt 2022, (3.46)]
+/// `anomaly` is the signal part of the truth: the truth minus core field and temporal variation. The gradient of the
+/// core field is excluded from it, because it increases with the length of the line. [Gnadt 2022, (3.46)]
 pub fn signal_to_noise(estimate: &[f64], truth: &[f64], anomaly: &[f64]) -> SampleStatistic {
     let error: Vec<f64> = estimate.iter().zip(truth).map(|(a, b)| a - b).collect();
     ratio_of_deviations(anomaly, &error)
 }
 
-/// `x` less the straight line in `t` through it, by least squares over the rows where both are finite; fewer than two
-/// such rows leave it unchanged.
+/// `x` minus the least-squares straight line in `t` fitted to the rows where both are finite. With fewer than two such
+/// rows, `x` is unchanged.
 pub fn less_straight_line(t: &[f64], x: &[f64]) -> Vec<f64> {
     let known = || t.iter().zip(x).filter(|(t, x)| t.is_finite() && x.is_finite());
     let n = known().count() as f64;
@@ -202,7 +201,7 @@ mod tests {
     fn law_moments_of_a_short_series_by_hand() {
         let s = summary(&[1.0, f64::NAN, 2.0, 3.0, f64::INFINITY, 6.0]);
         assert_eq!((s.n, s.left_out, s.mean), (4, 2, 3.0));
-        // Σ(x − 3)² = 14, Σx² = 50: exact but for the last square root.
+        // Σ(x − 3)² = 14, Σx² = 50: exact except for the final square root.
         assert_eq!(s.std, (14.0f64 / 3.0).sqrt());
         assert!((s.rms - 12.5f64.sqrt()).abs() < 1e-15);
         assert_eq!(rms(&[3.0, -3.0]).value, 3.0);
@@ -211,8 +210,8 @@ mod tests {
     #[test]
     fn law_a_small_deviation_on_a_large_field_is_kept() {
         let x: Vec<f64> = (0..100_000).map(|k| 50_000.0 + 1e-6 * f64::from(k % 2)).collect();
-        // Half of the samples one millionth up: σ = 0.5e-6 but for n − 1; spacing of doubles near
-        // 50,000 is 7e-12, so 1e-5 of the answer.
+        // Half of the samples are one millionth higher: σ = 0.5e-6 except for n − 1. The spacing of doubles near 50,000
+        // is 7e-12, so the error is 1e-5 of the result.
         assert!((std(&x).value / 0.5e-6 - 1.0).abs() < 2e-5, "{:e}", std(&x).value);
     }
 
@@ -243,7 +242,7 @@ mod tests {
         let drms = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
         assert!((bound.value / drms - 1.0).abs() < 1e-10, "{bound:?} {drms}");
         assert_eq!(bound.n, 400);
-        // A constant slope does not determine an offset; nor do slopes in one direction.
+        // Neither a constant slope nor slopes in one direction determine an offset.
         assert!(offset_bound(&[0.1; 9], &[0.2; 9], 5.0).value.is_nan());
         assert!(offset_bound(&north, &north, 5.0).value.is_nan());
     }
@@ -254,7 +253,7 @@ mod tests {
         let mut x: Vec<f64> = t.iter().map(|t| 3.0 * t - 7.0).collect();
         x[4] = f64::NAN;
         for (k, left) in less_straight_line(&t, &x).iter().enumerate() {
-            // Rounding of 1.6e5.
+            // Rounding of values of 1.6e5.
             assert!(if k == 4 { left.is_nan() } else { left.abs() < 1e-9 }, "{k} {left}");
         }
         assert_eq!(less_straight_line(&t[..1], &x[..1]), x[..1]);

@@ -1,5 +1,5 @@
-//! Regression on the principal components of the terms: directions that the flight barely excites
-//! are omitted, where ridge only shrinks them.
+//! Regression on the principal components of the terms. Directions that the flight barely excites are omitted; ridge
+//! regression only shrinks them.
 //!
 //! With the singular value decomposition R = U S Vᵀ of the (scaled) factor, b = Σᵢ vᵢ (uᵢᵀ z)/sᵢ over the k largest
 //! singular values. [Hansen 1987, "The truncated SVD as a method for regularization", BIT 27; principal component
@@ -48,7 +48,7 @@ pub fn path(prepared: &ScaledFactor, target: usize) -> Result<Vec<TruncatedSvdFi
 ///
 /// # Errors
 ///
-/// Fails for a cutoff outside 0 to 1, when no direction is excited, or as [`path`].
+/// Fails for a cutoff outside 0 to 1, if no direction is excited, or as [`path`].
 pub fn fit_above(prepared: &ScaledFactor, target: usize, cutoff: f64) -> Result<TruncatedSvdFit, LeastSquaresError> {
     setting("the cutoff of singular values", cutoff, "at least 0 and below 1", (0.0..1.0).contains(&cutoff))?;
     let values = prepared.singular()?.values;
@@ -116,7 +116,7 @@ mod tests {
 
     #[test]
     fn law_a_cutoff_is_regression_on_the_scores_kept() {
-        // The scores t = R v of the first two components, regressed one by one as they are orthogonal.
+        // The orthogonal scores t = R v of the first two components, regressed one by one.
         let prepared = moments(2, 300).prepare(ColumnScaling::None, true).unwrap();
         let singular = prepared.singular().unwrap();
         let fit = fit_above(&prepared, 0, 1e-2).unwrap();

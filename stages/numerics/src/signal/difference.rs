@@ -1,4 +1,4 @@
-//! Differences of a series per sample: the substitute for a time derivative in Tolles-Lawson.
+//! Differences of a series per sample, which replace the time derivative in Tolles-Lawson.
 //!
 //! All schemes are those of MagNav.jl's `fdm`. None divides by the time step, so the unit of the
 //! result is that of the series (per sample).
@@ -11,7 +11,7 @@ pub enum DifferenceScheme {
     Central,
     /// x − x₋₁; the first row repeats the second.
     Backward,
-    /// x₊₁ − x; the last row repeats the one before.
+    /// x₊₁ − x; the last row repeats the previous one.
     Forward,
     /// (3x − 4x₋₁ + x₋₂)/2, second order; the first two rows are first differences.
     Backward2,
@@ -22,7 +22,7 @@ pub enum DifferenceScheme {
 }
 
 impl DifferenceScheme {
-    /// The fewest samples that the scheme needs.
+    /// Minimum number of samples of the scheme.
     pub fn least_rows(self) -> usize {
         match self {
             Self::Central | Self::Backward | Self::Forward => 2,
@@ -34,8 +34,8 @@ impl DifferenceScheme {
 
 /// The differences of `x` per sample, in the unit of `x`.
 ///
-/// `None` when `x` has fewer samples than [`DifferenceScheme::least_rows`]: MagNav.jl gives zeros there, which
-/// would look like a quiet signal.
+/// `None` when `x` has fewer samples than [`DifferenceScheme::least_rows`]: there MagNav.jl returns zeros, which look
+/// like a quiet signal.
 pub fn difference(x: &[f64], scheme: DifferenceScheme) -> Option<Vec<f64>> {
     let n = x.len();
     if n < scheme.least_rows() {
@@ -77,7 +77,7 @@ mod tests {
         DifferenceScheme::Fourth,
     ];
 
-    /// MagNav.jl 1.3.3 `fdm` of [1,4,9,16,25,36,50]: exact, all values are short binary fractions.
+    /// MagNav.jl 1.3.3 `fdm` of [1,4,9,16,25,36,50]: exact, because all values are short binary fractions.
     #[test]
     fn val_all_schemes_equal_magnav() {
         let x = [1.0, 4.0, 9.0, 16.0, 25.0, 36.0, 50.0];

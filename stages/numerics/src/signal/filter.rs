@@ -1,17 +1,15 @@
-//! Zero-phase Butterworth filters: components outside a band are removed, without delay.
+//! Zero-phase Butterworth filters, which remove components outside a band without delay.
 //!
-//! A filter is run over the samples forwards and then backwards, so that the phase cancels and the
-//! gain is squared: a corner, where one pass gives 1/√2, retains half of the amplitude.
-//! At each end the series is first extended by its own odd reflection (the series rotated by half a
-//! turn about its end sample) of [`ZeroPhaseFilter::padding`] samples, and each pass starts in the steady
-//! state of its first sample, so that a constant gives a constant from the first sample on.
-//! [Gustafsson 1996, "Determining the initial states in forward-backward filtering", IEEE Trans.
+//! A filter is run forwards and then backwards over the samples, so that the phase cancels and the gain is squared. At
+//! a corner, where one pass has a gain of 1/√2, half of the amplitude remains. At each end the series is first extended
+//! by its odd reflection (the series rotated by half a turn about its end sample) of [`ZeroPhaseFilter::padding`]
+//! samples. Each pass starts in the steady state for its first sample, so that a constant series is constant from the
+//! first sample on. [Gustafsson 1996, "Determining the initial states in forward-backward filtering", IEEE Trans.
 //! Signal Processing 44(4)]
 //!
-//! The padding is six samples per second-order section, as in MagNav.jl (24 for a band-pass of order
-//! 4, 12 for a low- or high-pass of order 4). scipy's `sosfiltfilt` does the same with
-//! `padlen=24`; its own default of 27 moves the first and last samples by some hundredths of a
-//! nanotesla.
+//! The padding is six samples per second-order section, as in MagNav.jl (24 for a band-pass of order 4, 12 for a low-
+//! or high-pass of order 4). scipy's `sosfiltfilt` does the same with `padlen=24`; its default of 27 changes the first
+//! and last samples by some hundredths of a nanotesla.
 
 mod butterworth;
 mod cascade;
@@ -69,7 +67,7 @@ pub enum FilterError {
     /// Neither a lower nor an upper corner is given.
     #[error("a filter requires a lower corner, an upper corner, or both")]
     NoCorner,
-    /// The corners are so near zero, Nyquist or each other that the poles round onto the unit circle.
+    /// The corners are so close to zero, Nyquist or each other that rounding places the poles on the unit circle.
     #[error(
         "a filter of order {order} with these corners ({band}) at {rate_hz} Hz cannot be represented in \
          double precision; move the corners apart, or reduce the order or the sample rate"
@@ -99,7 +97,7 @@ pub enum FilterError {
         column: usize,
     },
     /// The number of values is not a whole number of rows.
-    #[error("{values} values cannot be rows of {columns} columns")]
+    #[error("{values} values are not a whole number of rows of {columns} columns")]
     Shape {
         /// The number of values.
         values: usize,
@@ -118,9 +116,9 @@ impl FilterError {
     }
 }
 
-/// The treatment of a column whose values are all equal.
+/// Treatment of a column whose values are all equal.
 ///
-/// A band-pass or high-pass of a constant is zero, so that a bias column would vanish from a fit.
+/// A band-pass or high-pass of a constant is zero, which would remove a bias column from a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ConstantColumns {
     /// Filters it like any other column.
@@ -130,7 +128,7 @@ pub enum ConstantColumns {
     Keep,
 }
 
-/// A zero-phase filter, of Butterworth or of [notches](Self::notches), designed once and applied to many columns.
+/// A zero-phase filter, Butterworth or [notch](Self::notches), designed once and applied to many columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ZeroPhaseFilter {
     cascade: BiquadCascade,
@@ -140,12 +138,12 @@ pub struct ZeroPhaseFilter {
 impl ZeroPhaseFilter {
     /// Designs a filter of `order` 1 to 12 for samples at `rate_hz`.
     ///
-    /// A band of order n has n second-order sections (2n poles), a low- or high-pass half of that.
+    /// A band-pass of order n has n second-order sections (2n poles); a low- or high-pass has half as many.
     ///
     /// # Errors
     /// Fails for a sample rate that is not a finite number above 0, an order outside 1 to 12, a corner that is not
-    /// above 0 Hz and below the Nyquist frequency, a lower corner that is not below the upper one, and with
-    /// [`FilterError::Unstable`] for corners whose filter double precision cannot represent.
+    /// above 0 Hz and below the Nyquist frequency, and a lower corner that is not below the upper one. Fails with
+    /// [`FilterError::Unstable`] for corners whose filter cannot be represented in double precision.
     pub fn new(band: FilterBand, rate_hz: f64, order: usize) -> Result<Self, FilterError> {
         let (gain, sections) = butterworth::design(band, rate_hz, order)?;
         let padding = 6 * sections.len();
@@ -162,7 +160,7 @@ impl ZeroPhaseFilter {
         self.cascade.gain()
     }
 
-    /// The number of samples of odd reflection before and after a series: six per section of a Butterworth filter.
+    /// Number of samples of odd reflection before and after a series: six per section for a Butterworth filter.
     pub fn padding(&self) -> usize {
         self.padding
     }
@@ -206,7 +204,7 @@ impl ZeroPhaseFilter {
 
     /// Filters each column of a row-major matrix (`values.len() / columns` rows) in place.
     ///
-    /// Each column's result is bit-identical for any other columns. On an error the contents of the matrix are
+    /// The result of each column is bit-identical for any other columns. On an error the contents of the matrix are
     /// unspecified.
     ///
     /// # Errors
@@ -236,7 +234,7 @@ impl ZeroPhaseFilter {
         let mut head = reflection(values, columns, 0, (1..=padding).rev());
         let mut tail = reflection(values, columns, last, (1..=padding).map(|k| last - k));
         self.cascade.forwards(columns, [&mut head, values, &mut tail]);
-        // A value that is not finite stays in the recursion, and so shows in the last row.
+        // A value that is not finite remains in the recursion, and therefore appears in the last row.
         all_finite(&values[last * columns..], columns).or_else(|_| all_finite(values, columns))?;
         self.cascade.backwards(columns, [&mut tail, values, &mut []]);
         for (column, value) in kept {
@@ -246,8 +244,8 @@ impl ZeroPhaseFilter {
     }
 }
 
-/// Removes all components slower than `low_hz` or faster than `high_hz`, without lag.
-/// `x` is evenly sampled at `rate_hz`; the result has the same unit. [Gustafsson 1996, sec. 3]
+/// Removes all components below `low_hz` or above `high_hz`, without lag. `x` is evenly sampled at `rate_hz`; the
+/// result has the same unit. [Gustafsson 1996, sec. 3]
 ///
 /// # Errors
 /// Fails as [`ZeroPhaseFilter::new`] and [`ZeroPhaseFilter::apply`].
@@ -255,13 +253,13 @@ pub fn band_pass(x: &[f64], rate_hz: f64, low_hz: f64, high_hz: f64, order: usiz
     ZeroPhaseFilter::new(FilterBand::Band { low_hz, high_hz }, rate_hz, order)?.apply(x)
 }
 
-/// The rows `rows` of a matrix rotated by half a turn about its row `about`.
+/// Rows `rows` of a matrix, rotated by half a turn about its row `about`.
 fn reflection(values: &[f64], columns: usize, about: usize, rows: impl Iterator<Item = usize>) -> Vec<f64> {
     let row = |row: usize| &values[row * columns..(row + 1) * columns];
     rows.flat_map(|other| row(other).iter().zip(row(about))).map(|(value, about)| 2.0 * about - value).collect()
 }
 
-/// An error at the first value, row by row, that is not finite.
+/// Fails for the first value, row by row, that is not finite.
 fn all_finite(values: &[f64], columns: usize) -> Result<(), FilterError> {
     match values.iter().position(|value| !value.is_finite()) {
         None => Ok(()),
@@ -269,12 +267,12 @@ fn all_finite(values: &[f64], columns: usize) -> Result<(), FilterError> {
     }
 }
 
-/// The columns that hold one value only, and that value.
+/// Columns whose values are all equal, with that value.
 fn constant_columns(values: &[f64], columns: usize) -> Vec<(usize, f64)> {
     let first = values.iter().copied().take(columns);
     let mut constant: Vec<(usize, f64)> = first.enumerate().collect();
     for row in values.chunks_exact(columns) {
-        // Columns that vary drop out within a few rows, so that this is cheap.
+        // Varying columns are excluded within a few rows, so this is fast.
         constant.retain(|(column, value)| row[*column] == *value);
         if constant.is_empty() {
             break;

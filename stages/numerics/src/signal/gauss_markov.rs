@@ -1,7 +1,6 @@
 //! The first-order Gauss-Markov process: exponentially correlated noise.
 
-/// A stationary process of standard deviation `sigma` whose autocorrelation falls as
-/// exp(-|Δt| / `tau_s`).
+/// Stationary process with standard deviation `sigma` and the autocorrelation exp(-|Δt| / `tau_s`).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GaussMarkov {
     /// Standard deviation, in the unit of the process.
@@ -26,14 +25,14 @@ impl GaussMarkov {
         2.0 * self.sigma * self.sigma / self.tau_s
     }
 
-    /// One realisation at the times `tt_s` (ascending, even or not), from standard normals.
-    /// Stationary from the first sample and exact for any step.
+    /// One realisation at the times `tt_s` (ascending, even or not), from standard normals. The process is stationary
+    /// from the first sample and exact for any step.
     pub fn realisation(&self, tt_s: &[f64], normal: impl FnMut() -> f64) -> Vec<f64> {
         self.recursion(tt_s, normal, |dt_s| self.step_variance(dt_s))
     }
 
-    /// One realisation with the driving noise taken to first order, 2σ²Δt/τ per step, as in MagNav.jl's
-    /// `fogm`; its variance is too large by Δt/τ.
+    /// One realisation with first-order driving noise, 2σ²Δt/τ per step, as in MagNav.jl's `fogm`; its variance is too
+    /// large by the relative amount Δt/τ.
     pub fn realisation_compatible(&self, tt_s: &[f64], normal: impl FnMut() -> f64) -> Vec<f64> {
         self.recursion(tt_s, normal, |dt_s| self.noise_density() * dt_s)
     }
@@ -68,7 +67,8 @@ mod tests {
         let mut normals = NormalGenerator::new(1);
         let x = PROCESS.realisation(&tt, || normals.draw());
         let covariance = |lag: usize| x.iter().zip(&x[lag..]).map(|(a, b)| a * b).sum::<f64>() / (x.len() - lag) as f64;
-        // 400,000 samples, 4 a time constant (about 50,000 independent): 0.6 % a sigma; 4 sigma.
+        // 400,000 samples, 4 per time constant (about 50,000 independent ones): one standard deviation is 0.6 %; the
+        // limit is 4 standard deviations.
         for (lag, expected) in [(0, 9.0), (4, 9.0 / 1.0_f64.exp()), (12, 9.0 / 3.0_f64.exp())] {
             assert!((covariance(lag) - expected).abs() < 0.025 * 9.0, "{lag} {}", covariance(lag));
         }
@@ -79,7 +79,7 @@ mod tests {
         let (short, long) = (PROCESS.step_variance(0.3), PROCESS.step_variance(0.6));
         let twice = PROCESS.decay(0.3).powi(2) * short + short;
         assert!((twice / long - 1.0).abs() < 1e-14);
-        // For short steps it is the density times the step, to first order.
+        // For short steps, the variance is the density times the step, to first order.
         assert!((PROCESS.step_variance(1e-9) / (PROCESS.noise_density() * 1e-9) - 1.0).abs() < 1e-8);
     }
 

@@ -1,4 +1,4 @@
-//! Lag of one signal against another, at the peak of their cross-correlation.
+//! Lag of one signal relative to another, from the peak of their cross-correlation.
 
 /// Minimum number of pairs of samples for a lag.
 pub const LEAST_PAIRS: usize = 16;
@@ -6,12 +6,12 @@ pub const LEAST_PAIRS: usize = 16;
 /// Error of the estimation of a lag.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LagError {
-    /// The two signals are not of one length.
+    /// The two signals have different lengths.
     #[error("one signal has {one} samples, but the other has {other}")]
     Lengths {
-        /// The samples of the one.
+        /// Number of samples of the first signal.
         one: usize,
-        /// The samples of the other.
+        /// Number of samples of the second signal.
         other: usize,
     },
     /// The sample rate or the range of lags is not a number above 0.
@@ -25,14 +25,14 @@ pub enum LagError {
     /// Too few pairs of samples overlap.
     #[error("{pairs} pairs of samples overlap at the largest lag; at least {LEAST_PAIRS} are required")]
     TooShort {
-        /// Number of pairs at the lag with the fewest.
+        /// Smallest number of pairs at any lag.
         pairs: usize,
     },
     /// One of the signals is constant.
     #[error("one of the signals is constant")]
     Constant,
     /// The correlation is greatest at the end of the range.
-    #[error("the correlation is largest at {lag_s} s, the end of the range, and has no peak within it")]
+    #[error("the correlation has no peak within the range of lags; it is largest at the end, {lag_s} s")]
     AtEnd {
         /// The lag at that end, s.
         lag_s: f64,
@@ -42,32 +42,32 @@ pub enum LagError {
 /// A lag between two signals and its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SignalLag {
-    /// Lag of the signal against the reference, s: signal(t) = reference(t - `lag_s`).
+    /// Lag of the signal relative to the reference, s: signal(t) = reference(t - `lag_s`).
     pub lag_s: f64,
-    /// Standard error if the part not common to both signals is white noise, s; a lower bound if that part is
+    /// Standard error, s, if the part not common to both signals is white noise; a lower bound if that part is
     /// correlated.
     pub sd_s: f64,
     /// The coefficient of correlation at the peak, -1 to 1.
     pub correlation: f64,
-    /// Ratio of the next highest peak to this one, by size; 0 without another peak. Near 1 the lag is ambiguous, as
-    /// between periodic signals.
+    /// Ratio of the next highest peak to this one, by absolute value; 0 without another peak. If it is near 1, the lag
+    /// is ambiguous, as for periodic signals.
     pub next_peak: f64,
     /// Number of pairs of samples.
     pub pairs: usize,
 }
 
-/// Lag of `signal` against `reference`, both sampled evenly at `rate_hz` at the same times, within `most_s` to either
-/// side. Samples that are not finite are excluded with their partners.
+/// Lag of `signal` relative to `reference`, at most `most_s` in either direction. Both are sampled evenly at `rate_hz`
+/// at the same times. Samples that are not finite are excluded together with their partners.
 ///
-/// The coefficient of correlation r is that of the pairs that overlap, each less its own mean. Between lags of whole
-/// samples, the peak is that of the polynomial through the five values around the highest. With `either_sign` the
-/// largest |r| counts, for a signal that may be inverted. The standard error is √((1 - r²)/(n r² b²)), with b² the
-/// curvature of r at the peak over r: the mean square rate of the reference over its variance. [Carter 1987, "Coherence
-/// and time delay estimation", Proc. IEEE 75(2)]
+/// The correlation coefficient r is computed from the overlapping pairs, each signal minus its mean over them. Between
+/// lags of whole samples, the peak is that of the polynomial through the five values around the highest one. With
+/// `either_sign` the largest |r| is used, for a signal that may be inverted. The standard error is √((1 - r²)/(n r²
+/// b²)). b² is the curvature of r at the peak divided by r: the mean square rate of the reference over its variance.
+/// [Carter 1987, "Coherence and time delay estimation", Proc. IEEE 75(2)]
 ///
 /// # Errors
 /// Fails for signals of different lengths, for a rate or range that is not above 0, for fewer than [`LEAST_PAIRS`]
-/// pairs at some lag, for a constant, and where r is greatest at an end of the range.
+/// pairs at some lag, for a constant signal, and if r is greatest at an end of the range.
 pub fn lag_of(
     reference: &[f64],
     signal: &[f64],
@@ -81,7 +81,7 @@ pub fn lag_of(
     if !(rate_hz > 0.0 && rate_hz.is_finite() && most_s > 0.0 && most_s.is_finite()) {
         return Err(LagError::Range { rate_hz, most_s });
     }
-    // Two more to either side, so that a peak at the end of the range has its neighbours.
+    // Two additional lags on either side, so that a peak at the end of the range has neighbours.
     let most = (most_s * rate_hz).floor() as usize + 2;
     if reference.len() < most + LEAST_PAIRS {
         return Err(LagError::TooShort { pairs: reference.len().saturating_sub(most) });
@@ -95,7 +95,7 @@ pub fn lag_of(
     if all.iter().all(|p| p.r.is_nan()) {
         return Err(LagError::Constant);
     }
-    // Lags at which one of the two is constant have no correlation.
+    // If one of the two is constant at a lag, the correlation there is undefined.
     let size: Vec<f64> = all
         .iter()
         .map(|p| {
@@ -131,14 +131,14 @@ struct LagCorrelation {
     pairs: usize,
 }
 
-/// The signal less its mean, with NaN for values that are not finite.
+/// Signal minus its mean, with NaN for values that are not finite.
 fn about_mean(x: &[f64]) -> Vec<f64> {
     let finite = x.iter().filter(|x| x.is_finite());
     let mean = finite.clone().sum::<f64>() / finite.count().max(1) as f64;
     x.iter().map(|x| if x.is_finite() { x - mean } else { f64::NAN }).collect()
 }
 
-/// The coefficient of correlation of reference(i) with signal(i + lag); NaN where one of them does not vary.
+/// Correlation coefficient of reference(i) with signal(i + lag); NaN if one of them is constant.
 fn pearson(reference: &[f64], signal: &[f64], lag: isize) -> LagCorrelation {
     let by = lag.unsigned_abs().min(signal.len());
     let (a, b) = match lag >= 0 {
@@ -153,15 +153,15 @@ fn pearson(reference: &[f64], signal: &[f64], lag: isize) -> LagCorrelation {
     }
     let [n, a, b, aa, ab, bb] = s;
     let (va, vb) = (aa - a * a / n, bb - b * b / n);
-    // The squares of a constant leave rounding.
+    // The squares of a constant contain a rounding error.
     let varies = |v: f64, squares: f64| v > 1e-13 * squares;
     let r = if n > 1.0 && varies(va, aa) && varies(vb, bb) { (ab - a * b / n) / (va * vb).sqrt() } else { f64::NAN };
     LagCorrelation { r, pairs: n as usize }
 }
 
 /// Position (in steps from the middle one), height and second derivative (per step squared) of the peak of the
-/// polynomial through five values, the highest in the middle. Without a peak near it, those of the parabola through
-/// three.
+/// polynomial through five values, the highest in the middle. If that polynomial has no peak nearby, the parabola
+/// through three values is used.
 fn top(y: &[f64; 5]) -> (f64, f64, f64) {
     let [a, b, c, d, e] = *y;
     // Derivatives at the middle by central differences, which are exact for a polynomial of degree 4.
@@ -210,7 +210,7 @@ mod tests {
         for lag_s in [0.0, 0.06, -0.06, 0.137, 0.5, -1.2345] {
             let signal = sampled(|t| 45_000.0 - 3.0 * waves(t - lag_s));
             let found = lag_of(&reference, &signal, RATE_HZ, 2.0, true).unwrap();
-            // A polynomial through five samples of a correlation that falls off within 0.3 s.
+            // Error of a polynomial through five samples of a correlation that decreases within 0.3 s.
             assert!((found.lag_s - lag_s).abs() < 2e-4, "{lag_s}: {found:?}");
             assert!(found.correlation < -0.999 && found.sd_s < 1e-3, "{found:?}");
         }

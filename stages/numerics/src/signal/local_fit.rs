@@ -1,13 +1,14 @@
-//! Smoothing of samples at any times by local parabolas.
+//! Smoothing by local parabolas of samples at arbitrary times.
 
 use nalgebra::{Matrix3, Vector3};
 
-/// `values` smoothed at their times `tt_s` (s, ascending, even or not), in the same unit. At each sample it is the
-/// value of the parabola that fits the samples within half of `window_s` by least squares, with the weights (1 - |u|³)³
-/// of a distance u in halves of the window. A parabola is unchanged. Samples are unchanged too for a window of 0, and
-/// with fewer than three others in the window. [Cleveland 1979; Fan & Gijbels 1996, chapter 3]
+/// `values` smoothed at their times `tt_s` (s, ascending, evenly spaced or not), in the same unit. The result at each
+/// sample is the value of the parabola fitted by least squares to the samples within half of `window_s`. The weights
+/// are (1 - |u|³)³, where u is the distance divided by half of the window. Values on a parabola are unchanged. Samples
+/// are also unchanged for a window of 0, and if there are fewer than three others in the window. [Cleveland 1979; Fan &
+/// Gijbels 1996, chapter 3]
 ///
-/// A value that is not finite spreads over its window.
+/// A value that is not finite makes all results within its window NaN.
 pub fn smoothed(tt_s: &[f64], values: &[f64], window_s: f64) -> Vec<f64> {
     let n = tt_s.len().min(values.len());
     let half_s = 0.5 * window_s;
@@ -25,7 +26,7 @@ pub fn smoothed(tt_s: &[f64], values: &[f64], window_s: f64) -> Vec<f64> {
     (0..n).map(one).collect()
 }
 
-/// The parabola at the sample `i` through the samples `window`, four or more.
+/// Value at the sample `i` of the parabola through the samples `window`, at least four.
 fn parabola(tt_s: &[f64], values: &[f64], window: std::ops::Range<usize>, i: usize, half_s: f64) -> f64 {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for k in window {
@@ -33,7 +34,7 @@ fn parabola(tt_s: &[f64], values: &[f64], window: std::ops::Range<usize>, i: usi
         let terms = Vector3::new(1.0, u, u * u);
         let weight = (1.0 - u.abs().powi(3)).powi(3);
         normal += weight * terms * terms.transpose();
-        // About the sample itself, so that a small change of a large value is kept.
+        // Relative to the sample itself, to preserve small changes of a large value.
         right += weight * (values[k] - values[i]) * terms;
     }
     // Weights near 0 do not determine a parabola.
@@ -56,7 +57,7 @@ mod tests {
         let x: Vec<f64> = tt.iter().map(|t| 45.0 + 1e-3 * (t - 50_005.0) - 2e-5 * (t - 50_005.0).powi(2)).collect();
         for window_s in [0.0, 0.15, 1.0, 5.0, 1000.0] {
             for (x, y) in x.iter().zip(smoothed(&tt, &x, window_s)) {
-                // Rounding of 45: 7e-15, through normal equations of condition 1e4.
+                // Rounding of 45 is 7e-15, amplified by normal equations with a condition number of 1e4.
                 assert!((x - y).abs() < 1e-11, "{window_s}: {x} {y}");
             }
         }
@@ -76,7 +77,7 @@ mod tests {
         let (m0, m2, m4) = (moment(0), moment(2), moment(4));
         let kernel = |u: f64| weight(u) * (m4 - m2 * u * u) / (m0 * m4 - m2 * m2);
         let expected: f64 = us.iter().map(|u| kernel(*u).powi(2)).sum();
-        // 19,800 samples, some 1000 of them independent: 4.5 % a sigma.
+        // 19,800 samples, some 1000 of them independent: one standard deviation is 4.5 %.
         assert!((variance / expected - 1.0).abs() < 0.15, "{variance} {expected}");
     }
 

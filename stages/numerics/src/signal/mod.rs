@@ -8,8 +8,8 @@
 //! | [`lag`] | the lag of one signal against another, by cross-correlation |
 //! | [`segments`] | gaps: runs of usable samples, each filtered separately; checks of a time column |
 //! | [`difference`] | differences per sample, the substitute for a time derivative in Tolles-Lawson |
-//! | [`resample`] | samples at their own times onto an even grid; the low-pass before a lower rate |
-//! | [`local_fit`] | smoothing of samples at any times by local parabolas |
+//! | [`resample`] | samples at arbitrary times resampled to an even grid; the low-pass before a lower rate |
+//! | [`local_fit`] | smoothing by local parabolas of samples at arbitrary times |
 //! | [`spectrum`] | power spectral density by Welch's method |
 //! | [`noise`] | the Allan variance of a line, and the white and Gauss-Markov noise that bound it |
 //! | [`gauss_markov`] | the first-order Gauss-Markov process: exponentially correlated noise |
@@ -17,9 +17,9 @@
 //!
 //! # Equations
 //!
-//! A Butterworth filter of order n by the bilinear transform, run forwards and backwards, multiplies the amplitude of
-//! a sinusoid of frequency f by G and does not shift its phase [Gustafsson 1996]. With the sample rate f_s and the
-//! corners f₁ and f₂
+//! A Butterworth filter of order n by the bilinear transform is run forwards and backwards. It multiplies the amplitude
+//! of a sinusoid of frequency f by G and does not shift its phase [Gustafsson 1996]. With the sample rate f_s and the
+//! corners f₁ and f₂,
 //!
 //! ```text
 //! G(f) = 1/(1 + Ω^(2n)),      w(f) = tan(π f/f_s)
@@ -29,10 +29,10 @@
 //! band-pass   Ω = (w(f)² − w(f₁) w(f₂))/(w(f) (w(f₂) − w(f₁)))
 //! ```
 //!
-//! so that a corner keeps half of the amplitude. MagNav.jl's filter for compensation has n = 4, f₁ = 0.1 Hz and
-//! f₂ = 0.9 Hz at 10 Hz.
+//! so half of the amplitude remains at a corner. MagNav.jl's filter for compensation has n = 4, f₁ = 0.1 Hz and f₂ =
+//! 0.9 Hz at 10 Hz.
 //!
-//! A Gauss-Markov process of standard deviation σ and correlation time τ has the steps, the autocorrelation and the
+//! A Gauss-Markov process of standard deviation σ and correlation time τ has the following steps, autocorrelation and
 //! driving spectral density [Brown & Hwang 2012]
 //!
 //! ```text

@@ -1,12 +1,12 @@
 //! Natural cubic spline interpolation in one dimension, as B-spline coefficients.
 //!
-//! On even steps the interpolating spline is `f(i + t) = Σ c[i-1+k] w_k(t)`, k = 0..3, with the
-//! basis of [`weights`]. "Natural" means no second derivative at both ends; MagNav.jl's cubic map
-//! interpolation is the tensor product of two such splines.
+//! With even steps the interpolating spline is `f(i + t) = Σ c[i-1+k] w_k(t)`, k = 0..3, with the basis of [`weights`].
+//! "Natural" means a zero second derivative at both ends; MagNav.jl's cubic map interpolation is the tensor product of
+//! two such splines.
 
-/// Turns every column of a row-major table of `rows` x `columns` node values into the B-spline
-/// coefficients along the rows' direction (from row to row). The end coefficients are the end
-/// values themselves, inside `c[i-1] + 4 c[i] + c[i+1] = 6 f[i]`.
+/// Converts every column of a row-major table of `rows` x `columns` node values to the B-spline coefficients along the
+/// rows' direction (from row to row). The end coefficients are the end values themselves; inside, `c[i-1] + 4 c[i] +
+/// c[i+1] = 6 f[i]`.
 pub fn solve_along_rows(table: &mut [f64], columns: usize) {
     let rows = table.len().checked_div(columns).unwrap_or(0);
     if rows < 3 {
@@ -33,8 +33,8 @@ pub fn solve(values: &mut [f64]) {
     solve_along_rows(values, 1);
 }
 
-/// The coefficient at position `k` of `n` padded by one on each side, from those `inside`: past an end the linear
-/// continuation, which has no curvature at the end.
+/// Coefficient at position `k` of `n` that are padded by one on each side; `inside` returns the unpadded ones. Past an
+/// end it is the linear continuation, which has no curvature at the end.
 pub fn past_ends(k: usize, n: usize, inside: impl Fn(usize) -> f64) -> f64 {
     if k == 0 {
         2.0 * inside(0) - inside(1)

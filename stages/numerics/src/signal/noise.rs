@@ -1,10 +1,9 @@
-//! The noise of a line: its size and correlation time, as a white part and a first-order Gauss-Markov part.
+//! Noise of a line: standard deviation and correlation time, as a white part and a first-order Gauss-Markov part.
 //!
 //! The noise is estimated from its Allan variance: half the mean square of the difference between the means over two
-//! neighbouring spans of time. It is independent of a constant offset, and
-//! gaps only end a run. The two parts that are returned are the smallest whose Allan variance is nowhere, within the
-//! uncertainty of its estimate, below that of the line: noise with more than one time scale, which two parts cannot
-//! follow, is overestimated and never underestimated.
+//! neighbouring intervals. It is independent of a constant offset, and gaps only end a run. The two returned parts are
+//! the smallest whose Allan variance is nowhere below that of the line, within the uncertainty of its estimate. Two
+//! parts cannot represent noise with more time scales, which is therefore overestimated and never underestimated.
 //!
 //! [Allan 1966, Proc. IEEE 54(2); IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8; Langel, García Crespillo
 //! & Joerger 2021, NAVIGATION 68(2), on models that bound a process of unknown correlation]
@@ -20,20 +19,20 @@ pub use fit::{NoiseFitError, NoiseFitStatistic, fit};
 
 /// Approximate length of the blocks that are averaged, s. Faster noise is estimated from the steps between samples.
 const BLOCK_S: f64 = 1.0;
-/// Minimum number of independent differences for the Allan variance of a span.
+/// Minimum number of independent differences for the Allan variance of an interval.
 const LEAST_PAIRS: f64 = 3.0;
 /// Number of trial correlation times.
 const TAUS: usize = 60;
-/// The lower limit of the noise of a magnetometer, nT.
+/// Lower limit of the noise of a magnetometer, nT.
 const FLOOR_NT: f64 = 0.01;
 
-/// Noise of a measurement, sampled at the rate of the line of its estimate.
+/// Noise of a measurement at the sample rate of the line from which it was estimated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineNoiseModel {
-    /// Standard deviation of the white part, sample by sample, in nT.
+    /// Standard deviation of the white part of each sample, in nT.
     pub white_nt: f64,
-    /// The correlated part, in nT and s. A correlation time longer than a line cannot be resolved:
-    /// it is then at most the longest line's length, and only the growth 2 sigma²/tau is known.
+    /// The correlated part, in nT and s. A correlation time longer than a line cannot be resolved. It is then at most
+    /// the length of the longest line, and only the growth 2 sigma²/tau is known.
     pub lasting: GaussMarkov,
 }
 
@@ -52,8 +51,8 @@ pub enum NoiseError {
     },
 }
 
-/// The statistics of one or several lines: means over blocks of about a second, run by run, and steps between
-/// neighbours.
+/// Statistics of one or several lines: means over blocks of about a second, run by run, and steps between neighbouring
+/// samples.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BlockMeans {
     /// The length of a block, s.
@@ -62,7 +61,7 @@ pub struct BlockMeans {
     pub step_s: f64,
     /// The means over the blocks of each run, nT.
     pub runs: Vec<Vec<f64>>,
-    /// Differences of neighbouring samples, nT; empty where a block is one sample.
+    /// Differences of neighbouring samples, nT; empty if a block is one sample.
     pub steps: Vec<f64>,
 }
 
@@ -72,7 +71,7 @@ pub fn samples_a_block(rate_hz: f64) -> usize {
 }
 
 impl BlockMeans {
-    /// Blocks of the rows `runs` of `x` (nT, evenly sampled at `rate_hz` within a run). Samples after the last whole
+    /// Blocks of the rows `runs` of `x` (nT, evenly sampled at `rate_hz` within a run). Samples after the last complete
     /// block of a run are not used.
     pub fn from_runs(x: &[f64], runs: &[Range<usize>], rate_hz: f64) -> Self {
         let n = samples_a_block(rate_hz);
@@ -94,21 +93,22 @@ impl BlockMeans {
     }
 }
 
-/// The Allan variance for one span.
+/// The Allan variance for one interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AllanPoint {
-    /// The span over which means are taken, s.
+    /// Length of the interval over which means are taken, s.
     pub span_s: f64,
     /// The variance, nT².
     pub variance_nt2: f64,
     /// The number of independent differences.
     pub pairs: f64,
-    /// Whether the point is of single samples instead of means.
+    /// Whether the point is computed from single samples instead of means.
     sampled: bool,
 }
 
-/// The Allan variance of all lines together, for the step between samples and for spans of 1, 2, 4, ... blocks, as long
-/// as three independent differences remain. All lines must have the same sample rate; that of the first is used.
+/// Allan variance of all lines together, for the step between samples and for intervals of 1, 2, 4, ... blocks,
+/// provided that three independent differences remain. All lines must have the same sample rate; the rate of the first
+/// is used.
 pub fn allan_variance(lines: &[BlockMeans]) -> Vec<AllanPoint> {
     let Some(first) = lines.first() else { return vec![] };
     let mut points = vec![];
@@ -123,7 +123,7 @@ pub fn allan_variance(lines: &[BlockMeans]) -> Vec<AllanPoint> {
         let (mut sum, mut terms, mut pairs) = (0.0, 0.0, 0.0);
         for run in lines.iter().flat_map(|l| &l.runs).filter(|run| run.len() >= 2 * m) {
             let mean = |at: usize| run[at..at + m].iter().sum::<f64>() / m as f64;
-            // Overlapping spans, but no more than thirty-two starts per span: more add no information.
+            // Intervals overlap, but with at most thirty-two starts per interval length: more add no information.
             let stride = m.div_ceil(32);
             for at in (0..=run.len() - 2 * m).step_by(stride) {
                 sum += 0.5 * (mean(at + m) - mean(at)).powi(2);
@@ -140,12 +140,12 @@ pub fn allan_variance(lines: &[BlockMeans]) -> Vec<AllanPoint> {
     }
 }
 
-/// The Allan variance of a stationary Gauss-Markov process over its variance, for means over `span_s`.
-/// [IEEE Std 952-1997, (C.20)]
+/// Allan variance of a stationary Gauss-Markov process over its variance, for means over `span_s`. [IEEE Std 952-1997,
+/// (C.20)]
 pub fn gauss_markov_allan(span_s: f64, tau_s: f64) -> f64 {
     let u = span_s / tau_s;
     if u < 1e-3 {
-        // The terms below cancel; 2u/3 - u²/2 + ... is the difference.
+        // The terms below cancel; their difference is 2u/3 - u²/2 + ...
         return u * (2.0 / 3.0 - 0.5 * u);
     }
     2.0 / u * (1.0 - (3.0 - 4.0 * (-u).exp() + (-2.0 * u).exp()) / (2.0 * u))
@@ -182,8 +182,8 @@ struct AllanBound {
     excess: f64,
 }
 
-/// The variances that bound the points for one correlation time, with the smallest mean of their ratio to the points: a
-/// linear programme in two unknowns, whose solution is a vertex.
+/// Variances that bound the points for one correlation time, with the smallest mean ratio to the points: a linear
+/// programme in two unknowns, whose solution is a vertex.
 fn bound(points: &[AllanPoint], step_s: f64, tau_s: f64) -> AllanBound {
     // For each point: the response to a unit of each part, the bound, and the reference.
     let row = |p: &AllanPoint| {
@@ -198,7 +198,7 @@ fn bound(points: &[AllanPoint], step_s: f64, tau_s: f64) -> AllanBound {
     let mut best = AllanBound { excess: f64::INFINITY, ..AllanBound::default() };
     let mut corner = |white_nt2: f64, lasting_nt2: f64| {
         let of = |unit: &[f64; 2]| white_nt2 * unit[0] + lasting_nt2 * unit[1];
-        // A vertex lies on two of the bounds up to rounding.
+        // A vertex is on two of the bounds, up to rounding.
         let holds = rows.iter().all(|(unit, least, _)| of(unit) >= least * (1.0 - 1e-9));
         let excess = rows.iter().map(|(unit, _, value)| of(unit) / value).sum::<f64>() / rows.len() as f64;
         if white_nt2 >= 0.0 && lasting_nt2 >= 0.0 && holds && excess < best.excess {

@@ -1,14 +1,13 @@
-//! Samples at their own times onto an even grid of times.
+//! Resampling from arbitrary times to an even grid of times.
 //!
-//! Grid times are whole numbers over the rate (`k / rate_hz`), from the first such time at or after the first sample to
-//! the last at or before the last sample. They are the same numbers for every sensor and flight, so that tables can be
-//! joined on them. The grid holds NaN in gaps between samples longer than `max_gap_s`; a NaN sample counts as missing
-//! for its column only. Nothing is extrapolated. A grid time within a millionth of a step of a sample takes that sample
-//! unchanged, so that a series already on the grid is returned bit by bit.
+//! Grid times are whole multiples of the step (`k / rate_hz`), from the first such time at or after the first sample to
+//! the last one at or before the last sample. They are identical for every sensor and flight, so that tables can be
+//! joined on them. The grid holds NaN in gaps between samples that exceed `max_gap_s`; a NaN sample counts as missing
+//! for its column only. Nothing is extrapolated. At a grid time within a millionth of a step of a sample, that sample
+//! is unchanged; a series that is already on the grid is therefore bit-identical.
 //!
-//! Interpolation to a lower rate aliases everything faster than half of the new rate to lower
-//! frequencies. It is the conventional resampling and the default; [`anti_alias()`] removes
-//! the fast part beforehand.
+//! Interpolation to a lower rate aliases all components above half of the new rate to lower frequencies. It is the
+//! conventional resampling and the default; [`anti_alias()`] removes these components beforehand.
 
 mod akima;
 mod angle;
@@ -24,17 +23,17 @@ use params::choice;
 /// The maximum number of rows of a grid.
 pub const MOST_ROWS: usize = 50_000_000;
 
-/// The fraction of a step within which a grid time takes a sample unchanged.
+/// Distance, as a fraction of a step, within which a grid time takes a sample unchanged.
 const SNAP: f64 = 1e-6;
 
 choice! {
     /// Interpolation between samples.
     #[derive(Default)]
     pub enum SampleInterpolation {
-        /// The straight line between the samples before and after.
+        /// Linear between the previous and the next sample.
         #[default]
         Linear = "linear",
-        /// The nearest sample, the earlier of two equally near.
+        /// The nearest sample; the earlier of two at equal distance.
         Nearest = "nearest",
         /// Akima's piecewise cubic: smooth, and without the overshoot of a spline. [Akima 1970, "A new
         /// method of interpolation and smooth curve fitting based on local procedures", J. ACM 17(4)]
@@ -86,7 +85,7 @@ pub enum ResampleError {
         /// The rate, Hz.
         rate_hz: f64,
     },
-    /// A column is not as long as the time column.
+    /// A column and the time column have different lengths.
     #[error("a column has {given} rows, but the time has {expected}")]
     Length {
         /// The number of rows of the column.
@@ -96,7 +95,7 @@ pub enum ResampleError {
     },
 }
 
-/// The position of a grid time among samples: the sample before, and the fraction towards the next.
+/// Position of a grid time among samples: the previous sample, and the fraction of the step to the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct SamplePosition {
     left: usize,
@@ -106,8 +105,8 @@ struct SamplePosition {
 
 const NOWHERE: SamplePosition = SamplePosition { left: 0, weight: f64::NAN };
 
-/// The position of each time of an even grid among a line's samples: computed once for a line, and applied
-/// to each of its columns.
+/// Position of each time of an even grid among a line's samples. It is computed once per line and applied to each of
+/// its columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResamplePlan<'a> {
     tt: &'a [f64],
@@ -118,12 +117,12 @@ pub struct ResamplePlan<'a> {
 }
 
 impl<'a> ResamplePlan<'a> {
-    /// A plan for samples at the strictly increasing times `tt` (s), to `rate_hz`, bridging gaps of
-    /// up to `max_gap_s`. Without samples the grid is empty.
+    /// Plan for samples at the strictly increasing times `tt` (s), for resampling to `rate_hz`, with interpolation over
+    /// gaps of up to `max_gap_s`. Without samples the grid is empty.
     ///
     /// # Errors
-    /// Fails for a rate that is not a finite number above 0, a gap that is negative or NaN, times that are not finite
-    /// or do not increase, times too large to be distinguished at the rate, and more than [`MOST_ROWS`] rows.
+    /// Fails for a rate that is not a finite number above 0, a gap limit that is negative or NaN, times that are not
+    /// finite or do not increase, times too large to be distinguished at the rate, and more than [`MOST_ROWS`] rows.
     pub fn new(tt: &'a [f64], rate_hz: f64, max_gap_s: f64) -> Result<Self, ResampleError> {
         check(rate_hz, max_gap_s)?;
         check_increasing(tt)?;
@@ -134,9 +133,9 @@ impl<'a> ResamplePlan<'a> {
         Ok(Self::placed(tt, grid, rate_hz, max_gap_s))
     }
 
-    /// A plan for samples at the strictly increasing times `tt` (s) onto the strictly increasing times `grid`, which
-    /// are 1/`rate_hz` apart or about that, bridging gaps of up to `max_gap_s`. Times of the grid before the first
-    /// sample and after the last have NaN, as in a gap.
+    /// Plan for samples at the strictly increasing times `tt` (s), for resampling to the strictly increasing times
+    /// `grid`, which are about 1/`rate_hz` apart, with interpolation over gaps of up to `max_gap_s`. Grid times before
+    /// the first sample and after the last have NaN, as in a gap.
     ///
     /// # Errors
     /// Fails as [`ResamplePlan::new`].
@@ -151,7 +150,7 @@ impl<'a> ResamplePlan<'a> {
     fn placed(tt: &'a [f64], grid: Vec<f64>, rate_hz: f64, max_gap_s: f64) -> Self {
         let rounding = rounding(largest(tt));
         let snap_s = (SNAP / rate_hz).max(rounding);
-        // A gap of exactly the longest one is bridged despite the rounding of its times.
+        // A gap equal to the longest allowed one is interpolated despite the rounding of its times.
         let max_gap_s = max_gap_s + 2.0 * rounding;
         let places = places(tt, &grid, max_gap_s, snap_s);
         Self { tt, grid, places, max_gap_s, snap_s }
@@ -170,7 +169,7 @@ impl<'a> ResamplePlan<'a> {
     /// A column on the grid, in its unit; NaN in gaps.
     ///
     /// # Errors
-    /// Fails with [`ResampleError::Length`] for a column that is not as long as the times.
+    /// Fails with [`ResampleError::Length`] if the column and the times have different lengths.
     pub fn column(&self, x: &[f64], method: SampleInterpolation) -> Result<Vec<f64>, ResampleError> {
         self.on_finite(x, |tt, x, places| match method {
             SampleInterpolation::Linear => blend(x, places, |x, y, weight| x + weight * (y - x)),
@@ -179,11 +178,11 @@ impl<'a> ResamplePlan<'a> {
         })
     }
 
-    /// A column of angles in degrees on the grid, along the shorter arc, in the range (−180 to 180
-    /// or 0 to 360) of [`AngleRange::from_degrees`]; NaN in gaps.
+    /// A column of angles in degrees on the grid, interpolated along the shorter arc, in the range (−180 to 180 or 0 to
+    /// 360) of [`AngleRange::from_degrees`]; NaN in gaps.
     ///
     /// # Errors
-    /// Fails with [`ResampleError::Length`] for a column that is not as long as the times.
+    /// Fails with [`ResampleError::Length`] if the column and the times have different lengths.
     pub fn angle_deg(&self, x: &[f64], method: SampleInterpolation) -> Result<Vec<f64>, ResampleError> {
         let range = AngleRange::from_degrees(x);
         self.on_finite(x, |tt, x, places| match method {
@@ -196,8 +195,8 @@ impl<'a> ResamplePlan<'a> {
         })
     }
 
-    /// The row of the nearest sample for each time of the grid, for columns that are not numbers; the earlier of two
-    /// equally near; `None` in gaps.
+    /// Row of the nearest sample for each grid time, for columns that are not numbers; the earlier of two at equal
+    /// distance; `None` in gaps.
     pub fn nearest_rows(&self) -> Vec<Option<usize>> {
         let row = |place: &SamplePosition| {
             let later = usize::from(place.weight > 0.5);
@@ -206,7 +205,7 @@ impl<'a> ResamplePlan<'a> {
         self.places.iter().map(row).collect()
     }
 
-    /// Interpolates among the finite samples of a column, whose own gaps count.
+    /// Interpolates among the finite samples of a column, including the effect of the column's own gaps.
     fn on_finite(
         &self,
         x: &[f64],

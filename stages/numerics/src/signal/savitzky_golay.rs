@@ -1,4 +1,4 @@
-//! Values and derivatives of the polynomials that fit a moving window of even samples best.
+//! Values and derivatives of the polynomials of best fit to a moving window of evenly spaced samples.
 //!
 //! [Savitzky & Golay 1964, "Smoothing and differentiation of data by simplified least squares procedures", Analytical
 //! Chemistry 36(8)]
@@ -8,13 +8,13 @@ use nalgebra::{DMatrix, DVector};
 /// Error of a Savitzky-Golay window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum SavitzkyGolayError {
-    /// The window has no sample in its middle.
+    /// The window has no middle sample.
     #[error("a window must have an odd number of samples, 3 to {MOST_WINDOW}, but has {window}")]
     Window {
         /// The number of samples of the window.
         window: usize,
     },
-    /// The window has too few samples for the polynomial, or the polynomial no such derivative.
+    /// The window has too few samples for the polynomial, or the polynomial has no such derivative.
     #[error("a polynomial of degree {degree} over {window} samples has no derivative of order {derivative}")]
     Degree {
         /// The number of samples of the window.
@@ -29,21 +29,21 @@ pub enum SavitzkyGolayError {
 /// The longest window, in samples.
 pub const MOST_WINDOW: usize = 10_001;
 
-/// The highest degree: beyond it the fit loses its digits.
+/// Highest degree; above it the fit becomes inaccurate.
 const MOST_DEGREE: usize = 8;
 
 /// Savitzky-Golay weights of a window's samples, for each position in it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SavitzkyGolay {
-    /// Weights for the positions 0 to 2 half, counted from the window's first sample.
+    /// Weights for the positions 0 to 2 half, counted from the first sample of the window.
     weights: Vec<Vec<f64>>,
     half: usize,
     derivative: usize,
 }
 
 impl SavitzkyGolay {
-    /// The derivative of order `derivative` (0 for the value), per sample to that power, of the polynomial of degree
-    /// `degree` through `window` samples.
+    /// Weights for the derivative of order `derivative` (0 for the value), per sample to that power, of the polynomial
+    /// of degree `degree` through `window` samples.
     ///
     /// # Errors
     /// Fails for a window that is even or not 3 to [`MOST_WINDOW`] samples, and for a degree that is above 8, not below
@@ -57,7 +57,7 @@ impl SavitzkyGolay {
             return Err(wrong);
         }
         let half = window / 2;
-        // In halves of the window, so that the powers stay within 1.
+        // In units of half the window, so that powers are at most 1.
         let place = |k: usize| (k as f64 - half as f64) / half as f64;
         let powers = DMatrix::from_fn(window, degree + 1, |row, power| place(row).powi(power as i32));
         let qr = powers.qr();
@@ -78,21 +78,21 @@ impl SavitzkyGolay {
         Ok(Self { weights: (0..window).map(at).collect(), half, derivative })
     }
 
-    /// The number of samples of a window, and so the fewest that a run can have.
+    /// Number of samples of a window, the minimum length of a run.
     pub fn window(&self) -> usize {
         2 * self.half + 1
     }
 
-    /// The derivative at every sample of `x`, which is finite and evenly sampled, in its unit per sample to the power
-    /// of the derivative. The first and last half window have that of the polynomial of the first and last window.
-    /// `None` for fewer samples than a window.
+    /// Derivative at every sample of `x`, which must be finite and evenly sampled, in its unit per sample to the power
+    /// of the derivative. In the first and last half window, the derivative is that of the polynomial of the first and
+    /// last window. `None` for fewer samples than a window.
     pub fn apply(&self, x: &[f64]) -> Option<Vec<f64>> {
         let (n, window) = (x.len(), self.window());
         let last = n.checked_sub(window)?;
         let one = |i: usize| {
             let first = i.saturating_sub(self.half).min(last);
             let weights = self.weights.get(i - first)?;
-            // About the sample itself, so that a small change of a large value is kept.
+            // Relative to the sample itself, to preserve small changes of a large value.
             let sum: f64 = weights.iter().zip(&x[first..first + window]).map(|(w, other)| w * (other - x[i])).sum();
             Some(if self.derivative == 0 { x[i] + sum } else { sum })
         };
@@ -114,7 +114,7 @@ mod tests {
         {
             let ours = SavitzkyGolay::new(window, degree, derivative).unwrap().apply(&table["x"]).unwrap();
             let worst = ours.iter().zip(&table[name]).fold(0.0f64, |worst, (a, b)| worst.max((a - b).abs()));
-            // Rounding of 50,000 (7e-12) with weights up to some units at the ends.
+            // Rounding of 50,000 (7e-12) with weights of up to some units at the ends.
             assert!(worst < 1e-9, "{name}: {worst:e}");
         }
     }

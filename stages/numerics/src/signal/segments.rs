@@ -1,9 +1,8 @@
-//! Runs of usable samples: where a line has gaps, each run between them is processed separately.
+//! Runs of usable samples: the runs between the gaps of a line are processed separately.
 //!
-//! A filter has memory, so a single NaN would spread over the rest of the line (and
-//! backwards over its beginning). Here every run of finite, selected, evenly spaced samples is
-//! filtered on its own: samples outside all runs stay NaN, and a run too short for the filter's
-//! padding becomes NaN and is counted.
+//! A filter has memory, so a single NaN would affect the rest of the line (and, backwards, its beginning). Every run of
+//! finite, selected, evenly spaced samples is therefore filtered separately. Samples outside all runs remain NaN; a run
+//! too short for the filter's padding becomes NaN and is counted.
 
 use std::ops::Range;
 
@@ -13,7 +12,7 @@ use crate::signal::filter::{ConstantColumns, FilterError, ZeroPhaseFilter};
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TimeError {
     /// Fewer than two samples.
-    #[error("{rows} samples have no sample rate; at least 2 are required")]
+    #[error("a sample rate requires at least 2 samples, but there are {rows}")]
     TooShort {
         /// The number of samples.
         rows: usize,
@@ -24,17 +23,17 @@ pub enum TimeError {
         /// The row, from 0.
         row: usize,
     },
-    /// A time is not later than the one before.
+    /// A time is not later than the previous one.
     #[error("the time in row {row} ({tt} s) is not later than the previous one ({before} s)")]
     NotIncreasing {
         /// The row, from 0.
         row: usize,
         /// Its time, s.
         tt: f64,
-        /// The time of the row before, s.
+        /// Time of the previous row, s.
         before: f64,
     },
-    /// A step differs from the median step without being a gap.
+    /// A step differs from the median step but is not a gap.
     #[error(
         "the samples are not evenly spaced: row {row} (at {tt} s) is {step_s} s after the previous \
          row, but most steps are {usual_s} s; resample first"
@@ -44,12 +43,12 @@ pub enum TimeError {
         row: usize,
         /// Its time, s.
         tt: f64,
-        /// The time since the row before, s.
+        /// Time since the previous row, s.
         step_s: f64,
         /// The median step, s.
         usual_s: f64,
     },
-    /// A column is not as long as the time column.
+    /// A column and the time column have different lengths.
     #[error("a column has {given} rows, but the time has {expected}")]
     Lengths {
         /// The number of rows of the column.
@@ -59,18 +58,18 @@ pub enum TimeError {
     },
 }
 
-/// Maximum deviation of a time step from the median for samples to count as evenly spaced, as a fraction of the median:
-/// larger than the rounding of times kept to a millisecond at 10 Hz, well below a missing sample.
+/// Maximum deviation of a time step from the median, as a fraction of the median, for evenly spaced samples. It exceeds
+/// the rounding of times to a millisecond at 10 Hz and is well below a missing sample.
 pub const STEP_TOLERANCE: f64 = 0.01;
 
-/// Minimum step of a gap, in medians. Missing samples end a run but are not a fault of the clock.
+/// Minimum step of a gap, in median steps. Missing samples end a run but are not an error of the clock.
 pub const GAP_STEPS: f64 = 1.5;
 
 /// Fails unless times are finite and strictly increasing.
 ///
 /// # Errors
 /// Fails with [`TimeError::NotFinite`] for the first time that is not finite, otherwise with
-/// [`TimeError::NotIncreasing`] for the first that is not later than the one before.
+/// [`TimeError::NotIncreasing`] for the first that is not later than the previous one.
 pub fn check_increasing(tt: &[f64]) -> Result<(), TimeError> {
     if let Some(row) = tt.iter().position(|tt| !tt.is_finite()) {
         return Err(TimeError::NotFinite { row });
@@ -83,10 +82,10 @@ pub fn check_increasing(tt: &[f64]) -> Result<(), TimeError> {
 
 /// The sample rate in Hz of times in seconds: one over the median step.
 ///
-/// Gaps of [`GAP_STEPS`] and more are allowed. Any other step may differ from the median by `tolerance` of it
-/// ([`STEP_TOLERANCE`] by default). One that differs more is rejected with its row, because a filter assumes even
+/// Gaps of at least [`GAP_STEPS`] are allowed. Any other step may differ from the median by the fraction `tolerance`
+/// ([`STEP_TOLERANCE`] by default). A larger difference is rejected with its row, because a filter assumes even
 /// spacing. Logs with a coarse clock (20 ms samples stamped to the millisecond) need a larger tolerance or, better, a
-/// resampling first. The rounding of the times themselves (16 units in the last place) is always allowed for.
+/// resampling first. The rounding of the times themselves (16 units in the last place) is always allowed.
 ///
 /// # Errors
 /// Fails as [`check_increasing`], with [`TimeError::TooShort`] for fewer than two samples, and with
@@ -109,8 +108,8 @@ pub fn sample_rate(tt: &[f64], tolerance: f64) -> Result<f64, TimeError> {
     Ok(nearest_round(usual_s))
 }
 
-/// One over a step; where that is a round number of hertz up to the rounding of the times, the
-/// round number, so that all lines of a flight get the same filter.
+/// Reciprocal of a step. If a round number of hertz is within the rounding of the times, that number is returned, so
+/// that all lines of a flight have the same filter.
 fn nearest_round(step_s: f64) -> f64 {
     let rate_hz = 1.0 / step_s;
     let round = (rate_hz * 1000.0).round() / 1000.0;
@@ -122,7 +121,7 @@ fn nearest_round(step_s: f64) -> f64 {
 pub struct RowMask(Vec<bool>);
 
 impl RowMask {
-    /// All of `rows` rows.
+    /// Mask of `rows` usable rows.
     pub fn all(rows: usize) -> Self {
         Self(vec![true; rows])
     }
@@ -140,7 +139,7 @@ impl RowMask {
         self
     }
 
-    /// Excludes rows of a row-major matrix that have a value that is not finite.
+    /// Excludes rows of a row-major matrix that contain a value that is not finite.
     pub fn and_finite_rows(mut self, values: &[f64], columns: usize) -> Self {
         for (usable, row) in self.0.iter_mut().zip(values.chunks_exact(columns.max(1))) {
             *usable &= row.iter().all(|value| value.is_finite());
@@ -180,7 +179,7 @@ impl RowMask {
     }
 }
 
-/// The report of filtering a line with gaps.
+/// Report on filtering a line with gaps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct GapFilterReport {
     /// The number of runs that were filtered.
@@ -217,13 +216,13 @@ impl GapFilterReport {
     }
 }
 
-/// Filters each run of one column separately; NaN outside the runs and in those that are too short.
+/// Filters each run of one column separately. The result is NaN outside the runs and in runs that are too short.
 ///
 /// `runs` are in order, do not overlap, and contain finite values only, as [`RowMask::runs`] of the
 /// same column returns them.
 ///
 /// # Errors
-/// Fails with [`FilterError::NotFinite`] for a value that is not finite in a run that is filtered.
+/// Fails with [`FilterError::NotFinite`] for a value that is not finite in a filtered run.
 pub fn filter_column(
     filter: &ZeroPhaseFilter,
     x: &[f64],
@@ -234,12 +233,12 @@ pub fn filter_column(
     Ok((out, report))
 }
 
-/// Filters each run of a row-major matrix separately, in place; whole rows are NaN outside the runs
-/// and in those that are too short. `runs` as for [`filter_column`].
+/// Filters each run of a row-major matrix separately, in place. Whole rows are NaN outside the runs and in runs that
+/// are too short. `runs` as for [`filter_column`].
 ///
 /// # Errors
 /// Fails with [`FilterError::Shape`] for no columns or values that are not a whole number of rows, and with
-/// [`FilterError::NotFinite`] for a value that is not finite in a run that is filtered.
+/// [`FilterError::NotFinite`] for a value that is not finite in a filtered run.
 pub fn filter_matrix(
     filter: &ZeroPhaseFilter,
     values: &mut [f64],
@@ -296,7 +295,7 @@ mod tests {
     #[test]
     fn unit_a_run_too_short_for_the_padding_becomes_nan_and_is_counted() {
         let x = wave(200);
-        // 25 samples are the least for a padding of 24.
+        // 25 samples are the minimum for a padding of 24.
         let (y, report) = filter_column(&filter(), &x, &[0..24, 30..55, 60..200]).unwrap();
         assert!(y[..30].iter().all(|y| y.is_nan()));
         assert!(y[30..55].iter().all(|y| y.is_finite()));

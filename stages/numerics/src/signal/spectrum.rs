@@ -4,13 +4,13 @@ use std::f64::consts::TAU;
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
-/// The taper of each segment; both are periodic (for a spectrum, not symmetric).
+/// Taper of each segment; both tapers are periodic (suited to a spectrum, not symmetric).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum SpectralTaper {
-    /// ½ − ½ cos: falls to zero, low leakage far away.
+    /// ½ − ½ cos: falls to zero; low leakage to distant frequencies.
     #[default]
     Hann,
-    /// 0.54 − 0.46 cos: lower leakage nearby.
+    /// 0.54 − 0.46 cos: lower leakage to nearby frequencies.
     Hamming,
 }
 
@@ -40,7 +40,7 @@ pub enum SpectrumError {
         /// The requested number of samples.
         segment: usize,
     },
-    /// No segment without gaps is that long.
+    /// There is no segment of this length without gaps.
     #[error("no {segment} consecutive samples of {rows} are finite; use shorter segments")]
     TooShort {
         /// The number of samples of the series.
@@ -63,17 +63,17 @@ pub struct PowerSpectrum {
     pub left_out: usize,
 }
 
-/// The power spectral density of `x`, evenly sampled at `rate_hz`: the mean of the periodograms of
-/// segments of `segment` samples that overlap by half, each with its mean subtracted and tapered.
-/// [Welch 1967, IEEE Trans. Audio Electroacoust. 15(2)]
+/// Power spectral density of `x`, evenly sampled at `rate_hz`: the mean of the periodograms of segments. Segments have
+/// `segment` samples and overlap by half; each is tapered after subtraction of its mean. [Welch 1967, IEEE Trans. Audio
+/// Electroacoust. 15(2)]
 ///
-/// Scaled so that the integral over frequency is the variance, as scipy's `welch` does. Segments with a value that is
-/// not finite are excluded and counted. Bit-identical results on every processor are not guaranteed: the transform uses
-/// the widest available vectors.
+/// The integral over frequency is the variance, as with scipy's `welch`. Segments with a value that is not finite are
+/// excluded and counted. Results may differ in the last bits between processors, because the transform uses the widest
+/// available vectors.
 ///
 /// # Errors
 /// Fails with [`SpectrumError::Rate`] for a rate that is not a finite number above 0, with [`SpectrumError::Segment`]
-/// for segments of fewer than two samples, and with [`SpectrumError::TooShort`] when no segment is finite throughout.
+/// for segments of fewer than two samples, and with [`SpectrumError::TooShort`] if no segment is completely finite.
 pub fn welch(x: &[f64], rate_hz: f64, segment: usize, window: SpectralTaper) -> Result<PowerSpectrum, SpectrumError> {
     if !(rate_hz > 0.0 && rate_hz.is_finite()) {
         return Err(SpectrumError::Rate { rate_hz });
@@ -106,7 +106,7 @@ pub fn welch(x: &[f64], rate_hz: f64, segment: usize, window: SpectralTaper) -> 
     let power: f64 = taper.iter().map(|w| w * w).sum();
     let scale = 1.0 / (rate_hz * power * segments as f64);
     for (bin, density) in density.iter_mut().enumerate() {
-        // All but 0 Hz and, for an even number of samples, Nyquist represent two frequencies.
+        // All bins represent two frequencies, except 0 Hz and, for an even number of samples, Nyquist.
         let sides = if bin == 0 || 2 * bin == segment { 1.0 } else { 2.0 };
         *density *= sides * scale;
     }

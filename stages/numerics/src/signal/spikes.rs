@@ -1,34 +1,36 @@
 //! Spikes: samples that contradict the signal around them.
 //!
-//! Both searches work on one run of finite samples and return a flag per sample; the caller decides on the spikes.
-//! Their noise is a robust figure, 1.4826 times the median absolute deviation, and at least one step of the
-//! quantisation. That step is the smallest difference between neighbours that is more than rounding. The last digit of
-//! a quiet sensor is thus not a spike. A held, interpolated or coarse column may deviate by no more than rounding in
-//! more than half of a run. Its median is then that of the other samples: steps and corners of such a column are not
-//! spikes, and larger values are. A run that is constant except for its spikes gives no noise: none are found.
+//! Both searches process one run of finite samples and return a flag per sample; the caller decides how to treat the
+//! spikes. Their noise estimate is robust, 1.4826 times the median absolute deviation, and at least one step of the
+//! quantisation. That step is the smallest difference between neighbours that is more than rounding. Changes of the
+//! last digit of a quiet sensor are therefore not flagged as spikes. In a held, interpolated or coarse column, more
+//! than half of the deviations in a run may be at the level of rounding. The median is then computed from the other
+//! samples. Steps and corners of such a column are therefore not flagged, and larger values are. In a run that is
+//! constant except for its spikes, the noise cannot be estimated, and no spikes are found.
 
 use crate::regression::statistics::median;
 
-/// The standard deviation of normal values over their median absolute deviation, 1/0.67449.
+/// Ratio of the standard deviation of normal values to their median absolute deviation, 1/0.67449.
 const SIGMA_OF_MAD: f64 = 1.482_602_218_505_602;
 
 /// The variance of the fourth difference of white noise of variance 1: 1 + 16 + 36 + 16 + 1.
 const FOURTH_DIFFERENCE_GAIN: f64 = 70.0;
 
-/// Upper bound of the rounding error of a fourth difference in double precision, for values of size 1. The magnitudes
-/// of its coefficients add up to 16.
+/// Upper bound of the rounding error of a fourth difference in double precision, for values of magnitude 1. The
+/// magnitudes of its coefficients add up to 16.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// Maximum number of passes of the fourth difference.
 const MOST_PASSES: usize = 20;
 
 /// Flags the samples of `x` that deviate from the median of their window, `half` samples to either side, by more than
-/// `threshold` times the noise. The noise is the greatest of that of the window, that of the whole run about its
-/// running median, and the quantisation. At the ends the window is truncated. One entry a sample. [Hampel 1974, "The
-/// influence curve and its role in robust estimation", J. Am. Stat. Assoc. 69; Pearson 2002, "Outliers in process
-/// modeling and identification", IEEE Trans. Control Systems Technology 10(1)]
+/// `threshold` times the noise. The noise is the largest of three values: that of the window, that of the whole run
+/// about its running median, and the quantisation. At the ends the window is truncated. Returns one entry per sample.
+/// [Hampel 1974, "The influence curve and its role in robust estimation", J. Am. Stat. Assoc. 69; Pearson 2002,
+/// "Outliers in process modeling and identification", IEEE Trans. Control Systems Technology 10(1)]
 ///
-/// Up to `half` neighbouring samples are found together. `x` is finite; a run of fewer than 3 samples has no spikes.
+/// Groups of up to `half` neighbouring spikes are detected. `x` must be finite; a run of fewer than 3 samples has no
+/// spikes.
 pub fn hampel(x: &[f64], half: usize, threshold: f64) -> Vec<bool> {
     if x.len() < 3 || half == 0 {
         return vec![false; x.len()];
@@ -49,14 +51,14 @@ pub fn hampel(x: &[f64], half: usize, threshold: f64) -> Vec<bool> {
     off.iter().zip(&noise).map(|(off, noise)| off.abs() > threshold * noise.max(least)).collect()
 }
 
-/// Flags the single samples of `x` at which the fourth difference, over √70 in the unit of `x`, is more than
-/// `threshold` times its noise, and greater than at the two samples to either side.
+/// Flags single samples of `x` at which the fourth difference, over √70 in the unit of `x`, exceeds `threshold` times
+/// its noise and the fourth differences at the two samples to either side.
 ///
-/// A single sample that is off by `a` has 6 a/√70 = 0.72 a there; a smooth signal has almost none. A detected sample is
-/// set on the cubic through its neighbours, and the search repeats until there is none. Two neighbouring samples that
-/// are off together cannot be distinguished from their neighbours: use [`hampel`]. `x` is finite and evenly sampled;
-/// the first and last two samples are not tested. One entry a sample. [Reeves 1993, "Practical aeromagnetic surveys",
-/// on the fourth difference as a measure of noise]
+/// A single sample with an error of `a` has 6 a/√70 = 0.72 a there; a smooth signal has almost none. A detected sample
+/// is replaced by the value of the cubic through its neighbours, and the search is repeated until no spike remains. Two
+/// neighbouring samples with a common error cannot be distinguished from their neighbours: use [`hampel`]. `x` must be
+/// finite and evenly sampled; the first and last two samples are not tested. Returns one entry per sample. [Reeves
+/// 1993, "Practical aeromagnetic surveys", on the fourth difference as a measure of noise]
 pub fn fourth_difference(x: &[f64], threshold: f64) -> Vec<bool> {
     let mut found = vec![false; x.len()];
     if x.len() < 5 {
@@ -64,7 +66,7 @@ pub fn fourth_difference(x: &[f64], threshold: f64) -> Vec<bool> {
     }
     let mut x = x.to_vec();
     let mut sizes = fourth_differences(&x);
-    // A corner also appears in the adjacent differences: its own is the greatest.
+    // A corner also appears in the adjacent differences; the difference at the corner itself is the largest.
     let least = noise_of_run(&x, &sizes, |i| is_peak(&sizes, i));
     for _ in 0..MOST_PASSES {
         let above = |i: &usize| sizes[*i] > threshold * least && is_peak(&sizes, *i);
@@ -81,20 +83,20 @@ pub fn fourth_difference(x: &[f64], threshold: f64) -> Vec<bool> {
     found
 }
 
-/// The size of the fourth difference over √70 at each sample but the first and last two.
+/// Absolute fourth difference over √70 at each sample except the first and last two.
 fn fourth_differences(x: &[f64]) -> Vec<f64> {
     let of = |w: &[f64]| ((w[0] + w[4]) - 4.0 * (w[1] + w[3]) + 6.0 * w[2]).abs() / FOURTH_DIFFERENCE_GAIN.sqrt();
     x.windows(5).map(of).collect()
 }
 
-/// Whether none of the two differences to either side is greater.
+/// Whether no difference at the two samples to either side is larger.
 fn is_peak(sizes: &[f64], i: usize) -> bool {
     sizes[i.saturating_sub(2)..(i + 3).min(sizes.len())].iter().all(|other| *other <= sizes[i])
 }
 
-/// Noise of a run from its deviations; if most are rounding, from those for which `counts` is true.
+/// Noise of a run from its deviations; if most are at the level of rounding, only those with `counts` are used.
 fn noise_of_run(x: &[f64], sizes: &[f64], counts: impl Fn(usize) -> bool) -> f64 {
-    // The median represents most values; the greatest may be a spike.
+    // The median represents most values; the largest may be a spike.
     let rounding = ROUNDING * median(&mut x.iter().map(|x| x.abs()).collect::<Vec<_>>());
     let steps = x.windows(2).map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > rounding);
     let quantisation = steps.min_by(f64::total_cmp).unwrap_or(rounding);
@@ -142,7 +144,7 @@ mod tests {
         at.iter().zip([4.0, -3.0, 50.0, -2.5, 900.0]).for_each(|(i, a)| x[*i] += a);
         assert_eq!(places(&fourth_difference(&x, 8.0)), at);
         assert_eq!(places(&hampel(&x, 5, 12.0)), [700, 1990], "a slope widens the window's own deviation");
-        // Four samples together.
+        // Four adjacent samples.
         (900..904).for_each(|i| x[i] += 300.0);
         assert_eq!(places(&hampel(&x, 7, 12.0)), [700, 900, 901, 902, 903, 1990]);
     }
@@ -158,7 +160,7 @@ mod tests {
         assert_eq!((places(&hampel(&x, 5, 3.0)), places(&fourth_difference(&x, 3.0))), (vec![200], vec![200]));
     }
 
-    /// A record in hundredths of a nanotesla, with a value for each `every` samples and straight lines in between.
+    /// A record in hundredths of a nanotesla, with one value per `every` samples and straight lines in between.
     fn interpolated(every: usize, rows: usize) -> Vec<f64> {
         let mut normals = NormalGenerator::new(9);
         let knots: Vec<f64> = (0..rows / every + 2)
@@ -191,8 +193,8 @@ mod tests {
 
     #[test]
     fn unit_the_last_digit_between_two_samples_is_not_a_spike() {
-        // A quiet sensor of 0.01 nT at 160 Hz, at the times of another clock: two samples share a change of the last
-        // digit in any proportion.
+        // A quiet sensor with a resolution of 0.01 nT at 160 Hz, resampled to the times of another clock: two samples
+        // share a change of the last digit in any proportion.
         let quiet = |i: usize| 50_000.0 + if i.is_multiple_of(37) { 0.01 } else { 0.0 };
         let mut x: Vec<f64> = (0..4000)
             .map(|i| {

@@ -86,13 +86,12 @@ pub struct TermSelection {
 }
 
 impl TermSelection {
-    /// The terms of the named groups: `permanent`, `induced` (`induced5` without zz, `induced3` the
-    /// diagonal), `eddy` (`eddy8` without zz_dot, `eddy3` the diagonal), `derivative`, `bias`, or
-    /// their short names.
+    /// Selects the named groups: `permanent`, `induced` (`induced5` without zz, `induced3` the diagonal), `eddy`
+    /// (`eddy8` without zz_dot, `eddy3` the diagonal), `derivative`, `bias`, or their short names.
     ///
     /// # Errors
-    /// Fails with [`AMatrixError::Unknown`] for a name that no group has, with [`AMatrixError::SameFamily`] for two
-    /// groups of one family, and with [`AMatrixError::Empty`] without names.
+    /// Fails with [`AMatrixError::Unknown`] for an unknown name, with [`AMatrixError::SameFamily`] for two groups of
+    /// one family, and with [`AMatrixError::Empty`] without names.
     pub fn new<S: AsRef<str>>(names: &[S]) -> Result<Self, AMatrixError> {
         let mut groups: Vec<&'static TermGroup> = Vec::new();
         for name in names {
@@ -138,7 +137,7 @@ impl TermSelection {
         &GROUPS
     }
 
-    /// The groups it contains, in the order of their columns.
+    /// The selected groups, in the order of their columns.
     pub fn groups(&self) -> &[&'static TermGroup] {
         &self.groups
     }
@@ -158,14 +157,14 @@ impl TermSelection {
         self.columns.is_empty()
     }
 
-    /// The columns selected from the full row.
+    /// Columns of the full row that are selected.
     pub(super) fn columns(&self) -> &[usize] {
         &self.columns
     }
 }
 
 impl Default for TermSelection {
-    /// The classical 18: permanent, induced and eddy.
+    /// The 18 classical terms: permanent, induced and eddy.
     fn default() -> Self {
         let groups = vec![&GROUPS[0], &GROUPS[1], &GROUPS[4]];
         let columns = groups.iter().flat_map(|group| group.columns).copied().collect();

@@ -36,7 +36,7 @@ fn val_rows_equal_magnav() {
     }
 }
 
-/// MagNav.jl's whole calibration: filter, trim and ridge.
+/// The complete calibration of MagNav.jl: filter, trim and ridge.
 #[test]
 fn val_coefficients_equal_magnav() {
     let (vector, scalar) = flight();
@@ -64,8 +64,8 @@ fn val_coefficients_equal_magnav() {
         let magnav = &columns(text)["row0"];
         let scale = magnav.iter().fold(0.0f64, |scale, b| scale.max(b.abs()));
         for (term, (ours, magnav)) in path.solutions[0].coefficients[0].iter().zip(magnav).enumerate() {
-            // MagNav.jl solves normal equations: their condition number of up to 1e5 with this ridge
-            // times the rounding of the filtered columns.
+            // MagNav.jl solves the normal equations. The tolerance is their condition number with this ridge (up to
+            // 1e5) times the rounding of the filtered columns.
             assert!((ours - magnav).abs() < 1e-7 * scale, "{groups:?} {term}: {ours} against {magnav}");
         }
     }
@@ -129,7 +129,7 @@ fn unit_a_difference_never_crosses_a_gap() {
     assert_eq!(holed[31 * width..], cut(31..80));
     let (missing, bias) = holed[30 * width..31 * width].split_at(width - 1);
     assert!(missing.iter().all(|v| v.is_nan()) && bias == [1.0]);
-    // Runs given by the caller break differences in the same way; rows outside them are missing.
+    // Runs from the caller break differences in the same way; rows outside them are missing.
     let whole = [flight().0[0].clone(), y, z];
     let in_runs = matrix_in_runs(&field(&whole), &terms, 50_000.0, &[0..30, 31..80]).unwrap();
     assert_eq!(in_runs.len(), 80 * width);
@@ -158,7 +158,7 @@ fn unit_missing_inputs_give_nan_only_in_their_terms() {
 #[test]
 fn unit_invalid_requests_are_rejected() {
     let error = |names: &[&str]| TermSelection::new(names).unwrap_err().to_string();
-    assert!(error(&["permanant"]).contains("`permanant`; the groups are permanent, induced"));
+    assert!(error(&["permanant"]).contains("`permanant`; the available groups are permanent, induced"));
     assert!(error(&["induced", "i3"]).contains("`induced` and `induced3`"));
     assert!(error(&[]).contains("the list of groups of terms is empty"));
     let short = BodyFieldColumns { x: &[1.0], y: &[1.0, 2.0], z: &[1.0], bt: None };

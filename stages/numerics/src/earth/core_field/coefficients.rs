@@ -21,8 +21,8 @@ choice! {
         /// doi:10.5281/zenodo.14012302]
         #[default]
         Igrf14 = "igrf",
-        /// The World Magnetic Model, degree 12: WMM2020 from 2020 to 2025, WMM2025 to 2030. A component jumps by up to
-        /// 314 nT at the change of model. [NOAA NCEI and BGS]
+        /// The World Magnetic Model, degree 12: WMM2020 from 2020 to 2025, and WMM2025 from 2025 to 2030. At the change
+        /// of model, a component jumps by up to 314 nT. [NOAA NCEI and BGS]
         Wmm = "wmm",
     }
 }
@@ -68,30 +68,30 @@ impl CoreFieldModel {
 pub(super) struct EpochCoefficients {
     pub(super) from_year: f64,
     to_year: f64,
-    /// The coefficients of the potential (divided by the reference radius, in nT) at the first epoch, for harmonics
-    /// that are not normalised; cosine and sine interleaved.
+    /// Coefficients of the potential at the first epoch, divided by the reference radius, in nT, for harmonics that are
+    /// not normalised. Cosine and sine are interleaved.
     at_start: Box<[f64; TERMS]>,
-    /// Their change in nT a year.
+    /// Change of the coefficients, in nT/year.
     per_year: Box<[f64; TERMS]>,
     table: OnceLock<HarmonicTable>,
 }
 
-/// Coefficients of the field's three earth-centred components and of their change a year, side by side for each term.
+/// Coefficients of the three earth-centred field components and of their annual changes, adjacent for each term.
 pub(super) type HarmonicTable = Vec<[f64; 6]>;
 
 impl EpochCoefficients {
-    /// Whether a date is in this span, which excludes its end.
+    /// Whether a date is in this span; the end is excluded.
     pub(super) fn holds(&self, decimal_year: f64) -> bool {
         (self.from_year..self.to_year).contains(&decimal_year)
     }
 
-    /// Coefficients for an evaluation at many dates, computed once.
+    /// Coefficients for evaluation at many dates, computed once.
     pub(super) fn table(&self) -> &HarmonicTable {
         self.table.get_or_init(|| {
             let field = |of: &[f64; TERMS]| [0, 1, 2].map(|axis| derivative(of, axis, -1.0));
             let (start, rate) = (field(&self.at_start), field(&self.per_year));
             let all = [&start[0], &start[1], &start[2], &rate[0], &rate[1], &rate[2]];
-            // The sine of order zero multiplies a harmonic that is zero.
+            // The sine of order zero multiplies a zero harmonic.
             (0..TERMS).map(|k| all.map(|c| c[k])).collect()
         })
     }
@@ -158,7 +158,7 @@ pub enum CoreFieldError {
         row: usize,
     },
     /// The embedded coefficient file is damaged.
-    #[error("the coefficient file of {model} is damaged in line {line}")]
+    #[error("line {line} of the coefficient file of {model} is damaged")]
     Coefficients {
         /// The model.
         model: &'static str,
@@ -172,8 +172,8 @@ pub(super) const fn index(n: usize, m: usize) -> usize {
     n * (n + 1) / 2 + m
 }
 
-/// The epochs of a file in the SHC format of IGRF: a line of epochs, then degree, order (negative for sines) and a
-/// value for each epoch.
+/// Parses a file in the SHC format of IGRF: a line of epochs, then lines of degree, order (negative for sines) and a
+/// value per epoch.
 fn shc(file: &str) -> Result<Vec<EpochCoefficients>, CoreFieldError> {
     let damaged = |line: usize| CoreFieldError::Coefficients { model: CoreFieldModel::Igrf14.name(), line: line + 1 };
     let mut lines = file.lines().enumerate().filter(|(_, line)| !line.starts_with('#')).skip(1);
@@ -207,7 +207,8 @@ fn between(early: (f64, &[f64; TERMS]), late: (f64, &[f64; TERMS])) -> EpochCoef
     }
 }
 
-/// A file in the COF format of WMM: the epoch, then degree, order, cosine, sine and their changes a year.
+/// Parses a file in the COF format of WMM: the epoch, then lines of degree, order, cosine, sine and their annual
+/// changes.
 fn cof(file: &str, to_year: f64) -> Result<EpochCoefficients, CoreFieldError> {
     let damaged = |line: usize| CoreFieldError::Coefficients { model: CoreFieldModel::Wmm.name(), line: line + 1 };
     let mut lines = file.lines().enumerate();
@@ -233,7 +234,7 @@ fn numbers(line: &str) -> Option<Vec<f64>> {
     line.split_whitespace().map(|word| word.parse().ok()).collect()
 }
 
-/// The index of a coefficient and the factor of its normalisation; a negative order is a sine.
+/// Index of a coefficient and its normalisation factor; a negative order denotes a sine.
 fn place(degree: f64, signed_order: f64) -> Option<(usize, f64)> {
     let order = signed_order.abs();
     if degree.fract() != 0.0 || order.fract() != 0.0 || !(1.0..=DEGREE as f64).contains(&degree) || order > degree {
@@ -243,8 +244,7 @@ fn place(degree: f64, signed_order: f64) -> Option<(usize, f64)> {
     Some((2 * index(n, m) + usize::from(signed_order < 0.0), schmidt_factor(n, m)))
 }
 
-/// The factor that turns a Legendre function into a Schmidt semi-normalised one:
-/// sqrt(2 (n-m)! / (n+m)!), 1 for order zero.
+/// Factor from a Legendre function to a Schmidt semi-normalised one: sqrt(2 (n-m)! / (n+m)!), 1 for order zero.
 fn schmidt_factor(n: usize, m: usize) -> f64 {
     if m == 0 {
         return 1.0;
@@ -253,15 +253,14 @@ fn schmidt_factor(n: usize, m: usize) -> f64 {
     (2.0 / falling).sqrt()
 }
 
-/// The coefficients of `scale` times the derivative of a potential along the earth-centred axis
-/// 0, 1 or 2 (x, y, z), position being counted in reference radii.
-/// [Montenbruck & Gill, Satellite Orbits, (3.33)]
+/// The coefficients of `scale` times the derivative of a potential along the earth-centred axis 0, 1 or 2 (x, y, z),
+/// with positions in units of the reference radius. [Montenbruck & Gill, Satellite Orbits, (3.33)]
 pub(super) fn derivative(of: &[f64; TERMS], axis: usize, scale: f64) -> Box<[f64; TERMS]> {
     let mut out = Box::new([0.0; TERMS]);
     for n in 0..=DEGREE + 1 {
         for m in 0..=n {
             let here = 2 * index(n, m);
-            // The sine of order zero is zero: its coefficient in a derivative is dropped.
+            // The sine of order zero is zero, so its coefficient in a derivative is omitted.
             let sine = if m == 0 { 0.0 } else { of[here + 1] };
             let (c, s) = (scale * of[here], scale * sine);
             if axis == 2 {
@@ -281,7 +280,7 @@ fn add_axial(out: &mut [f64; TERMS], n: usize, m: usize, c: f64, s: f64) {
     out[up + 1] -= factor * s;
 }
 
-/// The y derivative is the x derivative with cosine and sine exchanged as a quarter turn does.
+/// Adds the y derivative: the x derivative with cosine and sine exchanged as in a rotation by a quarter turn.
 fn add_equatorial(out: &mut [f64; TERMS], n: usize, m: usize, c: f64, s: f64, along_y: bool) {
     let half = if m == 0 { 1.0 } else { 0.5 };
     let (up_v, up_w) = if along_y { (s, -c) } else { (-c, -s) };

@@ -11,7 +11,7 @@ fn val_igrf14_values_of_ppigrf() {
         let field = CoreField::at(v[0]).unwrap();
         let ned = field.field_ned_nt(v[2], v[3], v[1] * 1e3);
         for (computed, expected) in ned.iter().zip(&v[4..7]) {
-            // The reference is printed to 0.001 nT; its conversion from geodetic differs by 0.002.
+            // The reference is printed to 0.001 nT; its conversion from geodetic coordinates differs by 0.002 nT.
             assert!((computed - expected).abs() < 0.003, "{ned:?} {line}");
         }
         assert!((field.magnitude_nt(v[2], v[3], v[1] * 1e3) - v[8]).abs() < 0.003, "{line}");
@@ -24,7 +24,7 @@ fn rows(text: &str) -> Vec<Vec<f64>> {
     text.lines().skip(1).map(|line| line.split(',').map(|word| word.parse().unwrap()).collect()).collect()
 }
 
-/// Largest differences from official test values: north, east, down, magnitude and the three rates.
+/// Largest differences from the official test values: north, east, down, magnitude and the three rates.
 fn worst_of_wmm(text: &str) -> [f64; 7] {
     let rows = rows(text);
     assert_eq!(rows.len(), 100);
@@ -48,7 +48,7 @@ fn ref_wmm_test_values() {
     let worst = worst_of_wmm(include_str!("../../../reference/core_field/wmm2020_test_values.csv"));
     assert!(worst.iter().all(|w| *w < 0.051), "{worst:?}");
     // Printed to 1e-6 nT. The official north component is not exact (see the reference's README). Its error affects the
-    // other components by a thousandth and the magnitude by up to its full size.
+    // other components by a thousandth, and the magnitude by up to the full error.
     let worst = worst_of_wmm(include_str!("../../../reference/core_field/wmm2025_test_values.csv"));
     let printed = [8e-4, 0.51e-6, 3e-6, 8e-4, 1.1e-6, 0.51e-6, 0.6e-6];
     assert!(worst.iter().zip(printed).all(|(w, p)| *w < p), "{worst:?}");
@@ -66,7 +66,7 @@ fn jac_gradient_of_the_magnitude() {
     let field = CoreField::at(2023.4).unwrap();
     for (lat, lon, alt) in [(45.0, -75.7, 400.0), (-21.9, 140.6, 3e3), (89.0, 10.0, 0.0), (0.0, 179.99, 1e4)] {
         let at = field.magnitude_and_gradient(lat, lon, alt);
-        // A step of 1 km: truncation 1e-5 relative at most, rounding 1e-8 nT over 30 nT.
+        // For a step of 1 km, the relative truncation error is at most 1e-5 and the rounding error 1e-8 nT over 30 nT.
         let step = 0.01_f64;
         let central = |dlat: f64, dlon: f64, dalt: f64| {
             field.magnitude_nt(lat + dlat, lon + dlon, alt + dalt)
@@ -78,7 +78,7 @@ fn jac_gradient_of_the_magnitude() {
         assert!((at.d_lat_nt_per_rad - d_lat).abs() < 1e-5 * 6e4, "{at:?} {d_lat}");
         assert!((at.d_lon_nt_per_rad - d_lon).abs() < 1e-5 * 6e4, "{at:?} {d_lon}");
         assert!((at.d_alt_nt_per_m - d_alt).abs() < 1e-5 * 0.03, "{at:?} {d_alt}");
-        // The same sum, rounded before or after the turn into the local frame.
+        // The same sum, rounded before or after the rotation into the local frame.
         assert!((at.value_nt - field.magnitude_nt(lat, lon, alt)).abs() < 1e-10);
     }
 }
@@ -88,7 +88,7 @@ fn law_the_field_has_neither_divergence_nor_curl() {
     let field = CoreField::at(2000.0).unwrap();
     let harmonics = field.recursion.harmonics(ecef_m(0.6, 2.1, 5e3), HIGHEST_DEGREE);
     let [xx, _, _, yy, _, zz] = field.tensor.each_ref().map(|c| dot_terms(c, &harmonics));
-    // Relative to the size of the entries, 0.01 nT/m.
+    // Relative to the magnitude of the entries, 0.01 nT/m.
     assert!((xx + yy + zz).abs() < 1e-14, "{}", xx + yy + zz);
     let yx = derivative(&field.components[1], 0, 1.0 / REFERENCE_RADIUS_M);
     // The sine of order zero has no effect and may differ.
@@ -103,7 +103,7 @@ fn law_the_field_is_continuous_at_the_poles() {
         let magnitudes: Vec<f64> = (0..8).map(|k| field.magnitude_nt(pole, 45.0 * f64::from(k), 100.0)).collect();
         let near = field.magnitude_nt(pole * (1.0 - 1e-9), 30.0, 100.0);
         for magnitude in magnitudes {
-            // 90 degrees in radians is off the pole by 4e-10 m; 1e-7 degrees are 0.01 m.
+            // 90 degrees in radians is 4e-10 m from the pole; 1e-7 degrees are 0.01 m.
             assert!((magnitude - near).abs() < 1e-3, "{magnitude} {near}");
         }
         assert!(field.magnitude_and_gradient(pole, 12.0, 0.0).d_lat_nt_per_rad.is_finite());
@@ -153,7 +153,8 @@ fn law_the_expansion_follows_the_field() {
 #[test]
 fn law_a_track_equals_single_evaluations() {
     for model in [CoreFieldModel::Igrf14, CoreFieldModel::Wmm] {
-        // Dates before, on and after an epoch, a number of positions that does not fill the vector lanes, and gaps.
+        // Dates before, on and after an epoch; a number of positions that is not a multiple of the vector width; and
+        // gaps.
         let n = 203;
         let part = |k: usize| k as f64 / n as f64;
         let lat: Vec<f64> = (0..n).map(|k| 180.0 * part(k) - 90.0).collect();

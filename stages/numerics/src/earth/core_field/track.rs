@@ -1,4 +1,4 @@
-//! The core field at many positions and dates at once: four positions share a recursion, in the lanes of a vector
+//! The core field at many positions and dates: each recursion evaluates four positions, one per lane of a vector
 //! register.
 
 use super::{
@@ -47,12 +47,12 @@ impl CoreFieldTrack {
         Self { model, recursion: HarmonicRecursion::new() }
     }
 
-    /// The field (north, east, down; nT) at each position and date; the shortest of the four slices gives the length. A
-    /// position with a coordinate or date that is not finite has NaN.
+    /// The field (north, east, down; nT) at each position and date; the shortest of the four slices determines the
+    /// length. If a coordinate or date is not finite, the result is NaN.
     ///
     /// # Errors
-    /// Fails for a date that the model does not cover and for a position that does not exist: a latitude beyond a pole,
-    /// a longitude outside -180 to 360 degrees, a height outside -10 to 2,000 km.
+    /// Fails for a date outside the model's range and for an invalid position: a latitude beyond a pole, a longitude
+    /// outside -180 to 360 degrees, or a height outside -10 to 2,000 km.
     pub fn field(
         &self,
         lat_deg: &[f64],
@@ -63,7 +63,7 @@ impl CoreFieldTrack {
         self.evaluate(lat_deg, lon_deg, alt_m, year, false)
     }
 
-    /// Change of the field (north, east, down; nT a year); see [`CoreFieldTrack::field`].
+    /// Annual change of the field (north, east, down; nT/year); see [`CoreFieldTrack::field`].
     ///
     /// # Errors
     /// Fails as [`CoreFieldTrack::field`].
@@ -132,8 +132,8 @@ impl CoreFieldTrack {
     }
 }
 
-/// Coordinates of a position with their limits. The models hold from the ground up to heights where the field of
-/// currents in the ionosphere and magnetosphere is no longer small compared with the core field.
+/// Coordinates of a position with their limits. The models apply from the ground up to heights where the external field
+/// is no longer small compared with the core field.
 const PLACES: [(GeodeticCoordinate, f64, f64, &str); 3] = [
     (GeodeticCoordinate::Latitude, -90.0, 90.0, "deg"),
     (GeodeticCoordinate::Longitude, -180.0, 360.0, "deg"),
@@ -181,7 +181,7 @@ impl PositionGroup {
     }
 }
 
-/// Sums over all harmonics of each column of the table, one position per lane; compiled for the vector width of each
+/// Sums over all harmonics for each column of the table, one position per lane; compiled for the vector width of each
 /// processor.
 struct HarmonicSums<'a> {
     recursion: &'a HarmonicRecursion,
@@ -198,8 +198,8 @@ impl pulp::NullaryFnOnce for HarmonicSums<'_> {
     }
 }
 
-/// The recursion of [`HarmonicRecursion::harmonics`], degree by degree. Each degree's part is added at once, so that at
-/// most three degrees are kept. The order of operations is that of the source for every width of the register.
+/// The recursion of [`HarmonicRecursion::harmonics`], degree by degree. Each degree is summed at once, so that at most
+/// three degrees are stored. The order of operations is the same for every register width.
 #[inline(always)]
 fn summed(recursion: &HarmonicRecursion, table: &HarmonicTable, position_m: &[PositionLanes; 3]) -> [PositionLanes; 6] {
     const WIDTH: usize = DEGREE + 1;

@@ -11,14 +11,14 @@ pub enum BiasModel {
     /// No bias.
     #[default]
     Nothing,
-    /// A constant: the median of the differences in each overlap, reconciled over all overlaps by least squares
-    /// weighted with their size.
+    /// A constant: the median of the differences in each overlap, adjusted over all overlaps by least squares weighted
+    /// with the number of nodes.
     Constant,
-    /// A plane, found in all overlaps at once by robust least squares. [Huber 1964]
+    /// A plane, fitted to all overlaps together by robust least squares. [Huber 1964]
     Plane,
 }
 
-/// The bias of a map relative to the first map that it is connected to by overlaps.
+/// Bias of a map relative to the first map of its group of overlapping maps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OverlapBias {
     /// Bias at the middle of the combined grid, in the unit of the maps.
@@ -42,7 +42,7 @@ impl OverlapBias {
     }
 }
 
-/// One and the distances in metres from the middle of the grid.
+/// The terms 1 and the distances in metres east and north from the middle of the grid.
 fn terms(target: &PlaneGrid, node: usize) -> [f64; 3] {
     let (row, column) = (node / target.columns(), node % target.columns());
     let from_middle = |at: usize, len: usize| at as f64 - 0.5 * (len - 1) as f64;
@@ -62,7 +62,7 @@ pub(super) struct OverlapPair {
 }
 
 impl OverlapPair {
-    /// The first map less the second, at the nodes of the overlap.
+    /// First map minus second, at the nodes of the overlap.
     pub(super) fn differences(&self, maps: &[Vec<f64>]) -> Vec<f64> {
         let (first, second) = (&maps[self.first], &maps[self.second]);
         self.nodes.par_iter().map(|node| first[*node as usize] - second[*node as usize]).collect()
@@ -106,7 +106,7 @@ fn constants(maps: &[Vec<f64>], pairs: &[OverlapPair]) -> Vec<OverlapBias> {
 
 fn planes(maps: &[Vec<f64>], pairs: &[OverlapPair], target: &PlaneGrid) -> Vec<OverlapBias> {
     const ROUNDS: usize = 12;
-    // Units of half the grid, so that all terms are of one size.
+    // Distances are in units of half the grid, so that all terms have the same magnitude.
     let half =
         [1.0, half_extent(target.east_m.step, target.columns()), half_extent(target.north_m.step, target.rows())];
     let scaled = |node: u32| {
@@ -164,7 +164,7 @@ impl<const TERMS: usize> OverlapSums<TERMS> {
         terms: impl Fn(u32) -> [f64; TERMS] + Sync,
         weight: impl Fn(u32, f64) -> f64 + Sync,
     ) -> Self {
-        // Blocks of a fixed size, summed in order: bit-identical for any number of threads.
+        // Blocks of fixed size, summed in order: bit-identical for any number of threads.
         const BLOCK: usize = 4096;
         let block = |(nodes, differences): (&[u32], &[f64])| {
             let mut sums = Self::ZERO;
@@ -217,7 +217,7 @@ impl<const TERMS: usize> BiasEquations<TERMS> {
         }
     }
 
-    /// The biases, those of the first map of each connected group being zero.
+    /// Solves for the biases; the first map of each connected group has zero bias.
     fn solve(mut self, pairs: &[OverlapPair]) -> Vec<[f64; TERMS]> {
         let group = groups(self.maps, pairs);
         for map in (0..self.maps).filter(|map| group[*map] == *map) {
@@ -236,10 +236,10 @@ impl<const TERMS: usize> BiasEquations<TERMS> {
     }
 }
 
-/// The first map of the group of maps that each one is connected to.
+/// First map of the connected group of each map.
 fn groups(maps: usize, pairs: &[OverlapPair]) -> Vec<usize> {
     let mut group: Vec<usize> = (0..maps).collect();
-    // One round per map reaches the end of any chain.
+    // One round per map is enough for any chain.
     for _ in 0..maps {
         for pair in pairs {
             let least = group[pair.first].min(group[pair.second]);

@@ -4,12 +4,12 @@ use crate::maps::plane_grid::PlaneGrid;
 use rayon::prelude::*;
 
 /// The distance in metres from each node to the nearest unknown one; infinite where all are known. The border of the
-/// grid is not an edge. The exact Euclidean distance, in time that grows with the
-/// number of nodes. [Felzenszwalb and Huttenlocher 2012, Theory of Computing 8]
+/// grid is not an edge. Computes the exact Euclidean distance in linear time. [Felzenszwalb and Huttenlocher 2012,
+/// Theory of Computing 8]
 pub(super) fn distance_to_unknown(values: &[f64], target: &PlaneGrid) -> Vec<f64> {
     let (rows, width) = (target.rows(), target.columns());
     let (north_m, east_m) = (target.north_m.step, target.east_m.step);
-    // Distances along each column first, in steps northward.
+    // Distances along each column are computed first, in northward steps.
     let mut steps: Vec<f64> = values.iter().map(|value| if value.is_nan() { 0.0 } else { f64::INFINITY }).collect();
     for row in 1..rows {
         let (before, here) = steps.split_at_mut(row * width);
@@ -30,9 +30,9 @@ fn nearer(from: &[f64], to: &mut [f64]) {
     to.iter_mut().zip(from).for_each(|(to, from)| *to = to.min(from + 1.0));
 }
 
-/// The root of the least of `heights[j] + (east (i - j))²` over j, for each i.
+/// Square root of the minimum of `heights[j] + (east (i - j))²` over j, for each i.
 fn lower_envelope(heights: &[f64], east_m: f64, out: &mut [f64]) {
-    // Parabolas of the envelope from the west, and the position from which each is the lowest.
+    // Parabolas of the envelope from west to east, and the position from which each is the lowest.
     let mut envelope: Vec<(usize, f64)> = Vec::with_capacity(heights.len());
     let lifted = |j: usize| heights[j] + (east_m * j as f64).powi(2);
     for j in (0..heights.len()).filter(|j| heights[*j].is_finite()) {

@@ -4,11 +4,11 @@ use crate::maps::map_surface::{CellPosition, GridInterpolant, GridShape, MapInte
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 
-/// Nodes closer than this fraction of a step are the same node.
+/// Distance, as a fraction of a step, below which two nodes are identical.
 const SAME: f64 = 1e-6;
 
-/// The values of `map` at the nodes of `target`, by the natural bicubic spline; NaN off the map and in a cell with an
-/// unknown node. A node of the target on a node of the map takes its value unchanged, one on a line of the map needs
+/// Values of `map` at the nodes of `target`, by the natural bicubic spline; NaN off the map and in a cell with an
+/// unknown node. A target node on a node of the map has its value unchanged; one on a grid line of the map requires
 /// only the two nodes on that line.
 pub(super) fn resampled(map: &PlaneGrid, target: &PlaneGrid) -> Vec<f64> {
     let places = |axis: &EvenAxis, of: &EvenAxis| -> Vec<Option<AxisPosition>> {
@@ -27,7 +27,7 @@ pub(super) fn resampled(map: &PlaneGrid, target: &PlaneGrid) -> Vec<f64> {
     values
 }
 
-/// A position on an axis: a cell and the fraction of a step in it.
+/// Position on an axis: a cell and the fraction of a step within it.
 #[derive(Clone, Copy)]
 struct AxisPosition {
     cell: usize,
@@ -51,7 +51,7 @@ impl AxisPosition {
         self.part == 0.0 || self.part == 1.0
     }
 
-    /// The nodes that a value here is interpolated between.
+    /// The nodes between which the value at this position is interpolated.
     fn needs(&self) -> impl Iterator<Item = usize> + use<> {
         let (lower, upper) = (self.part < 1.0, self.part > 0.0);
         let cell = self.cell;
@@ -72,7 +72,7 @@ fn value(map: &PlaneGrid, spline: Option<&MapSpline>, up: AxisPosition, right: A
     Some(spline?.0.at(cell)?.value[0])
 }
 
-/// A spline through a map whose gaps are filled, so that it also has values next to a gap.
+/// Spline through a map with filled gaps, so that values also exist next to a gap.
 struct MapSpline(GridInterpolant<1>);
 
 impl MapSpline {

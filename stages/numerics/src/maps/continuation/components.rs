@@ -1,4 +1,4 @@
-//! The components of the anomalous field from its part along the main field.
+//! Components of the anomalous field, computed from its component along the core field.
 
 use realfft::num_complex::Complex;
 
@@ -9,7 +9,7 @@ use super::spectrum::MapSpectrum;
 use super::transform::WavenumberFactor;
 use super::{ContinuationError, finite_height, usable_alpha};
 
-/// Sine of the inclination (15°) below which waves across the main field are damped.
+/// Sine of the inclination (15°) below which waves across the core field are damped.
 const LEAST_SINE: f64 = 0.258_819_045_102_520_76;
 
 /// The anomalous field, in nT.
@@ -21,23 +21,23 @@ pub struct AnomalyComponents {
     pub north: PlaneGrid,
     /// Upward component.
     pub up: PlaneGrid,
-    /// Whether the main field is so near the horizontal that waves across it were damped. A total-field map does not
+    /// Whether waves across the core field were damped because it is nearly horizontal. A total-field map does not
     /// contain these waves.
     pub damped: bool,
 }
 
 impl MapSpectrum {
-    /// The components of the field whose part along `main_field` (`[east, north, up]`, of which only the direction
-    /// counts) is the map, at a height above it in metres, damped by α in m² if that is negative.
+    /// Components of the field at `up_m` metres above the map. The map holds the component along `main_field` (`[east,
+    /// north, up]`; only its direction matters). At negative heights, α in m² damps the result.
     ///
-    /// With the potential's spectrum Φ the components are i k_east Φ, i k_north Φ and −k Φ, and the map is their
-    /// sum along the unit vector f of the main field, d Φ with d = i (f_east k_east + f_north k_north) − f_up k
-    /// [Blakely 1996, section 12.3.1]. |d| is at least k |f_up|; where f_up is below sin 15° the division by d becomes
-    /// conj(d)/(|d|² + (sin² 15° − f_up²) k²). The mean and the trend have no information on direction: they are
-    /// assumed to lie along the main field.
+    /// For a potential of spectrum Φ the components are i k_east Φ, i k_north Φ and −k Φ. The map is their sum along
+    /// the unit vector f of the core field: d Φ with d = i (f_east k_east + f_north k_north) − f_up k [Blakely 1996,
+    /// section 12.3.1]. |d| is at least k |f_up|; where f_up is below sin 15° the division by d becomes conj(d)/(|d|² +
+    /// (sin² 15° − f_up²) k²). The mean and the trend contain no information on direction: they are assumed to be
+    /// parallel to the core field.
     ///
-    /// MagNav.jl's `vector_fft` is this with the declination counted from east, up turned down, and the mean given
-    /// to each component.
+    /// MagNav.jl's `vector_fft` uses the same formula, but counts the declination from east, inverts the up component,
+    /// and adds the mean to each component.
     ///
     /// # Errors
     /// Fails with [`ContinuationError::Direction`], [`ContinuationError::Height`] or [`ContinuationError::Alpha`].

@@ -24,10 +24,10 @@ pub enum MapDerivative {
 }
 
 impl MapSpectrum {
-    /// A derivative at a height above the map in metres, which may be negative, damped by α in m² if negative.
+    /// Derivative at a height in metres above the map, which may be negative; α in m² damps negative heights.
     ///
-    /// The factors are i k_east, i k_north, −k and k², times that of the height. A plane trend that was removed
-    /// counts with its slope.
+    /// The factors are i k_east, i k_north, −k and k², times the factor of the height. The slope of a removed trend
+    /// plane is included.
     ///
     /// # Errors
     /// Fails with [`ContinuationError::Height`] or [`ContinuationError::Alpha`] for an argument that is not a finite

@@ -1,4 +1,4 @@
-//! Between a level and a drape: a surface whose height differs from node to node.
+//! Continuation between a level and a drape: a surface with a different height at each node.
 
 use rayon::prelude::*;
 
@@ -8,7 +8,7 @@ use super::extension::Padding;
 use super::spectrum::MapSpectrum;
 use super::{ContinuationError, MAGNAV_ALPHA_M2, finite_height, upward, usable_alpha};
 
-/// Maximum number of levels, which are computed one after the other; more indicate a mistake in the heights or the
+/// Maximum number of levels, which are computed one by one; a larger number indicates a mistake in the heights or the
 /// step.
 const MOST_LEVELS: usize = 2000;
 
@@ -54,9 +54,9 @@ impl Default for DrapeOptions {
 
 /// Map on a drape, computed from the map on a level.
 ///
-/// `drape_m` are the heights of the nodes, by rows as the map's values, in the frame of `level_m`. The level is
-/// continued to heights a step apart, from one transform, and each node interpolated between them [Cordell
-/// 1985; Gnadt 2022, section 2.3]. A node more than `down_max_m` below the level is NaN.
+/// `drape_m` are the heights of the nodes in the frame of `level_m`, in the order of the map's values. The level is
+/// continued to evenly spaced heights from one transform, and each node is interpolated between them [Cordell 1985;
+/// Gnadt 2022, section 2.3]. A node more than `down_max_m` below the level is NaN.
 ///
 /// # Errors
 /// Fails as [`MapSpectrum::new`], and with [`ContinuationError::DrapeHeights`], [`ContinuationError::TooManyLevels`],
@@ -75,11 +75,11 @@ pub fn level_to_drape(
 
 /// Map on a level, computed from the map on a drape.
 ///
-/// The chessboard method treats the draped map as level, continues it to heights a step apart and interpolates each
-/// node where the requested level lies above or below its own height [Cordell 1985; MagNav.jl's `map_chessboard`]. This
-/// is inexact where the drape slopes. With `refinements`, the result on a level below all heights is therefore
-/// continued back up to the drape, where the field is known. The difference there is added by the same method. A node
-/// more than `down_max_m` below its own height is NaN.
+/// The chessboard method treats the draped map as level and continues it to evenly spaced heights. It then interpolates
+/// each node at the difference between the level and the node's own height [Cordell 1985; MagNav.jl's
+/// `map_chessboard`]. This is inexact where the drape slopes. With `refinements`, the result on a level below all
+/// heights is therefore continued back up to the drape, where the field is known. The difference there is added by the
+/// same method. A node more than `down_max_m` below its own height is NaN.
 ///
 /// # Errors
 /// Fails as [`level_to_drape`].

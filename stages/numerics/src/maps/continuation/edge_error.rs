@@ -1,24 +1,24 @@
-//! Estimate of the effect of the unknown field past the edges of a map on its continuation, from the map itself.
+//! Estimate of the edge error of a continuation from the map itself. The field past the edges is unknown.
 
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
 use super::extension::{EdgeExtension, MOST_PADDING, Padding, PaddingWidth, TrendRemoval};
 use super::{ContinuationError, continued, rms};
 
-/// Minimum number of nodes on a side: with fewer, no nodes remain between the crops.
+/// Minimum number of nodes on a side; with fewer, no nodes remain between the crops.
 const LEAST: usize = 16;
 
 /// Error along one edge, caused by the unknown field past it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SideError {
-    /// The rms error in nT by the number of nodes from the edge; further inside, the last one applies.
+    /// The rms error in nT by the number of nodes from the edge; the last value applies to all nodes further inside.
     pub rms_nt: Vec<f64>,
 }
 
 /// Edge error of a continuation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EdgeError {
-    /// The western, eastern, southern and northern edge, without the contribution of the level.
+    /// The western, eastern, southern and northern edge, without the contribution of the mean level.
     pub sides: [SideError; 4],
     /// Number of `[rows, columns]` cropped on each side.
     pub cropped: [usize; 2],
@@ -30,14 +30,14 @@ pub struct EdgeError {
 
 /// Estimates the edge error of a continuation by `up_m` with these settings.
 ///
-/// Two parts are added in quadrature. The map is cropped and continued again. Past the edges of the crop the map
-/// contains the field, so the difference of both results is the error of the extension at that distance from an edge.
-/// Each edge of the crop represents the adjacent edge of the map, in proportion to the variation of the continued field
+/// Two parts are added in quadrature. The map is cropped and continued again. The map contains the true field past the
+/// edges of the crop. The difference of both results is therefore the error of the extension at that distance from an
+/// edge. Each edge of the crop represents the adjacent edge of the map, scaled by the variation of the continued field
 /// along both edges. The crop removes five continuation distances, but at most a quarter of a side. The level of the
-/// distant field, common to crop and map, is estimated from a second continuation with the opposite assumption: a field
-/// that falls to zero instead of the mean along the edge, or the reverse.
+/// distant field is the same for crop and map. It is estimated from a second continuation with the opposite assumption:
+/// a field that falls to zero instead of the mean along the edge, or the reverse.
 ///
-/// On fields of dipoles and prisms in and around a map, the rms of the estimate agrees with that of the error within a
+/// On fields of dipoles and prisms in and around a map, the rms of the estimate agrees with the rms error within a
 /// factor of three. With all sources well inside, where the error is some thousandths of the field, it is up to ten
 /// times too large. It does not include errors of the map's own values.
 ///
@@ -71,7 +71,7 @@ pub fn edge_error(
     Ok(EdgeError { sides, cropped, map, rms_nt })
 }
 
-/// The same padding, no narrower than a third of each side, with the other assumption on the level of the distant
+/// The same padding, at least a third of each side wide, with the other assumption about the level of the distant
 /// field.
 fn other_level(grid: &PlaneGrid, padding: &Padding) -> Padding {
     let trend = if padding.trend == TrendRemoval::None { TrendRemoval::EdgeMean } else { TrendRemoval::None };
@@ -85,7 +85,7 @@ fn minus(one: &[f64], other: &[f64]) -> Vec<f64> {
     one.iter().zip(other).map(|(a, b)| a - b).collect()
 }
 
-/// Variation of the values along the four sides: the root of the sum of their variances.
+/// Variation of the values along the four sides: the square root of the sum of their variances.
 fn variation(grid: &PlaneGrid) -> f64 {
     let (last_row, last_column) = (grid.rows() - 1, grid.columns() - 1);
     let columns = [0, last_column].map(|column| (0..=last_row).map(|row| grid.get(row, column)).collect());

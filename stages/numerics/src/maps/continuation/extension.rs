@@ -10,20 +10,20 @@ pub const MOST_PADDING: usize = 5000;
 /// The assumed continuation of a map past its edges.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EdgeExtension {
-    /// The value at the edge falls to the trend on a half cosine, and the rotated image of the map about the edge,
-    /// which continues the slope and the detail, fades over `detail_nodes`.
+    /// The value at the edge falls to the trend on a half cosine. The image of the map rotated about the edge, which
+    /// continues slope and detail, fades over `detail_nodes`.
     ///
-    /// Compared on fields of dipoles in and around a map, continued upward by 2 to 10 spacings, against zeros, linear
-    /// and cosine bridges, even and odd images with tapers and cross-fades, and the extension of least curvature: this
-    /// was closest to the closed form in most cases and never far from the best.
+    /// Compared on fields of dipoles in and around a map, continued upward by 2 to 10 spacings. The alternatives were
+    /// zeros, linear and cosine bridges, even and odd images with tapers and cross-fades, and the extension of least
+    /// curvature. This one was closest to the closed form in most cases and never far from the best.
     Falling {
         /// The number of nodes over which the detail fades.
         detail_nodes: usize,
     },
-    /// A straight line from the last value of each row, and then of each column, around to its first, as the
-    /// `map_expand` of MagNav.jl.
+    /// A straight line from the last value of each row, and then of each column, wrapped around to its first, as in
+    /// MagNav.jl's `map_expand`.
     WrapAround,
-    /// The trend alone: with [`TrendRemoval::None`] zeros, the default of `xrft.pad`.
+    /// The trend alone: with [`TrendRemoval::None`] zeros, as the default of `xrft.pad`.
     Zero,
 }
 
@@ -34,7 +34,7 @@ pub enum TrendRemoval {
     None,
     /// The mean of the values along the edge, so that a constant is preserved.
     EdgeMean,
-    /// The plane of best fit to the values along the edge, for maps that still contain a regional slope.
+    /// The plane of best fit to the values along the edge, for maps that contain a regional slope.
     EdgePlane,
 }
 
@@ -60,7 +60,7 @@ pub struct Padding {
     pub trend: TrendRemoval,
     /// Maximum number of nodes of the padded map; the default padding is narrowed to it. 2²⁸ nodes are 2 GiB.
     pub most_nodes: usize,
-    /// Whether both padded sides are even numbers, which transforms faster.
+    /// Whether both padded sides are even, which makes the transform faster.
     pub even: bool,
 }
 
@@ -97,7 +97,7 @@ impl Padding {
         }
     }
 
-    /// Layout of a map in the padded one for a continuation by `distance_m`.
+    /// Layout of a map in its padded grid for a continuation by `distance_m`.
     ///
     /// # Errors
     /// Fails with [`ContinuationError::TooLarge`] when the padded map has more than `most_nodes` nodes.
@@ -183,14 +183,14 @@ fn divided_out(mut m: usize, p: usize) -> usize {
     m
 }
 
-/// A node of the padding as a weighted sum of two nodes of the map.
+/// Node of the padding as a weighted sum of two nodes of the map.
 #[derive(Clone, Copy, Debug)]
 struct PaddingNode {
     nodes: [usize; 2],
     weights: [f64; 2],
 }
 
-/// The padding of one side, as a linear map from its nodes: it applies to values and, on the other axis, spectra.
+/// Padding of one side as a linear map from its nodes. It applies to values and, along the other axis, to spectra.
 #[derive(Debug)]
 pub(super) struct AxisExtension {
     layout: AxisLayout,
@@ -236,7 +236,8 @@ fn wrapped(distance: usize, gap: usize, last: usize, upper: bool) -> PaddingNode
     PaddingNode { nodes, weights: [1.0 - far, far] }
 }
 
-/// `s` times the edge and `s t` times (edge − image), both half cosines of the distance.
+/// Node weights: `s` times the edge value plus `s t` times (edge − image). Both s and t are half cosines of the
+/// distance.
 fn falling(distance: usize, width: usize, detail: usize, last: usize, upper: bool) -> PaddingNode {
     let half_cosine = |over: usize| {
         let part = (distance as f64 / over.max(1) as f64).min(1.0);
@@ -259,7 +260,8 @@ fn reflected(distance: usize, last: usize) -> usize {
 /// on each side: MagNav.jl's `map_expand`.
 ///
 /// Each row, and then each column, continues in a straight line from its last value around to its first, so that the
-/// extended map is periodic. Returns it with its own eastings and northings, and the position of the map in it.
+/// extended map is periodic. Returns the extended map with its eastings and northings, and the position of the original
+/// map in it.
 ///
 /// # Errors
 /// Fails as [`super::check`] for an invalid map, and with [`ContinuationError::TooLarge`] for a padding that is too

@@ -1,11 +1,11 @@
-//! The factor of continuation in the wavenumber domain.
+//! Continuation factor in the wavenumber domain.
 
-/// The factor of a wavenumber `k` in rad/m for a level `up_m` above the map: e^(−k h)/(1 + α k² e^(−k h)), with
-/// α only below the map.
+/// Factor of a wavenumber `k` in rad/m for a level `up_m` above the map: e^(−k h)/(1 + α k² e^(−k h)). α applies only
+/// below the map.
 pub(super) fn gain(k: f64, up_m: f64, alpha_m2: f64) -> f64 {
     if up_m >= 0.0 {
         return (-k * up_m).exp();
     }
-    // Divided through by the growing exponential, which would overflow.
+    // Numerator and denominator are divided by the growing exponential to avoid overflow.
     1.0 / ((k * up_m).exp() + alpha_m2 * k * k)
 }

@@ -7,7 +7,7 @@ use super::spectrum::MapSpectrum;
 use super::transform::MapTransform;
 use crate::regression::l_curve::log_curvature;
 
-/// Rings of wavenumbers, narrow enough for the factor to be constant over one.
+/// Number of rings of wavenumbers; they are narrow enough for a constant factor within one ring.
 const RINGS: usize = 4096;
 /// Number of blocks in which the rows are summed, independent of the number of threads.
 const PARTS: usize = 16;
@@ -19,15 +19,15 @@ const POINTS: usize = 241;
 pub struct LCurvePoint {
     /// α, in m².
     pub alpha_m2: f64,
-    /// The rms of the lower map continued upward again, less the map, in nT.
+    /// The rms in nT of the downward-continued map, continued upward again, minus the map.
     pub misfit_nt: f64,
-    /// The rms of the gradient of the lower map, in nT/m.
+    /// The rms of the gradient of the downward-continued map, in nT/m.
     pub roughness_nt_per_m: f64,
     /// Curvature of the curve of log misfit and log roughness; positive at the corner.
     pub curvature: f64,
 }
 
-/// Misfit against roughness over α, and its corner.
+/// Misfit as a function of roughness for many α, and the corner of the curve.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LCurve {
     /// Points in ascending order of α, evenly spaced in its logarithm, from no effect to complete suppression.
@@ -81,7 +81,7 @@ fn highest_wavenumber(transform: &MapTransform) -> f64 {
     transform.k_east(layout.columns.padded / 2).hypot(transform.k_north(layout.rows.padded / 2))
 }
 
-/// Values of α, from a change of the highest wavenumber by a tenth to a halving of the lowest.
+/// Values of α, from a change of the highest wavenumber by a tenth to a reduction of the lowest by half.
 fn alphas(transform: &MapTransform, widest: f64, down_m: f64) -> Vec<f64> {
     let lowest = transform.k_east(1).max(transform.k_north(1));
     let balance = |k: f64| -(k * down_m) - 2.0 * k.ln();
@@ -92,14 +92,14 @@ fn alphas(transform: &MapTransform, widest: f64, down_m: f64) -> Vec<f64> {
 fn point(waves: &[(f64, f64)], alpha_m2: f64, down_m: f64) -> LCurvePoint {
     let (misfit, roughness) = waves.iter().fold((0.0, 0.0), |(misfit, roughness), &(k, power)| {
         let lower = gain(k, -down_m, alpha_m2);
-        // 1 − e^(−k h) of the gain, without the cancellation.
+        // 1 − e^(−k h) of the gain, without cancellation.
         let lost = alpha_m2 * k * k * lower;
         (misfit + power * lost * lost, roughness + power * (k * lower) * (k * lower))
     });
     LCurvePoint { alpha_m2, misfit_nt: misfit.sqrt(), roughness_nt_per_m: roughness.sqrt(), curvature: 0.0 }
 }
 
-/// The curvature in the middle of three points even in the logarithm of α.
+/// Curvature at the middle of three points that are evenly spaced in the logarithm of α.
 fn curvature(points: &[LCurvePoint]) -> f64 {
     let of = |value: fn(&LCurvePoint) -> f64| [0, 1, 2].map(|i| points.get(i).map_or(f64::NAN, value));
     log_curvature(of(|p| p.misfit_nt), of(|p| p.roughness_nt_per_m))

@@ -1,13 +1,13 @@
-//! The error of a level below a map: the map's amplified error and the field removed by damping.
+//! The error of a map continued downward: the map's amplified error, and the field removed by damping.
 
 use super::gain::gain;
 use super::radial_power::{RadialPower, WavenumberBin};
 
-/// Fraction of the largest wavenumber above which the waves of a map count as noise if its noise is not given.
+/// Fraction of the largest wavenumber above which the waves of a map are treated as noise, if the noise is not given.
 const NOISE_FROM: f64 = 0.7;
-/// Ratio to the mean square of the noise above which a wave counts as field.
+/// Ratio of mean squares, wave to noise, above which a wave is treated as field.
 const RESOLVED: f64 = 4.0;
-/// Fraction of the largest resolved wavenumber from which a slope is fitted.
+/// Fraction of the largest resolved wavenumber above which a slope is fitted.
 const FITTED_FROM: f64 = 0.35;
 /// Minimum number of bins for a slope.
 const LEAST_BINS: usize = 4;
@@ -21,11 +21,11 @@ struct BinMeanSquares {
 
 impl RadialPower {
     /// Root mean square error, in nT, of the map continued downward by `down_m` metres with this α. It contains the
-    /// amplified noise of the nodes, of standard deviation `noise_nt` and independent from node to node, and the field
-    /// that the damping removes.
+    /// amplified noise of the nodes and the field that the damping removes. The noise has a standard deviation of
+    /// `noise_nt` and is independent from node to node.
     ///
     /// Without `noise_nt` the noise is estimated from the shortest waves of the map, including any field in them. Waves
-    /// of the field below the noise are extrapolated from the resolved ones by ln P = a − 2 k d, the spectrum of
+    /// of the field below the noise level are extrapolated from the resolved ones by ln P = a − 2 k d, the spectrum of
     /// sources at a depth d. [Spector & Grant 1970, Geophysics 35] Edge errors are not included; see
     /// [`super::edge_error()`].
     pub fn downward_error_nt(&self, down_m: f64, alpha_m2: f64, noise_nt: Option<f64>) -> f64 {
@@ -56,7 +56,8 @@ impl RadialPower {
         self.bins.iter().map(split).collect()
     }
 
-    /// The mean square of white noise that the shortest waves of the map allow, in nT²: the median over their bins.
+    /// Maximum mean square of white noise that is compatible with the shortest waves of the map, in nT²: the median
+    /// over their bins.
     fn noise_floor(&self) -> f64 {
         let short = |bin: &&WavenumberBin| (NOISE_FROM * self.round_k..=self.round_k).contains(&bin.k);
         let mut all: Vec<f64> = self.bins.iter().filter(short).map(|bin| bin.square / bin.part).collect();
@@ -65,8 +66,8 @@ impl RadialPower {
     }
 }
 
-/// Mean square of all waves if each had the power of a wavenumber, extrapolated by the slope of the resolved ones; 0
-/// without a slope.
+/// Mean square, in nT², of all waves if each had the power at a given wavenumber, extrapolated with the slope of the
+/// resolved waves; 0 without a slope.
 fn decay(resolved: &[&WavenumberBin], last_k: f64) -> impl Fn(f64) -> f64 + use<> {
     let fitted: Vec<(f64, f64)> = resolved
         .iter()

@@ -5,17 +5,18 @@ use crate::maps::plane_grid::PlaneGrid;
 use super::spectrum::MapSpectrum;
 use super::{ContinuationError, MAGNAV_ALPHA_M2, Padding};
 
-/// Bins of equal ratio between the longest wave of a padded map and its shortest.
+/// Number of logarithmically spaced bins between the longest and the shortest wave of a padded map.
 const BINS: usize = 96;
 /// Side, in nodes, of the central part that represents a larger map.
 const MOST_NODES: usize = 2048;
 
-/// The mean square of a map, less its mean and trend, by wavenumber.
+/// Mean square of a map, minus its mean and trend, by wavenumber.
 #[derive(Clone, Debug)]
 pub struct RadialPower {
     /// The bins that contain a wave, by wavenumber.
     pub(super) bins: Vec<WavenumberBin>,
-    /// Wavenumber of two nodes along the wider spacing, in rad/m; beyond it the map does not contain all directions.
+    /// Wavenumber of a two-node wave along the wider spacing, in rad/m; above it the map does not contain waves in all
+    /// directions.
     pub(super) round_k: f64,
 }
 
@@ -31,8 +32,8 @@ pub(super) struct WavenumberBin {
 }
 
 impl RadialPower {
-    /// Spectrum of a map. Unknown nodes (NaN) take the mean of the known ones, and the total is scaled to the known
-    /// ones.
+    /// Spectrum of a map. Unknown nodes (NaN) are replaced by the mean of the known ones, and the total is scaled to
+    /// the known nodes.
     ///
     /// # Errors
     /// Fails as [`MapSpectrum::new`].
@@ -52,7 +53,7 @@ impl RadialPower {
             bins[at].1 += square;
             bins[at].2 += 1.0;
         }
-        // The padding contains part of the power: the total is scaled to that of the known nodes.
+        // The padding contains part of the power, so the total is scaled to that of the known nodes.
         let trend = spectrum.trend;
         let columns = map.columns();
         let flat = |(i, x): (usize, &f64)| x - trend.at(i / columns, i % columns);
@@ -68,8 +69,8 @@ impl RadialPower {
         Ok(Self { bins: kept.map(bin).collect(), round_k })
     }
 
-    /// The root mean square over the map, in nT, of the difference between it and the same field `up_m` metres above it
-    /// (below it where negative, with the regularisation of downward continuation).
+    /// Root mean square, in nT, of the difference between the map and the same field `up_m` metres above it. Negative
+    /// distances are below the map and use the damping of downward continuation.
     pub fn height_error_nt(&self, up_m: f64) -> f64 {
         let factor = |k: f64| {
             let grown = (-k * up_m).exp();

@@ -11,8 +11,8 @@ use super::trend::TrendPlane;
 
 /// The spectrum of a padded map.
 ///
-/// It takes the memory of the padded map once; each result takes twice the map's own size while it is computed.
-/// Results are bit-identical on any number of threads.
+/// It uses the memory of one padded map. Computing a result temporarily uses twice the map's size. Results are
+/// bit-identical on any number of threads.
 pub struct MapSpectrum {
     pub(super) transform: MapTransform,
     east_m: EvenAxis,
@@ -28,7 +28,7 @@ impl std::fmt::Debug for MapSpectrum {
 }
 
 impl MapSpectrum {
-    /// Transforms a map, padded for results up to `distance_m` above or below it.
+    /// Transforms a map, with padding for results up to `distance_m` above or below it.
     ///
     /// # Errors
     /// Fails as [`super::check`] and [`Padding::layout`], and with [`ContinuationError::Height`] for a distance that is
@@ -44,17 +44,17 @@ impl MapSpectrum {
         self.transform.layout
     }
 
-    /// The map whose spectrum is multiplied by a factor of the wavenumbers along easting and northing, in rad/m.
+    /// Map whose spectrum is multiplied by a factor, a function of the wavenumbers along easting and northing in rad/m.
     ///
-    /// A wave of wavenumber k is e^(i (k_east east + k_north north)), so that a derivative along easting is i k_east.
-    /// The factor must be hermitian, f(−k) = conj f(k), for the result to be real; for the two-node wave the
-    /// mean of both directions is used. The trend that was removed is multiplied by the real part of f(0).
+    /// A wave of wavenumber k is e^(i (k_east east + k_north north)), so a derivative along easting is the factor i
+    /// k_east. The factor must be hermitian, f(−k) = conj f(k), for the result to be real. For the two-node wave, the
+    /// mean of both directions is used. The removed trend is multiplied by the real part of f(0).
     pub fn filtered(&self, factor: impl Fn(f64, f64) -> Complex<f64> + Sync) -> PlaneGrid {
         let trend = self.trend.times(factor(0.0, 0.0).re);
         self.answer(WavenumberFactor::General(&factor), &trend)
     }
 
-    /// The same for a real factor of the magnitude of the wavenumber alone, in half the time.
+    /// The same for a real factor that depends only on the magnitude of the wavenumber, in half the time.
     pub fn filtered_radially(&self, factor: impl Fn(f64) -> f64 + Sync) -> PlaneGrid {
         let trend = self.trend.times(factor(0.0));
         self.answer(WavenumberFactor::Radial(&factor), &trend)
@@ -79,7 +79,7 @@ impl MapSpectrum {
     }
 }
 
-/// A single result without a stored spectrum; it takes twice the map's size.
+/// Single result without a stored spectrum; it uses twice the map's size.
 pub(super) fn filtered_once(
     grid: &PlaneGrid,
     distance_m: f64,

@@ -1,8 +1,8 @@
 //! The padded two-dimensional transform: real to complex along the rows, complex along the columns.
 //!
-//! Row transforms use the rows of the map alone. The padding of the columns is a linear map, so it is computed from the
-//! spectra of the rows, column by column, while a group of columns is in the cache. Half a spectrum is kept in one
-//! buffer of reals, the row padded by two at most, as the other half is its conjugate.
+//! Only the rows of the map itself are transformed. The padding of the columns is a linear map. It is therefore
+//! computed from the spectra of the rows, column by column, while a group of columns is in the cache. One buffer of
+//! real numbers, with at most two extra per row, holds half the spectrum; the other half is its conjugate.
 
 use std::sync::Arc;
 
@@ -73,7 +73,7 @@ impl MapTransform {
         self.layout.columns.padded / 2 + 1
     }
 
-    /// Spectra of the rows, less the trend, in a buffer for `rows` rows.
+    /// Spectra of the rows minus the trend, in a buffer for `rows` rows.
     fn rows_forward(&self, grid: &PlaneGrid, trend: &TrendPlane, rows: usize) -> Vec<f64> {
         let columns = self.layout.columns;
         let mut buffer = vec![0.0; 2 * self.half() * rows];
@@ -85,7 +85,7 @@ impl MapTransform {
             }
             self.along.fill(line);
             let spectrum = bytemuck::cast_slice_mut(spectrum);
-            // It fails for wrong lengths only, and all lengths come from the plan.
+            // The transform fails only for wrong lengths, and all lengths come from the plan.
             let _ = self.row_forward.process_with_scratch(line, spectrum, scratch);
         });
         buffer
@@ -109,7 +109,7 @@ impl MapTransform {
         values
     }
 
-    /// A real line has a real mean and a real highest wave; rounding leaves an imaginary part of about 1e-16.
+    /// A real line has a real mean and a real highest wave; rounding adds an imaginary part of about 1e-16.
     fn make_ends_real(&self, spectrum: &mut [Complex64]) {
         if let Some(first) = spectrum.first_mut() {
             first.im = 0.0;
@@ -198,7 +198,7 @@ impl MapTransform {
         }
     }
 
-    /// A wave of two nodes travels in both directions: its factor is the mean of both.
+    /// A two-node wave propagates in both directions: its factor is the mean of both.
     fn at_fold(
         &self,
         index: usize,
@@ -237,7 +237,7 @@ struct ColumnBlock<'a> {
 
 impl<'a> ColumnBlock<'a> {
     fn new(transform: &'a MapTransform) -> Self {
-        // Slightly more than a column, so that the columns do not fall on the same lines of the cache.
+        // Slightly longer than a column, so that columns do not map to the same cache lines.
         let stride = 2 * transform.layout.rows.padded + 8;
         Self { transform, first: 0, width: 0, columns: vec![0.0; GROUP * stride], stride }
     }

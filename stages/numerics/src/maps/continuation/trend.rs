@@ -1,10 +1,10 @@
-//! The level or plane that a map has along its edge.
+//! Level or plane of the values along the edge of a map.
 
 use crate::maps::plane_grid::PlaneGrid;
 
 use super::extension::TrendRemoval;
 
-/// A plane, as a level and its slopes per row and column.
+/// Plane given by a level and its slopes per row and column.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct TrendPlane {
     level: f64,
@@ -22,7 +22,7 @@ impl TrendPlane {
         if trend == TrendRemoval::EdgeMean {
             return Self { level, per_row: 0.0, per_column: 0.0 };
         }
-        // The edge of a rectangle is the same on both sides of its middle, so the three unknowns separate.
+        // The edge of a rectangle is symmetric about its middle, so the three unknowns separate.
         let middle = [0.5 * (grid.rows() - 1) as f64, 0.5 * (grid.columns() - 1) as f64];
         let slope = |axis: usize| {
             let offset = |node: &[usize; 2]| node[axis] as f64 - middle[axis];
@@ -42,7 +42,7 @@ impl TrendPlane {
         Self { level: level * factor, per_row: per_row * factor, per_column: per_column * factor }
     }
 
-    /// A plane that is this plane's slope along the columns and along the rows.
+    /// Constant planes with this plane's slopes along the columns and along the rows.
     pub(super) fn slopes(&self) -> [Self; 2] {
         [self.per_column, self.per_row].map(|level| Self { level, ..Self::default() })
     }

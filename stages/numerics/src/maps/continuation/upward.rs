@@ -51,17 +51,17 @@ pub struct DownwardContinuation {
     pub alpha_m2: f64,
     /// L-curve, also if α is given.
     pub curve: LCurve,
-    /// The regularisation error in nT: the rms of the map below continued upward again, less the map.
+    /// Regularisation error in nT: the rms of the lower map, continued upward again, minus the map.
     pub regularisation_error_nt: f64,
 }
 
-/// The map continued downward by `down_m` metres, at least 0.
+/// Map continued downward by `down_m` metres, at least 0.
 ///
-/// α minimises Σ e^(k h) |e^(−k h) U − F|² + α Σ |k U|²: the misfit of the lower map U to the map F plus its
-/// roughness. The L-curve is the rms of the misfit against the rms of the gradient for many α, and its corner, the
-/// point of most curvature, is where less damping adds noise and more damping loses signal [Hansen 1992, SIAM
-/// Review 34]. MagNav.jl looks for the corner in the largest change between maps of successive α instead, which
-/// depends on one node and needs a map for each α; here all are computed from the power of the spectrum.
+/// α minimises Σ e^(k h) |e^(−k h) U − F|² + α Σ |k U|²: the misfit of the lower map U to the map F plus its roughness.
+/// The L-curve plots the rms of the misfit against the rms of the gradient for many α. Its corner is the point of
+/// maximum curvature: less damping adds noise, and more damping removes signal [Hansen 1992, SIAM Review 34]. MagNav.jl
+/// instead uses the largest change between maps of successive α as the corner, which depends on a single node and
+/// requires a map for each α. Here the whole curve is computed from the power of the spectrum.
 ///
 /// # Errors
 /// Fails as [`MapSpectrum::new`], and with [`ContinuationError::Height`] for a distance below 0 or
@@ -86,7 +86,7 @@ pub fn downward(
     Ok(DownwardContinuation { map, alpha_m2, curve, regularisation_error_nt })
 }
 
-/// The map continued by each of the heights in metres, which may be negative; one transform serves all.
+/// Maps continued by each of the heights in metres, which may be negative, from a single transform.
 ///
 /// # Errors
 /// Fails as [`MapSpectrum::new`], and with [`ContinuationError::Alpha`].

@@ -20,11 +20,11 @@ impl Default for MapLimits {
     }
 }
 
-/// The smallest map that contains every known node, and `pad` more rows and columns on each side as far as the map has
-/// them.
+/// Smallest map that contains every known node, plus up to `pad` rows and columns on each side as far as the map
+/// extends.
 ///
 /// # Errors
-/// Fails if no node is known or the map is not well formed.
+/// Fails if no node is known or the map is invalid.
 pub fn trim(grid: &PlaneGrid, pad: usize) -> Result<PlaneGrid, FillError> {
     check(grid)?;
     let (rows, columns) = bounding_box(grid, |value| !value.is_nan()).ok_or(FillError::Empty)?;
@@ -45,10 +45,10 @@ pub(super) fn bounding_box(grid: &PlaneGrid, kind: impl Fn(&f64) -> bool) -> Opt
     found
 }
 
-/// The nodes of a map that lie within the limits, or on them.
+/// Nodes of a map within or on the limits.
 ///
 /// # Errors
-/// Fails if no node lies within the limits or the map is not well formed.
+/// Fails if no node lies within the limits or the map is invalid.
 pub fn crop(grid: &PlaneGrid, limits: &MapLimits) -> Result<PlaneGrid, FillError> {
     check(grid)?;
     let (rows, columns) = (within(&grid.north_m, limits.north_m), within(&grid.east_m, limits.east_m));
@@ -62,7 +62,7 @@ pub fn crop(grid: &PlaneGrid, limits: &MapLimits) -> Result<PlaneGrid, FillError
 
 /// The nodes of an axis from the first limit to the second.
 fn within(axis: &EvenAxis, (least, greatest): (f64, f64)) -> Range<usize> {
-    // A limit that was computed may miss its node by rounding.
+    // Rounding may shift a computed limit slightly past its node.
     const ROUNDING: f64 = 1e-6;
     if least.is_nan() || greatest.is_nan() {
         return 0..0;

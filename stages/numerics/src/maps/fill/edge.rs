@@ -1,23 +1,23 @@
-//! The known nodes that can be a neighbour of an unknown one.
+//! Known nodes that can be neighbours of an unknown one.
 
 use crate::maps::plane_grid::PlaneGrid;
 use rayon::prelude::*;
 
-/// Number of rows and columns around an unknown node within which a known one may be among the `neighbours` nearest of
-/// any unknown node, except those on the border of the map.
+/// Number of rows and columns around an unknown node that must be searched. A known node farther away cannot be among
+/// the `neighbours` nearest of any unknown node, unless it is on the border of the map.
 ///
-/// A known node whose eight neighbours are all known has at least three of them nearer to any unknown node than it is
-/// itself: with the unknown node c columns and r rows away, those one step nearer in columns, in rows, and in both,
-/// and where r = 0 (so that c is at least 2) the three of the next column, as long as one step of a row is shorter
-/// than √3 of a column. So it is not among the nearest three. In general, the chain of nodes that leads from a known
-/// node straight to an unknown one is strictly nearer to it, node by node, so that fewer than `neighbours` of the
-/// chain are known.
+/// Consider a known node whose eight neighbours are all known. At least three of them are nearer to any unknown node
+/// than the node itself. If the unknown node is c columns and r rows away, the three are one step nearer in columns, in
+/// rows, and in both. If r = 0 (so that c is at least 2), they are the three of the next column, provided that one step
+/// of a row is shorter than √3 of a column. Such a node is therefore not among the nearest three. In general, every
+/// node of the chain that leads straight from a known node to an unknown one is strictly nearer to the unknown node
+/// than the previous one. Fewer than `neighbours` nodes of the chain are therefore known.
 fn reach(neighbours: usize, east_m: f64, north_m: f64) -> usize {
     let near_square = east_m < 1.7 * north_m && north_m < 1.7 * east_m;
     if neighbours <= 3 && near_square { 1 } else { neighbours }
 }
 
-/// The known nodes that can be among the `neighbours` nearest of an unknown one, in the order of the grid.
+/// Known nodes that can be among the `neighbours` nearest of an unknown one, in grid order.
 pub(super) fn edge_nodes(grid: &PlaneGrid, neighbours: usize) -> Vec<usize> {
     let (rows, width) = (grid.rows(), grid.columns());
     let reach = reach(neighbours, grid.east_m.step, grid.north_m.step);
@@ -36,8 +36,8 @@ pub(super) fn edge_nodes(grid: &PlaneGrid, neighbours: usize) -> Vec<usize> {
     nodes
 }
 
-/// The known nodes on the four lines of the border within `reach` of an unknown node of the same line: there the
-/// three of the next column, or row, are only two.
+/// Known nodes on the four border lines within `reach` of an unknown node of the same line. On a border, only two of
+/// the three nodes of the next column or row exist.
 fn border_nodes(grid: &PlaneGrid, reach: usize) -> Vec<usize> {
     let (rows, width) = (grid.rows(), grid.columns());
     let lines = [(0, 1, width), ((rows - 1) * width, 1, width), (0, width, rows), (width - 1, width, rows)];

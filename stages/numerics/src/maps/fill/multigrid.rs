@@ -1,19 +1,20 @@
-//! The Laplace operator on the unknown nodes of a grid, and an approximate inverse of it by multigrid.
+//! The Laplace operator on the unknown nodes of a grid, and its approximate inverse by multigrid.
 //!
-//! Five-point differences: a node is coupled to its neighbours east, west, north and south; known neighbours count as
-//! fixed, the border of the map has no flux. Each coarser level merges two by two nodes into one, its operator
-//! being the Galerkin product with piecewise constants, halved, which is the five-point operator of the doubled step.
-//! [Braess 1995, Computing 55]
+//! Five-point differences: a node is coupled to its neighbours east, west, north and south. Known neighbours are fixed
+//! values, and the border of the map has zero flux. Each coarser level merges two by two nodes into one. Its operator
+//! is half the Galerkin product with piecewise constants, which is the five-point operator of the doubled step. [Braess
+//! 1995, Computing 55]
 
 use rayon::prelude::*;
 
-/// Weight of the point-wise corrections: the four of a cycle damp all components that the next level cannot represent.
+/// Damping factor of the point-wise corrections: the four of a cycle damp all components that the next level cannot
+/// represent.
 const DAMPING: f64 = 0.8;
-/// Minimum number of nodes of a level.
+/// Number of nodes below which a level is not coarsened further.
 const COARSEST: usize = 64;
 const COARSEST_SWEEPS: usize = 24;
 
-/// Rows and columns of a level, framed by one known node on every side.
+/// Rows and columns of a level, surrounded by one known node on every side.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MultigridFrame {
     pub(super) rows: usize,
@@ -34,7 +35,7 @@ impl MultigridFrame {
         (row + 1) * self.width() + column + 1
     }
 
-    /// Sets every inner row of `out`, without its ends, in parallel; the row is counted as in [`Self::index`].
+    /// Sets every inner row of `out`, without its ends, in parallel; rows are counted as in [`Self::index`].
     pub(super) fn each_row(self, out: &mut [f64], set: impl Fn(usize, &mut [f64]) + Sync) {
         let inner = self.width()..self.width() * (self.rows + 1);
         out[inner].par_chunks_exact_mut(self.width()).enumerate().for_each(|(row, out)| {
@@ -42,7 +43,7 @@ impl MultigridFrame {
         });
     }
 
-    /// The inner part of a row of `x`, moved by `north` rows and `east` columns (-1, 0 or 1).
+    /// The inner part of a row of `x`, shifted by `north` rows and `east` columns (-1, 0 or 1).
     pub(super) fn part<T>(self, x: &[T], row: usize, north: isize, east: isize) -> &[T] {
         let start = self.index(row, 0).wrapping_add_signed(north * self.width() as isize + east);
         &x[start..start + self.columns]
@@ -61,7 +62,7 @@ pub(super) struct MultigridLevel {
 }
 
 impl MultigridLevel {
-    /// The couplings among the nodes that are `unknown`; couplings of `east` and `north` strength.
+    /// Couplings between nodes in `unknown`, with the strengths `east` and `north`.
     pub(super) fn new(frame: MultigridFrame, unknown: &[bool], east: f64, north: f64) -> Self {
         let (east, north) = (east as f32, north as f32);
         let zeros = || vec![0.0; frame.nodes()];
@@ -85,7 +86,7 @@ impl MultigridLevel {
         level
     }
 
-    /// The weighted sum of its neighbours for each node of a row.
+    /// Weighted sum over the neighbours of each node of a row.
     #[inline(always)]
     fn pull<'a>(&'a self, x: &'a [f64], row: usize) -> impl Fn(usize) -> f64 + 'a {
         let frame = self.frame;
@@ -99,7 +100,7 @@ impl MultigridLevel {
         }
     }
 
-    /// The sum of all couplings of each node of a row: its own weight in the operator, 0 where it is known.
+    /// Sum of all couplings of each node of a row: the node's diagonal element of the operator; 0 for known nodes.
     #[inline(always)]
     fn own(&self, row: usize) -> impl Fn(usize) -> f64 + '_ {
         let frame = self.frame;
@@ -120,7 +121,7 @@ impl MultigridLevel {
         });
     }
 
-    /// `out = x + damping (b - A x) / own weight` on unknown nodes.
+    /// `out = x + damping (b - A x) / diagonal element` on unknown nodes.
     fn correct(&self, b: &[f64], x: &[f64], out: &mut [f64]) {
         self.frame.each_row(out, |row, out| {
             let (own, pull) = (self.own(row), self.pull(x, row));
@@ -178,7 +179,7 @@ impl MultigridLevel {
 /// Coarser levels of a multigrid cycle, with their work arrays.
 pub(super) struct MultigridCycle {
     levels: Vec<MultigridLevel>,
-    /// Right-hand side and correction of each coarser level, and a second correction of every level.
+    /// Right-hand side and correction of each coarser level, and a second correction array for every level.
     sides: Vec<Vec<f64>>,
     corrections: Vec<Vec<f64>>,
     spare: Vec<Vec<f64>>,
@@ -263,7 +264,7 @@ mod tests {
         level.apply(&a, &mut image);
         cycle.solve(&level, &image, &mut ama);
         let off: Vec<f64> = ama.iter().zip(&a).map(|(one, other)| one - other).collect();
-        // One cycle removes more than half of an error, measured in the energy of the operator.
+        // One cycle removes more than half of an error, measured in the energy norm of the operator.
         let (mut left, mut before) = (off.clone(), a.clone());
         level.apply(&off, &mut left);
         level.apply(&a, &mut before);

@@ -7,13 +7,13 @@ use kiddo::{ImmutableKdTree, QueryResultItem, SquaredEuclidean};
 use rayon::prelude::*;
 use std::num::NonZeroUsize;
 
-/// Averaging of the nearest nodes.
+/// Weights of the nearest nodes in the average.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum NeighbourWeights {
     /// Uniform weights, as in MagNav.jl.
     #[default]
     Equal,
-    /// Distance to the negative of this power, which is above zero. [Shepard 1968]
+    /// Distance to the power of minus this exponent, which is above zero. [Shepard 1968]
     InverseDistance(f64),
 }
 
@@ -24,7 +24,7 @@ pub struct NearestFill {
     pub neighbours: usize,
     /// Averaging of the nodes.
     pub weights: NeighbourWeights,
-    /// Distance in metres beyond which the nearest known node is not used; the node stays unknown.
+    /// Maximum distance in metres to the nearest known node; beyond it a node remains unknown.
     pub max_distance_m: Option<f64>,
 }
 
@@ -35,12 +35,12 @@ impl Default for NearestFill {
     }
 }
 
-/// Gives each unknown node the mean of its nearest known nodes, by distance in metres. Of nodes at equal distance, the
-/// southernmost, then the westernmost come first. With fewer known nodes than neighbours all are used. Results are
-/// bit-identical for any number of threads.
+/// Replaces each unknown node by the mean of its nearest known nodes, by distance in metres. Among nodes at equal
+/// distance, the southernmost, then the westernmost come first. If there are fewer known nodes than neighbours, all are
+/// used. Results are bit-identical for any number of threads.
 ///
 /// # Errors
-/// Fails if the map is not well formed or has no known node, or a parameter is out of its range.
+/// Fails if the map is invalid or has no known node, or if a parameter is out of its range.
 pub fn nearest(grid: &PlaneGrid, options: &NearestFill) -> Result<PlaneGrid, FillError> {
     check(grid)?;
     let neighbours = NonZeroUsize::new(options.neighbours).ok_or(FillError::NoNeighbours)?;
@@ -81,7 +81,7 @@ struct NearestNodeSearch<'a> {
     take: usize,
     /// `take` plus one, to detect a tie.
     ask: NonZeroUsize,
-    /// A step northward, in steps eastward.
+    /// Ratio of the northward to the eastward step.
     aspect: f64,
     options: NearestFill,
 }
@@ -109,7 +109,7 @@ impl<'a> NearestNodeSearch<'a> {
         };
         let weight = |squared: f64| match self.options.weights {
             NeighbourWeights::Equal => 1.0,
-            // Relative to the nearest, so that powers do not overflow.
+            // Relative to the nearest distance, so that powers do not overflow.
             NeighbourWeights::InverseDistance(power) => (nearest / squared).powf(0.5 * power),
         };
         let (mut sum, mut weights) = (0.0, 0.0);
@@ -120,11 +120,11 @@ impl<'a> NearestNodeSearch<'a> {
         sum / weights
     }
 
-    /// The nearest nodes; `found` holds those of a node in the same row, or is empty.
+    /// Finds the nearest nodes. `found` holds the result for another node of the same row, or is empty.
     fn find(&self, row: usize, column: usize, found: &mut NearestNodes) {
         let place = [column as f64, row as f64 * self.aspect];
-        // Distances from the tree are rounded; the order is by distances that do not depend on
-        // where the nodes are in the grid.
+        // Distances from the tree are rounded. The order is based on distances that do not depend on the position
+        // within the grid.
         const ROUNDING: f64 = 1e-9;
         // The previous nodes are at most their previous distance plus the step away.
         let enough =
@@ -144,7 +144,7 @@ impl<'a> NearestNodeSearch<'a> {
         found.column = column;
     }
 
-    /// Puts nodes into order by distance, then by their order in the grid.
+    /// Sorts nodes by distance, then by grid order.
     fn order(&self, row: usize, column: usize, query: &[QueryResultItem<(), u32, f64>], nodes: &mut Vec<(f64, usize)>) {
         let width = self.grid.columns();
         nodes.clear();
@@ -158,7 +158,7 @@ impl<'a> NearestNodeSearch<'a> {
     }
 }
 
-/// The last result: squared distances in steps eastward and nodes, nearest first, for the node in that column.
+/// The last result, for the node in that column: nodes and squared distances in eastward steps, nearest first.
 #[derive(Default)]
 struct NearestNodes {
     nodes: Vec<(f64, usize)>,

@@ -7,7 +7,7 @@ use crate::maps::plane_grid::PlaneGrid;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Known nodes that are kept around the gaps: the reach of two differences of the Laplace operator.
+/// Number of known nodes kept around the gaps: the reach of two applications of the Laplace operator.
 const RIM: usize = 2;
 
 /// Settings for filling gaps with a smooth surface.
@@ -20,15 +20,15 @@ pub struct SmoothFill {
     /// overshoot in a gap wider than the anomalies around it. [Briggs 1974]
     pub keep_slope: bool,
     /// The error at which the iteration stops, as a fraction of the range of the known values. It is the change that
-    /// one multigrid cycle still makes: for a surface of minimum curvature the remaining error may be some four times
-    /// larger.
+    /// one further multigrid cycle would make. For a surface of minimum curvature the remaining error may be some four
+    /// times larger.
     pub tolerance: f64,
     /// The maximum number of iterations.
     pub max_iterations: usize,
 }
 
 impl Default for SmoothFill {
-    /// Harmonic surface, tolerance of a millionth of the range.
+    /// Harmonic surface, with a tolerance of a millionth of the range.
     fn default() -> Self {
         Self { keep_slope: false, tolerance: 1e-6, max_iterations: 2000 }
     }
@@ -41,20 +41,20 @@ pub struct SmoothFillReport {
     pub filled: usize,
     /// The number of iterations.
     pub iterations: usize,
-    /// The remaining error, as a fraction of the range of the known values, as estimated by multigrid.
+    /// Remaining error estimated by multigrid, as a fraction of the range of the known values.
     pub error: f64,
 }
 
-/// Gives the unknown nodes the values of a smooth surface through the known ones; those do not change. The border of
-/// the map is free: the surface meets it at a right angle.
+/// Replaces the unknown nodes by a smooth surface through the known ones, which do not change. The border of the map is
+/// free: the surface has zero slope across it.
 ///
 /// Conjugate gradients with a multigrid cycle as preconditioner. A harmonic surface needs some fifteen iterations for
 /// any width of the gap. For minimum curvature the number grows with the width of the gap: some 60 for 80 nodes and
-/// 1000 for 600. It is therefore meant for gaps of some hundred nodes. Memory is some 70 bytes a node of the rectangle
-/// around the gaps. Results are bit-identical for any number of threads.
+/// 1000 for 600. It is therefore suitable for gaps up to some hundred nodes wide. Memory is some 70 bytes a node of the
+/// rectangle around the gaps. Results are bit-identical for any number of threads.
 ///
 /// # Errors
-/// Fails if the map is not well formed or has no known node, a parameter is out of its range, or the tolerance is not
+/// Fails if the map is invalid or has no known node, if a parameter is out of its range, or if the tolerance is not
 /// reached.
 pub fn smooth(grid: &PlaneGrid, options: &SmoothFill) -> Result<(PlaneGrid, SmoothFillReport), FillError> {
     check(grid)?;
@@ -99,17 +99,17 @@ impl GapWindow {
     }
 }
 
-/// The minimised form: a symmetric positive operator on the unknown nodes, and its approximate inverse.
+/// Symmetric positive operator on the unknown nodes, and its approximate inverse.
 trait SurfaceOperator {
-    /// `out = A x`; only the unknown nodes are used.
+    /// `out = A x`, for the unknown nodes only.
     fn apply(&self, problem: &GapProblem, x: &[f64], out: &mut [f64]);
-    /// `out`: an approximate solution of `A out = b`.
+    /// Computes `out`, an approximate solution of `A out = b`.
     fn precondition(&self, problem: &mut GapProblem, b: &[f64], out: &mut [f64]);
-    /// The residual of `0 = A u` with the current values u of known and unknown nodes.
+    /// The residual of `0 = A u` for the current values u of known and unknown nodes.
     fn residual(&self, problem: &GapProblem) -> Vec<f64>;
 }
 
-/// Linear system of a window of the map, its values less their middle.
+/// Linear system of a window of the map, whose values are relative to the middle of their range.
 struct GapProblem {
     unknown: Vec<bool>,
     level: MultigridLevel,
@@ -137,7 +137,7 @@ impl GapProblem {
         Self { unknown, level, cycle, values, middle, joints }
     }
 
-    /// All nodes coupled, whether known or not.
+    /// Level with all nodes coupled, known or not.
     fn open_level(&self) -> MultigridLevel {
         MultigridLevel::new(self.level.frame, &vec![true; self.unknown.len()], self.joints.0, self.joints.1)
     }
@@ -161,7 +161,7 @@ impl GapProblem {
         x.par_iter_mut().zip(&self.unknown).for_each(|(x, unknown)| *x = if *unknown { *x } else { 0.0 });
     }
 
-    /// Conjugate gradients until the multigrid cycle estimates no error above the tolerance.
+    /// Conjugate gradients until the error estimated by the multigrid cycle is within the tolerance.
     fn solve(
         &mut self,
         surface: &impl SurfaceOperator,

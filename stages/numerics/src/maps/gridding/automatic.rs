@@ -14,7 +14,7 @@ const PROBES: usize = 4000;
 const PARALLEL: f64 = 0.866;
 
 /// Median distance in metres from a point to the nearest line parallel to its own: within 30 degrees of its heading,
-/// and across rather than ahead. With one line it is the side of the mean square area per point.
+/// and sideways rather than ahead. For a single line, the square root of the mean area per point.
 pub fn line_spacing_m(points: SurveyPoints) -> f64 {
     let count = points.len();
     let near = PointCellIndex::new(&points.easting_m[..count], &points.northing_m[..count]);
@@ -51,8 +51,8 @@ fn headings(points: SurveyPoints) -> BTreeMap<usize, [f64; 2]> {
     points.runs().into_iter().map(of).collect()
 }
 
-/// Block side for lines `spacing_m` apart: a quarter, and at most 200 m. Measurements a hundred or a few hundred metres
-/// above their sources change over such distances at any line spacing.
+/// Block side for lines `spacing_m` apart: a quarter, and at most 200 m. Such distances are typical for changes of the
+/// field a hundred or a few hundred metres above its sources, at any line spacing.
 pub fn block_m(spacing_m: f64) -> f64 {
     (0.25 * spacing_m).min(200.0)
 }
@@ -60,9 +60,9 @@ pub fn block_m(spacing_m: f64) -> f64 {
 /// Layers of sources for blocks of `block_m` on lines `spacing_m` apart in a survey that is `extent_m` across.
 ///
 /// The shallowest layer is two blocks deep, which keeps the detail along a line. Each further layer is twice as deep,
-/// up to a quarter of the survey's extent. Sources are 0.7 depths apart: the field of finer sources is attenuated by 99
-/// % at the measurements. A layer shallower than the distance between lines reaches one depth beyond the measurements,
-/// so that deeper layers fill the gap between lines; the others reach two depths.
+/// up to a quarter of the survey's extent. Sources are 0.7 depths apart: the field of a finer arrangement would be
+/// attenuated by 99 % at the measurements. A layer shallower than the distance between lines extends one depth beyond
+/// the measurements, so that deeper layers fill the gap between lines. The others extend two depths.
 pub fn layers(block_m: f64, spacing_m: f64, extent_m: f64) -> Vec<SourceLayer> {
     let shallowest = (2.0 * block_m).max(1.0);
     let depths = (0..24).map(|k| shallowest * f64::from(1 << k));

@@ -1,4 +1,4 @@
-//! Points reduced to one per block, so that a densely flown line weighs no more than a sparse one.
+//! Reduction of points to one per block, so that a densely flown line has no more weight than a sparse one.
 
 use super::nearest::range;
 use crate::regression::statistics::median;
@@ -7,9 +7,9 @@ use rayon::prelude::*;
 /// Method that reduces the values of a block to one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlockReduction {
-    /// The median, which is robust against outliers.
+    /// The median, which is robust to outliers.
     Median,
-    /// Their mean.
+    /// The mean.
     Mean,
 }
 
@@ -28,8 +28,8 @@ pub struct SurveyBlocks {
     pub points: Vec<usize>,
 }
 
-/// Reduces points to the median or mean of their position, height and value in square blocks of `block_m`, counted
-/// from the south-west corner of the points. Blocks follow each other from south to north and west to east.
+/// Reduces points to the median or mean of their position, height and value in square blocks of `block_m`. Blocks start
+/// at the south-west corner of the points. Blocks are ordered from south to north and from west to east.
 ///
 /// All coordinates are metres and, like the values, finite; with `block_m` zero each point is its own block.
 pub fn reduce_blocks(points: [&[f64]; 4], block_m: f64, how: BlockReduction) -> SurveyBlocks {

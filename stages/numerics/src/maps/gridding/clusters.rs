@@ -8,7 +8,7 @@ pub(super) const UPWARD: usize = 2;
 /// Chebyshev points of a box.
 pub(super) const PROXIES: usize = ACROSS * ACROSS * UPWARD;
 
-/// Positions of points by axis, metres.
+/// Coordinates of points, one column per axis, metres.
 #[derive(Clone, Debug, Default)]
 pub(super) struct PointPositions {
     pub east: Vec<f64>,
@@ -37,7 +37,7 @@ impl PointPositions {
     }
 }
 
-/// A box around points `start..end`; `children` are two smaller boxes, or none.
+/// Box around the points `start..end`; `children` are two smaller boxes, or `None`.
 #[derive(Clone, Debug)]
 pub(super) struct ClusterBox {
     pub start: usize,
@@ -48,14 +48,14 @@ pub(super) struct ClusterBox {
     pub radius: f64,
 }
 
-/// Tree of boxes over points, the points of each box stored in sequence.
+/// Tree of boxes over points; the points of each box are contiguous.
 #[derive(Clone, Debug)]
 pub(super) struct ClusterTree {
     /// Sorted positions.
     pub points: PointPositions,
     /// The original index of each sorted point.
     pub order: Vec<usize>,
-    /// A box precedes its children.
+    /// Boxes; each precedes its children.
     pub boxes: Vec<ClusterBox>,
 }
 
@@ -122,12 +122,12 @@ fn around(points: &PointPositions, order: &[usize], start: usize) -> ClusterBox 
 }
 
 impl ClusterBox {
-    /// Half a side, never zero: interpolation needs distinct points.
+    /// Half a side, never zero, because interpolation requires distinct points.
     fn width(&self, axis: usize) -> f64 {
         self.half[axis].max(1e-2 * self.radius).max(1e-3)
     }
 
-    /// The box' Chebyshev points, the vertical index running fastest.
+    /// Chebyshev points of the box; the vertical index varies fastest.
     pub fn proxies(&self) -> PointPositions {
         let along = |axis: usize, count: usize| -> Vec<f64> {
             (0..count).map(|k| self.centre[axis] + self.width(axis) * chebyshev(k, count)).collect()

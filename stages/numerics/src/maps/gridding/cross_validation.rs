@@ -10,12 +10,12 @@ use rayon::prelude::*;
 /// Measured values that determine the expected error of a node.
 const AROUND: usize = 24;
 
-/// Folds of lines for cross-validation: with the lines in ascending order, every `count`-th is in one fold.
+/// Folds of lines for cross-validation: with the lines in ascending order, each fold contains every `count`-th line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LineFolds {
     /// The number of folds of lines.
     pub count: usize,
-    /// Folds to omit, one after the other; with all of them every point gets an error.
+    /// Folds to omit, one at a time; with all of them, every point has an error.
     pub left_out: Vec<usize>,
 }
 
@@ -60,10 +60,10 @@ pub struct CrossValidation {
     pub spread: DifferenceStatistics,
 }
 
-/// Omits folds of lines and predicts their points, at flight height for equivalent sources, from the others.
+/// Omits folds of lines and predicts their points from the other lines, at flight height for equivalent sources.
 ///
-/// Points are used unchanged: clean them first. An omitted line doubles the width of the survey's gaps there, so the
-/// differences are larger than the errors of the map from all lines.
+/// Points are used unchanged: clean them first. Omitting a line doubles the survey's gaps there, so the differences are
+/// larger than the errors of the map from all lines.
 ///
 /// # Errors
 /// Fails as [`fit`] and [`FittedSurface::at_points`](super::FittedSurface::at_points) for one of the folds.

@@ -4,8 +4,8 @@
 //! fitted to the residuals of the deeper ones, by damped least squares. Deep sources thus explain long wavelengths and
 //! extend them smoothly across the gaps between lines; shallow ones keep the detail along the lines. It is the gradient
 //! boosting of Soler & Uieda (2021), "Gradient-boosted equivalent sources", with layers of the whole survey instead of
-//! windows. The normal equations are solved by conjugate gradients, with products by the far-field sums of `far_field`,
-//! so that memory grows with the points and not with their square.
+//! windows. Conjugate gradients solve the normal equations, with products computed by the far-field sums of
+//! `far_field`. Memory therefore grows linearly with the number of points, not quadratically.
 
 use super::block::{BlockReduction, reduce_blocks};
 use super::clusters::{ClusterTree, PointPositions};
@@ -18,21 +18,20 @@ use super::windows::SchwarzPreconditioner;
 use super::{GriddingError, GriddingProgress, check_columns};
 use rayon::prelude::*;
 
-/// Number of nearest measurements; a source lies beneath the lowest of them.
+/// Number of nearest measurements around a source; the source lies beneath the lowest of them.
 const AROUND: usize = 8;
 
-/// Search radius, in depths, for the nearest measurement in each quadrant; a source lies beneath these too.
+/// Search radius, in depths, for the nearest measurement in each quadrant; a source also lies beneath these.
 const BESIDE: f64 = 8.0;
 
-/// Minimum height above a source, as a fraction of its depth. Below it, that source dominates and the field is
-/// undefined.
+/// Minimum height above a source, as a fraction of its depth. Below it, that source dominates and the field is invalid.
 const CLEAR: f64 = 0.5;
 
-/// Criterion for summing distant boxes together in predictions. The error is below 0.01 nT at Osborne, whose anomalies
-/// reach 5600 nT.
+/// Opening criterion for the summation of distant boxes in predictions. The error is below 0.01 nT at Osborne, whose
+/// anomalies reach 5600 nT.
 const PREDICT_FAR: f64 = 0.3;
 
-/// Side of the blocks whose mean measurements a layer is fitted to, as a fraction of its depth.
+/// Side of the blocks over which measurements are averaged for the fit of a layer, as a fraction of its depth.
 const THIN: f64 = 0.25;
 
 /// Field values in nT and their derivatives in nT/m at positions.
@@ -60,7 +59,7 @@ impl EquivalentSources {
     ///
     /// # Errors
     ///
-    /// Fails without points, and when columns have different lengths or values that are not finite.
+    /// Fails without points, for columns of different lengths, and for values that are not finite.
     pub fn fit(
         at_m: [&[f64]; 3],
         value_nt: &[f64],
@@ -72,12 +71,12 @@ impl EquivalentSources {
         Ok((sources, reports))
     }
 
-    /// Places sources beneath `value_nt` measured at eastings, northings and heights in metres, for [`Self::solve`] to
-    /// fit: their field is only the plane of the values until then.
+    /// Places sources beneath `value_nt` measured at eastings, northings and heights in metres, for a fit by
+    /// [`Self::solve`]. Before the fit, their field is only the plane of the values.
     ///
     /// # Errors
     ///
-    /// Fails without points, and when columns have different lengths or values that are not finite.
+    /// Fails without points, for columns of different lengths, and for values that are not finite.
     pub fn place(at_m: [&[f64]; 3], value_nt: &[f64], layers: &[SourceLayer]) -> Result<Self, GriddingError> {
         check_columns(&[at_m[0], at_m[1], at_m[2], value_nt])?;
         if value_nt.is_empty() {
@@ -97,7 +96,7 @@ impl EquivalentSources {
     ///
     /// # Errors
     ///
-    /// Fails when columns have different lengths or values that are not finite.
+    /// Fails for columns of different lengths and for values that are not finite.
     pub fn solve(
         &mut self,
         at_m: [&[f64]; 3],
@@ -126,8 +125,8 @@ impl EquivalentSources {
     /// position.
     ///
     /// # Errors
-    /// Fails at the first position where it is undefined, with the lowest height that is high enough at all positions.
-    /// Also fails when columns have different lengths or values that are not finite.
+    /// Fails at the first position where it is undefined, with the lowest height that is valid at all positions. Also
+    /// fails for columns of different lengths and for values that are not finite.
     pub fn check_above(&self, at_m: [&[f64]; 3]) -> Result<(), GriddingError> {
         check_columns(&at_m)?;
         self.check_points(&relative(at_m, self.origin_m))
@@ -146,8 +145,8 @@ impl EquivalentSources {
     /// The field in nT at eastings, northings and heights in metres.
     ///
     /// # Errors
-    /// Fails when a position is not above the sources near it, where the field is not defined, and when columns are
-    /// not equally long or have values that are not finite.
+    /// Fails if a position is not above the sources near it, where the field is undefined, for columns of different
+    /// lengths, and for values that are not finite.
     pub fn predict(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GriddingError> {
         let targets = self.targets(at_m)?;
         let mut sum = vec![0.0; targets.points.len()];
@@ -161,10 +160,10 @@ impl EquivalentSources {
         Ok(targets.unsorted(&sum))
     }
 
-    /// Field in nT as by [`Self::predict`], and NaN at positions that are not above the sources near them.
+    /// Field in nT as in [`Self::predict`], with NaN at positions that are not above the sources near them.
     ///
     /// # Errors
-    /// Fails when columns have different lengths or values that are not finite.
+    /// Fails for columns of different lengths and for values that are not finite.
     pub fn predict_above(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GriddingError> {
         check_columns(&at_m)?;
         let points = relative(at_m, self.origin_m);
@@ -210,7 +209,7 @@ impl EquivalentSources {
         tops.fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Largest error in nT of the prediction at about `count` of the positions, from the sum over all sources.
+    /// Largest error in nT of the prediction at about `count` of the positions, compared with the sum over all sources.
     pub fn summation_error_nt(&self, at_m: [&[f64]; 3], predicted_nt: &[f64], count: usize) -> f64 {
         let step = (predicted_nt.len() / count.max(1)).max(1);
         let thin = at_m.map(|axis| axis.iter().copied().step_by(step).collect::<Vec<f64>>());
@@ -248,7 +247,8 @@ impl FittedSourceLayer {
         ProxySources::new(&self.clusters, &self.proxies, &self.strength, far)
     }
 
-    /// Conjugate gradients on the damped normal equations, for measurements thinned to the resolution of the layer.
+    /// Fits a layer by conjugate gradients on the damped normal equations, with measurements thinned to the resolution
+    /// of the layer.
     fn solve(&mut self, points: &PointPositions, rest: &[f64], options: &SourceFitOptions) -> usize {
         let thin = [&points.east[..], &points.north, &points.up, rest];
         let thin = reduce_blocks(thin, THIN * self.depth_m, BlockReduction::Mean);
@@ -267,8 +267,8 @@ impl FittedSourceLayer {
         (0..targets.len()).map(|i| least.get(i).is_none_or(|least| *least <= targets.up[i])).collect()
     }
 
-    /// The least height at each target, half the layer's depth above the source nearest to it; empty where all targets
-    /// are above all sources by that much.
+    /// Minimum height at each target: half the layer's depth above the nearest source. Empty if all targets are that
+    /// far above all sources.
     fn least_m(&self, targets: &PointPositions) -> Vec<f64> {
         let sources = &self.clusters.points;
         if range(&sources.up)[1] + CLEAR * self.depth_m <= range(&targets.up)[0] {
@@ -283,7 +283,7 @@ impl FittedSourceLayer {
     }
 }
 
-/// Even nodes of a layer with a measurement in reach, `depth_m` beneath the lowest measurement around.
+/// Evenly spaced nodes of a layer with a measurement within reach, `depth_m` beneath the lowest measurement around.
 fn source_places(points: &PointPositions, near: &PointCellIndex, layer: &SourceLayer) -> PointPositions {
     let nodes = |axis: &[f64]| -> Vec<f64> {
         let [a, b] = range(axis).map(|x| x / layer.spacing_m);
@@ -320,7 +320,7 @@ fn middle(values: &[f64]) -> f64 {
     (0.5 * (a + b)).round()
 }
 
-/// The lowest of the measurements nearest in each quadrant: neighbouring lines may fly lower than the nearest one.
+/// Lowest of the nearest measurements in each quadrant: neighbouring lines may be flown lower than the nearest one.
 fn lowest_beside(points: &PointPositions, near: &PointCellIndex, [e, n]: [f64; 2], reach_m: f64) -> f64 {
     let quadrant = |i: usize| [points.east[i] >= e, points.north[i] >= n];
     let found = [[true, true], [true, false], [false, true], [false, false]]

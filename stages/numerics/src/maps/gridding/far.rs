@@ -1,19 +1,19 @@
-//! Points that are far from a survey: zero or swapped coordinates, or a receiver without a fix.
+//! Points that are far from a survey: zero or swapped coordinates, or positions of a receiver without a fix.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Minimum reach of a survey, metres; otherwise the range of the middle 80 % of the coordinates.
+/// Minimum reach of a survey, metres; otherwise the reach is the range of the middle 80 % of the coordinates.
 const LEAST_REACH_M: f64 = 1000.0;
 
 /// Column and row of a square cell of the plane.
 type PlaneCell = [i64; 2];
 
-/// Points, ascending, that are far from all others: groups of fewer than a hundredth of the points, or single ones,
-/// with more than half the survey's extent of empty ground around them. The reach is the diagonal of the rectangle that
-/// the tenth to the ninetieth percentile of the coordinates span, at least 1 km. Coordinates are metres on one plane;
-/// points with a coordinate that is not finite are never far.
+/// Indices, ascending, of points that are far from all others. Such points form groups of fewer than a hundredth of the
+/// points, or are single, and more than half the survey's reach around them is empty. The reach is the diagonal of the
+/// rectangle between the 10th and 90th percentiles of the coordinates, at least 1 km. Coordinates are metres on one
+/// plane; points with a coordinate that is not finite are never far.
 ///
-/// Groups are the connected ones among occupied square cells whose side is half the reach.
+/// Groups are connected sets of occupied square cells with a side of half the reach.
 pub fn far_points(east_m: &[f64], north_m: &[f64]) -> Vec<usize> {
     let known: Vec<usize> =
         (0..east_m.len().min(north_m.len())).filter(|&i| (east_m[i] + north_m[i]).is_finite()).collect();
@@ -44,7 +44,7 @@ fn middle(mut values: Vec<f64>) -> f64 {
     high - low
 }
 
-/// Cells that touch each other, corners too.
+/// Groups of cells that touch each other, including at corners.
 fn groups(mut left: BTreeSet<PlaneCell>) -> Vec<Vec<PlaneCell>> {
     let mut groups = vec![];
     while let Some(first) = left.pop_first() {
@@ -99,7 +99,7 @@ mod tests {
         east[3000..3100].iter_mut().for_each(|x| *x += 2e5);
         let expected: Vec<usize> = [77, 500, 900].into_iter().chain(3000..3100).collect();
         assert_eq!(far_points(&east, &north), expected);
-        // Few points: a tenth of them may be wrong.
+        // Few points: up to a tenth of them may be wrong.
         let few: Vec<f64> = (0..20).map(|k| if k == 7 { 6e6 } else { 100.0 * f64::from(k) }).collect();
         assert_eq!(far_points(&few, &[0.0; 20]), [7]);
     }

@@ -1,9 +1,9 @@
-//! Sums over all sources at all targets in far fewer evaluations than pairs.
+//! Sums over all sources at all targets with far fewer kernel evaluations than pairs.
 //!
-//! Boxes that are far from each other compared with their size act on each other through Chebyshev points. Sources are
-//! spread onto those of their box, and the kernel is evaluated between the points of the two boxes. The sum is
+//! Boxes whose distance is large compared with their size interact through Chebyshev points. The sources are projected
+//! onto the Chebyshev points of their box, and the kernel is evaluated between the points of the two boxes. The sum is
 //! interpolated to the targets. [Wang, Tlupova & Krasny 2020, "A kernel-independent treecode based on barycentric
-//! Lagrange interpolation"] Every sum is taken in the same order on any number of threads.
+//! Lagrange interpolation"] The order of each sum is the same for any number of threads.
 
 use super::clusters::{ClusterBox, ClusterTree, PROXIES, PointPositions};
 use super::kernel::{PointSources, add_gradients, add_values};
@@ -50,7 +50,8 @@ impl<'a> ProxySources<'a> {
         PointSources { at: self.proxies[at].part(0..PROXIES), strength: &self.spread[at] }
     }
 
-    /// Calls `visit` with the sources of every box, and whether it is far; proxies may replace those of a far box.
+    /// Calls `visit` with the sources of every box and whether the box is far; proxies may replace the sources of a far
+    /// box.
     fn each(&self, target: &ClusterBox, mut visit: impl FnMut(PointSources, bool)) {
         let mut open = vec![0];
         while let Some(at) = open.pop() {
@@ -70,7 +71,7 @@ impl<'a> ProxySources<'a> {
         }
     }
 
-    /// The sum of strength · h / r³ at the targets, in their sorted order; see `add_values` for `sign`.
+    /// Sum of strength · h / r³ at the targets, in their sorted order; see `add_values` for `sign`.
     pub fn values(&self, targets: &ClusterTree, sign: f64) -> Vec<f64> {
         let parts: Vec<(usize, Vec<f64>)> =
             targets.leaves().into_par_iter().map(|leaf| (leaf.start, self.values_in(targets, leaf, sign))).collect();

@@ -7,8 +7,8 @@ pub(super) struct PointSources<'a> {
     pub strength: &'a [f64],
 }
 
-/// Adds to `out` at each target the sum of strength · h / r³ over the sources, where `h` is `sign` times the height of
-/// the target above the source, and r their distance.
+/// Adds to `out` at each target the sum of strength · h / r³ over the sources. `h` is `sign` times the height of the
+/// target above the source, and r is their distance.
 pub(super) fn add_values(targets: [&[f64]; 3], sources: PointSources, sign: f64, out: &mut [f64]) {
     pulp::Arch::new().dispatch(
         #[inline(always)]
@@ -16,7 +16,7 @@ pub(super) fn add_values(targets: [&[f64]; 3], sources: PointSources, sign: f64,
     );
 }
 
-/// Adds value, east, north and upward derivative of the same sum, with `h` upward.
+/// Adds value and east, north and upward derivative of the same sum, with `h` positive upward.
 pub(super) fn add_gradients(targets: [&[f64]; 3], sources: PointSources, out: &mut [Vec<f64>; 4]) {
     pulp::Arch::new().dispatch(
         #[inline(always)]
@@ -57,8 +57,8 @@ fn gradients([east, north, up]: [&[f64]; 3], sources: PointSources, out: &mut [V
     }
 }
 
-/// 1/√x of a positive number with a relative error of 3e-11: three Newton steps from the estimate by halving the
-/// exponent. Division and square root take several times as long as these products.
+/// Computes 1/√x of a positive number with a relative error of 3e-11, by three Newton steps from an estimate with half
+/// the exponent. Division and square root take several times as long as these products.
 #[inline(always)]
 fn inverse_root(x: f64) -> f64 {
     let half = 0.5 * x;

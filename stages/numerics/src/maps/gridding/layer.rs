@@ -6,7 +6,7 @@ use super::far_field::all_proxies;
 /// Points in a box of the far-field sums.
 pub(super) const LEAF: usize = 64;
 
-/// Criterion for summing distant boxes together in the fit, where an error costs only an iteration.
+/// Opening criterion for the summation of distant boxes in the fit, where errors only cost iterations.
 pub(super) const FIT_FAR: f64 = 0.6;
 
 /// A layer of equivalent sources.
@@ -25,7 +25,7 @@ pub struct SourceLayer {
 pub struct SourceFitOptions {
     /// The layers, deepest first.
     pub layers: Vec<SourceLayer>,
-    /// The damping: the square of a source's field right above it in nT that costs as much as a misfit of 1 nT².
+    /// Damping: the weight, relative to a misfit of 1 nT², of the square of a source's field directly above it in nT.
     pub damping: f64,
     /// The maximum number of iterations of a layer.
     pub iterations: usize,

@@ -2,8 +2,8 @@
 //!
 //! Briggs (1974), "Machine contouring using minimum curvature", with the tension of Smith & Wessel (1990), "Gridding
 //! with continuous curvature splines in tension": (1 - T) ∇²(∇²u) - T ∇²u = 0 away from data, natural edges. A datum
-//! off a node enters the curvature at the nearest node through a second-order expansion. Grids are nested: each
-//! spacing starts from the surface of the one twice as wide.
+//! that is not on a node enters the curvature at the nearest node through a second-order expansion. Grids are nested:
+//! each spacing starts from the surface with twice the spacing.
 
 use super::plane::RegionalPlane;
 use super::sheet::{GridDatum, RelaxationGrid, RelaxationOptions, RelaxationReport};

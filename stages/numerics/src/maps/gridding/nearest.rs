@@ -10,11 +10,11 @@ pub struct PointCellIndex {
     at: Vec<[f64; 2]>,
 }
 
-/// A neighbouring point: its squared distance in m² and its index.
+/// Neighbouring point: squared distance in m² and index.
 pub type PointNeighbour = (f64, usize);
 
 impl PointCellIndex {
-    /// Sorts points, all of them finite, into cells that hold about three each.
+    /// Sorts points, all finite, into cells of about three points each.
     pub fn new(east_m: &[f64], north_m: &[f64]) -> Self {
         let (e, n) = (range(east_m), range(north_m));
         let span = [(e[1] - e[0]).max(1.0), (n[1] - n[0]).max(1.0)];
@@ -40,8 +40,8 @@ impl PointCellIndex {
         Self { first, cell_m, cells, starts, order, at }
     }
 
-    /// The `k` nearest points among those that `accept` accepts and that are at most `limit_m` away, nearest first;
-    /// of two at one distance the one with the lower index is nearer.
+    /// The `k` nearest points for which `accept` is true and that are at most `limit_m` away, nearest first. At equal
+    /// distance, the lower index comes first.
     pub fn nearest(&self, at: [f64; 2], k: usize, limit_m: f64, accept: impl Fn(usize) -> bool) -> Vec<PointNeighbour> {
         let mut found: Vec<PointNeighbour> = Vec::with_capacity(k + 1);
         if k == 0 || self.order.is_empty() || !(at[0] + at[1]).is_finite() {
@@ -69,12 +69,12 @@ impl PointCellIndex {
         found
     }
 
-    /// The distance in metres to the nearest point, infinite when there is none within `limit_m`.
+    /// Distance in metres to the nearest point; infinite if none is within `limit_m`.
     pub fn distance(&self, at: [f64; 2], limit_m: f64) -> f64 {
         self.nearest(at, 1, limit_m, |_| true).first().map_or(f64::INFINITY, |f| f.0.sqrt())
     }
 
-    /// The first and the last ring around a cell that meet the sorted cells.
+    /// The first and the last ring around a cell that intersect the sorted cells.
     fn rings(&self, centre: [i64; 2]) -> (i64, i64) {
         let gap = |c: i64, n: i64| (-c).max(c - (n - 1)).max(0);
         let far = |c: i64, n: i64| c.abs().max((n - 1 - c).abs());
@@ -106,7 +106,7 @@ fn cell(first: [f64; 2], cell_m: f64, at: [f64; 2]) -> [i64; 2] {
     [0, 1].map(|a| ((at[a] - first[a]) / cell_m).floor() as i64)
 }
 
-/// The smallest and the largest of the values; zeros when there are none.
+/// Smallest and largest value; zeros if there are none.
 pub fn range(values: &[f64]) -> [f64; 2] {
     let ends = values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], &v| [a.min(v), b.max(v)]);
     if ends[0] <= ends[1] { ends } else { [0.0, 0.0] }

@@ -23,7 +23,7 @@ impl LayerNormalEquations<'_> {
         scaled(spread.values(&self.layer.clusters, -1.0), self.layer.scale())
     }
 
-    /// Conjugate gradients: the strengths that explain `rest`, and the iterations that were needed.
+    /// Conjugate gradients: the strengths that explain `rest`, and the number of iterations.
     pub fn solve(
         &self,
         mut rest: Vec<f64>,

@@ -1,7 +1,7 @@
 //! A grid under relaxation, with two rows and columns beyond each edge.
 //!
-//! A node is moved by its neighbours up to two rows away, so rows three apart can be moved in parallel: the rows are
-//! kept in three colours, and the answer does not depend on the number of threads.
+//! The update of a node depends on neighbours up to two rows away, so rows three apart can be updated in parallel. The
+//! rows are divided into three colours, and the result does not depend on the number of threads.
 
 use rayon::prelude::*;
 
@@ -10,7 +10,7 @@ use rayon::prelude::*;
 pub struct RelaxationOptions {
     /// Tension: 0 is minimum curvature, 1 is Laplace's equation.
     pub tension: f64,
-    /// Maximum expected move of a node in all further passes together at which a grid has converged, nT.
+    /// Convergence limit of a grid: the maximum expected change of a node in all further passes together, nT.
     pub tolerance_nt: f64,
     /// The maximum number of passes over a grid.
     pub passes: usize,
@@ -19,10 +19,10 @@ pub struct RelaxationOptions {
 /// Convergence of the relaxation of the finest grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RelaxationReport {
-    /// Passes over it.
+    /// Passes over the grid.
     pub passes: usize,
-    /// Expected move of a node in all further passes, nT, from the convergence rate. It exceeds the tolerance if the
-    /// passes were used up.
+    /// Expected change of a node in all further passes, nT, from the convergence rate. It exceeds the tolerance if the
+    /// maximum number of passes was reached.
     pub left_nt: f64,
 }
 
@@ -35,7 +35,7 @@ const OVER: f64 = 1.6;
 /// Passes between two convergence checks.
 const STRETCH: usize = 16;
 
-/// Distance from its node, in spacings, below which a datum fixes the node.
+/// Distance to its node, in spacings, below which a datum fixes the node.
 const ON_NODE: f64 = 0.05;
 
 /// A datum, with its nearest node and its offset from it in nodes.
@@ -48,7 +48,7 @@ pub(super) struct GridDatum {
 }
 
 impl GridDatum {
-    /// Datum from column and row, as fractions of nodes of the grid, and value.
+    /// Datum from a column and row, in fractions of nodes of the grid, and a value.
     pub fn from_point([column, row, value]: [f64; 3]) -> Self {
         let near = [column, row].map(|x| (x + 0.5).floor().max(0.0));
         Self { column: near[0] as usize, row: near[1] as usize, offset: [column - near[0], row - near[1]], value }
@@ -103,7 +103,7 @@ impl RelaxationGrid {
         (0..self.rows).flat_map(row).collect()
     }
 
-    /// The same surface on nodes twice as dense, interpolated bilinearly.
+    /// The same surface with twice the density of nodes, interpolated bilinearly.
     pub fn refined(&self, columns: usize, rows: usize) -> Self {
         let mut fine = Self::flat(columns, rows);
         let last = |n: usize| n - 1 + EDGE;
@@ -130,10 +130,12 @@ impl RelaxationGrid {
         }
     }
 
-    /// Passes over the grid until its expected remaining move is within the tolerance or the passes are used up.
+    /// Passes over the grid until the expected remaining change is within the tolerance or the maximum number of passes
+    /// is reached.
     ///
-    /// Slow modes of the surface move little in each of very many passes, so the size of a move alone is not a
-    /// criterion: the remaining move is the sum of the geometric series that starts with the moves of the last passes.
+    /// Slow modes of the surface change little per pass over very many passes, so the change of one pass is no
+    /// criterion. The remaining change is the sum of the geometric series that starts with the changes of the last
+    /// passes.
     pub fn relax(&mut self, relaxation: &RelaxationOptions) -> RelaxationReport {
         let mut relaxed = RelaxationReport { passes: 0, left_nt: f64::INFINITY };
         let mut before = f64::INFINITY;
@@ -176,8 +178,8 @@ impl RelaxationGrid {
         moved
     }
 
-    /// Sets the nodes beyond the edges: no curvature across an edge, no twist at a corner, no shear. [Briggs 1974,
-    /// (11)-(16)]
+    /// Sets the nodes beyond the edges for zero curvature across an edge, zero twist at a corner, and zero shear.
+    /// [Briggs 1974, (11)-(16)]
     fn extend(&mut self) {
         let (west, east, south, north) = (EDGE, EDGE + self.columns - 1, EDGE, EDGE + self.rows - 1);
         for r in south..=north {
@@ -209,7 +211,7 @@ impl RelaxationGrid {
         }
     }
 
-    /// The value two steps outward that makes the curvature equal one step inward and outward of an edge.
+    /// Value two steps outward that makes the curvatures one step inward and one step outward of an edge equal.
     fn no_shear(&self, at: impl Fn(i64, i64) -> (usize, usize)) -> f64 {
         let get = |along: i64, across: i64| {
             let (c, r) = at(along, across);
@@ -223,7 +225,8 @@ fn step(at: usize, by: i64) -> usize {
     at.saturating_add_signed(by as isize)
 }
 
-/// The update of a node by its datum; the expansion of the curvature uses the four neighbours opposite the datum.
+/// Update of a node by its datum; the expansion of the curvature uses the four neighbours on the side away from the
+/// datum.
 fn rule(datum: &GridDatum, tension: f64) -> NodeUpdate {
     let [dx, dy] = datum.offset.map(f64::abs);
     if dx.max(dy) < ON_NODE {

@@ -1,4 +1,4 @@
-//! A surface fitted to a survey, by either method.
+//! A surface fitted to a survey, by equivalent sources or minimum curvature.
 
 use super::automatic::{block_m, layers, line_spacing_m};
 use super::block::{BlockReduction, SurveyBlocks, reduce_blocks};
@@ -17,7 +17,7 @@ use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use crate::regression::statistics::median;
 use rayon::prelude::*;
 
-/// Number of surrounding blocks that determine the usual misfit.
+/// Number of surrounding blocks that determine the typical misfit.
 const AROUND: usize = 32;
 
 /// Fitted surface: equivalent sources or a grid of minimum curvature.
@@ -49,8 +49,8 @@ pub struct FittedSurface {
 /// Fits a surface to the points of a survey, all of them finite: see `clean`.
 ///
 /// # Errors
-/// Fails without points, as [`check`], for columns of different lengths or with values that are not finite, with
-/// [`GriddingError::TooLarge`] for a grid without nodes or with too many, and with [`GriddingError::BelowSources`] when
+/// Fails without points, as [`check`], for columns of different lengths or values that are not finite, with
+/// [`GriddingError::TooLarge`] for a grid without nodes or with too many, and with [`GriddingError::BelowSources`] if
 /// the level or a block is not above the equivalent sources near it.
 pub fn fit(
     points: SurveyPoints,
@@ -117,7 +117,7 @@ impl FittedSurface {
                 progress("placing equivalent sources", 0, 1);
                 let mut sources = EquivalentSources::place(at, &b.value_nt, &options.layers)?;
                 if let Some(level_m) = level_m {
-                    // The level is checked before the fit, which takes long.
+                    // The level is checked before the fit, because the fit is slow.
                     let [east, north] = nodes(self.axes);
                     sources.check_above([&east, &north, &vec![*level_m; east.len()]])?;
                 }
@@ -144,11 +144,11 @@ impl FittedSurface {
         };
     }
 
-    /// The values at the points' positions: for minimum curvature at any height, and NaN off its grid; for
-    /// equivalent sources NaN where a point flies so low between higher ones that it is not above the sources.
+    /// Values at the positions of points. For minimum curvature: at any height, NaN off the grid. For equivalent
+    /// sources: NaN at points so far below neighbouring ones that they are not above the sources.
     ///
     /// # Errors
-    /// Fails, for equivalent sources, when columns have different lengths or values that are not finite.
+    /// Fails, for equivalent sources, for columns of different lengths and for values that are not finite.
     pub fn at_points(&self, points: SurveyPoints) -> Result<Vec<f64>, GriddingError> {
         match &self.surface {
             SurveySurface::Sources(sources, _) => {
@@ -158,8 +158,8 @@ impl FittedSurface {
         }
     }
 
-    /// The grid; with equivalent sources also its level in metres and the largest error of the far-field summation at a
-    /// hundred of its nodes, nT.
+    /// The grid. For equivalent sources also its level in metres and the largest error of the far-field summation at a
+    /// hundred nodes, nT.
     ///
     /// # Errors
     /// Fails, for equivalent sources, as [`EquivalentSources::predict`] at the nodes.
@@ -209,7 +209,7 @@ fn nodes([east_m, north_m]: [EvenAxis; 2]) -> [Vec<f64>; 2] {
     [east, north]
 }
 
-/// Blocks, ascending, whose residual is far larger than that of their neighbours.
+/// Indices, ascending, of blocks whose residual is far larger than that of their neighbours.
 fn misfits(blocks: &SurveyBlocks, rest: &[f64], options: &GriddingOptions) -> Vec<usize> {
     if options.misfit_sigmas <= 0.0 || options.misfit_sigmas.is_nan() {
         return Vec::new();

@@ -3,7 +3,7 @@
 use super::far::far_points;
 use crate::regression::statistics::median;
 
-/// Points of a survey, the points of a line following each other in the order they were flown.
+/// Points of a survey; the points of a line are consecutive and in flight order.
 #[derive(Clone, Copy, Debug)]
 pub struct SurveyPoints<'a> {
     /// Easting on a plane, metres.
@@ -12,13 +12,13 @@ pub struct SurveyPoints<'a> {
     pub northing_m: &'a [f64],
     /// Height of the sensor, metres.
     pub height_m: &'a [f64],
-    /// Anomaly, nT: the core field and its daily variation are already removed.
+    /// Anomaly, nT, without the core field and the diurnal variation.
     pub value_nt: &'a [f64],
     /// The line that each point belongs to.
     pub line: &'a [usize],
 }
 
-/// Points of a survey that own their columns.
+/// Points of a survey with owned columns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OwnedSurveyPoints {
     /// Easting, metres.
@@ -34,7 +34,7 @@ pub struct OwnedSurveyPoints {
 }
 
 impl OwnedSurveyPoints {
-    /// The points, borrowed.
+    /// Borrowed points.
     pub fn borrow(&self) -> SurveyPoints<'_> {
         SurveyPoints {
             easting_m: &self.easting_m,
@@ -98,8 +98,8 @@ impl SurveyPoints<'_> {
 /// The criteria of cleaning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CleaningOptions {
-    /// Outlier limit: distance of a point from the straight line between its neighbours in flight order, in robust
-    /// standard deviations of its surroundings; zero keeps all.
+    /// Outlier limit, in robust standard deviations of the surroundings, of the distance of a point from the straight
+    /// line between its neighbours in flight order; zero keeps all.
     pub sigmas: f64,
     /// Minimum distance of an outlier from that line, nT.
     pub floor_nt: f64,
@@ -112,8 +112,8 @@ pub struct CleaningOptions {
 }
 
 impl Default for CleaningOptions {
-    /// Ten robust standard deviations among 51 points, and at least 10 nT, which exceeds the change of the anomaly
-    /// between two points.
+    /// Ten robust standard deviations among 51 points, and at least 10 nT, more than the change of the anomaly between
+    /// two points.
     fn default() -> Self {
         Self { sigmas: 10.0, floor_nt: 10.0, half_window: 25, shortest_line: 5, without_far: true }
     }
@@ -168,7 +168,7 @@ pub fn clean(points: SurveyPoints, options: &CleaningOptions) -> CleaningOutcome
     cleaned
 }
 
-/// Outliers of a line; those next to a larger one are tested again after removing it.
+/// Outliers of a line. Points next to a larger outlier are tested again after its removal.
 fn spikes(points: SurveyPoints, line: &[usize], options: &CleaningOptions) -> Vec<usize> {
     let (mut left, mut found) = (line.to_vec(), Vec::new());
     while options.sigmas > 0.0 && left.len() >= 5 {

@@ -1,20 +1,20 @@
-//! A preconditioner for the normal equations of a layer: small overlapping windows solved exactly.
+//! Preconditioner for the normal equations of a layer: exact solutions in small overlapping windows.
 
 use super::clusters::{ClusterTree, PointPositions};
 use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::{Accum, Mat, Par, Side};
 use rayon::prelude::*;
 
-/// Sources of a window before its overlap.
+/// Number of sources of a window, without the overlap.
 const CORE: usize = 256;
 
-/// Overlap of the windows' sources, in depths; the measurements extend as far again.
+/// Overlap of the windows' sources, in depths; measurements are included to twice this distance.
 const OVERLAP: f64 = 1.5;
 
 /// Overlapping-window (Schwarz) preconditioner of a layer.
 pub(super) struct SchwarzPreconditioner {
     windows: Vec<SchwarzWindow>,
-    /// One over the root of the number of windows that a source is in.
+    /// Reciprocal square root of the number of windows that contain a source.
     share: Vec<f64>,
 }
 
@@ -47,7 +47,7 @@ impl SchwarzPreconditioner {
         Self { windows, share }
     }
 
-    /// The windows' solution for a right-hand side of the normal equations.
+    /// Solution of the windows for a right-hand side of the normal equations.
     pub fn solve(&self, right: &[f64]) -> Vec<f64> {
         let parts: Vec<Vec<f64>> = self
             .windows
@@ -87,7 +87,7 @@ fn inside(clusters: &ClusterTree, [east, north]: [[f64; 2]; 2]) -> Vec<usize> {
     found
 }
 
-/// The Cholesky factor of KᵀK + damping; empty, for the unit matrix, when there is none.
+/// Cholesky factor of KᵀK + damping; empty, which represents the unit matrix, if none exists.
 fn factor(sources: PointPositions, data: PointPositions, depth_m: f64, damping: f64) -> Vec<f32> {
     let scale = depth_m * depth_m;
     let kernel = Mat::from_fn(data.len(), sources.len(), |i, j| {
@@ -131,7 +131,7 @@ fn solve(factor: &[f32], x: &mut [f64]) {
     );
 }
 
-/// A dot product in eight partial sums, which run in parallel lanes.
+/// Dot product in eight partial sums, which are computed in parallel lanes.
 #[inline(always)]
 fn dot(row: &[f32], x: &[f64]) -> f64 {
     let mut strands = [0.0; 8];

@@ -1,27 +1,27 @@
 //! The adjustment of lines by their crossovers.
 //!
 //! A difference at a crossover is the level error of both lines, plus noise that grows with the gradient
-//! ([`CrossoverNoise`]). The corrections are the most likely ones given a survey's crossovers. Those of the lines, and
-//! those of the ties about a common shift, are modelled as draws from a distribution. Its width is estimated from the
-//! scatter of the corrections beyond their own standard errors (the method of moments of DerSimonian and Laird 1986).
-//! Without such scatter the width is zero and the group is not corrected, so that the noise at the crossovers of a
-//! level survey does not become stripes. A line that is individually out of level is corrected independently of the
-//! others.
+//! ([`CrossoverNoise`]). The corrections are the most likely ones given the crossovers of a survey. The corrections of
+//! the lines, and those of the ties about a common shift, are modelled as draws from a distribution. Its width is
+//! estimated from the scatter of the corrections beyond their own standard errors (the method of moments of DerSimonian
+//! and Laird 1986). Without such scatter the width is zero and the group is not corrected, so that the noise at the
+//! crossovers of a level survey does not become stripes. A line that is individually out of level is corrected
+//! independently of the others.
 
 use super::noise::CrossoverNoise;
 use super::{Crossover, LevellingGauge, LevellingOptions};
 use crate::{maps::gridding::SurveyPoints, regression::statistics::median};
 use std::collections::BTreeMap;
 
-/// Number of rounds of estimation of noise and widths.
+/// Number of rounds in the estimation of noise and widths.
 const ROUNDS: usize = 16;
-/// Rounds of reweighting in each round.
+/// Number of reweightings in each round.
 const REWEIGHTED: usize = 4;
-/// Probability that a level survey has any line reported as individually out of level.
+/// Probability that, in a survey without level errors, any line is reported as individually out of level.
 const BY_CHANCE: f64 = 0.05;
 /// Standard deviations by which the scatter of a group must exceed its errors.
 const BEYOND: f64 = 1.645;
-/// Crossovers per coefficient from which all corrections can be unconstrained at first.
+/// Minimum ratio of crossovers to coefficients for initially unconstrained corrections.
 const ENOUGH: usize = 2;
 /// Minimum number of crossovers of a line that is individually out of level: one or two may be wrong.
 const LEAST_CROSSOVERS: usize = 3;
@@ -30,10 +30,10 @@ const LEAST_CROSSOVERS: usize = 3;
 pub(super) struct CrossoverAdjustment<'a> {
     points: SurveyPoints<'a>,
     crossovers: &'a [Crossover],
-    /// The first point and the last of each line, and its index among the lines.
+    /// First and last point of each line, and its index among the lines.
     lines: BTreeMap<usize, (usize, usize, usize)>,
     terms: usize,
-    /// Factors of the coefficients: those of the lines, line by line, and finally the shift of all ties.
+    /// Factors of the coefficients: those of the lines, line by line, followed by the shift of all ties.
     rows: Vec<Vec<(usize, f64)>>,
     right: Vec<f64>,
     is_tie: Vec<bool>,
@@ -55,12 +55,12 @@ pub(super) struct AdjustmentSolution {
     sd_nt: Vec<f64>,
 }
 
-/// Coefficients of one line from its crossovers, the other lines unchanged.
+/// Coefficients of one line from its crossovers, with the other lines fixed.
 struct LineLevelEstimate {
     value_nt: Vec<f64>,
     /// Standard errors.
     error_nt: Vec<f64>,
-    /// The variance ratio of the line's differences to the expected ones; 1 or more.
+    /// Ratio of the variance of the line's differences to the expected variance, at least 1.
     excess: f64,
     crossovers: usize,
 }
@@ -88,7 +88,8 @@ impl<'a> CrossoverAdjustment<'a> {
         made
     }
 
-    /// Position of a point along its line, -1 to 1, `part` of the way to the next, and its line's index.
+    /// Position along its line, -1 to 1, of the point that is the fraction `part` of the way from `point` to the next,
+    /// and the index of the line.
     fn place(&self, point: usize, part: f64) -> (f64, usize) {
         let (first, last, line) =
             self.points.line.get(point).and_then(|line| self.lines.get(line)).copied().unwrap_or((0, 0, 0));
@@ -112,7 +113,7 @@ impl<'a> CrossoverAdjustment<'a> {
         side(0).chain(side(1)).collect()
     }
 
-    /// Correction at a point, `part` of the way to the next, nT.
+    /// Correction, nT, at the fraction `part` of the way from a point to the next.
     pub fn correction(&self, solution: &AdjustmentSolution, point: usize, part: f64) -> f64 {
         let (along, line) = self.place(point, part);
         legendre(along, self.terms).iter().zip(self.of_place(solution, line)).map(|(p, c)| p * c).sum()
@@ -128,15 +129,15 @@ impl<'a> CrossoverAdjustment<'a> {
         &solution.coefficients[place * self.terms..][..self.terms]
     }
 
-    /// The residual differences after correction, nT.
+    /// Differences after correction, nT.
     pub fn differences(&self, coefficients: &[f64]) -> Vec<f64> {
-        // The shift of the ties is in their constants when the coefficients are a solution's.
+        // In a solution, the constants of the ties include their shift.
         let of = |j: usize| coefficients.get(j).copied().unwrap_or(0.0);
         let left = |(row, d): (&Vec<(usize, f64)>, &f64)| d - row.iter().map(|(j, p)| p * of(*j)).sum::<f64>();
         self.rows.iter().zip(&self.right).map(left).collect()
     }
 
-    /// The corrections from all crossovers.
+    /// Corrections from all crossovers.
     pub fn solve(&self) -> AdjustmentSolution {
         let lines = self.is_tie.len();
         let mut found = AdjustmentSolution {
@@ -150,7 +151,8 @@ impl<'a> CrossoverAdjustment<'a> {
             found.coefficients.truncate(self.shift());
             return found;
         }
-        // Starts with free corrections if there are enough crossovers to separate them from noise, otherwise with none.
+        // The iteration starts with free corrections if there are enough crossovers to separate them from noise, and
+        // otherwise with none.
         let free = !self.options.tested || self.rows.len() >= ENOUGH * self.shift();
         let mut spent = 1.0;
         if free {
@@ -186,7 +188,7 @@ impl<'a> CrossoverAdjustment<'a> {
         for (tie, spread) in [false, true].into_iter().zip(&mut found.spread_nt) {
             let members = group(tie);
             let of = |k: &usize, order: usize| (own[*k].value_nt[order], own[*k].error_nt[order]);
-            // Lines that are individually out of level must not contribute to the width that they are tested against.
+            // Lines that are individually out of level must not contribute to the width with which they are tested.
             let usual: Vec<f64> =
                 (0..self.terms).map(|order| robust_width(members.iter().map(|k| of(k, order)))).collect();
             for &k in &members {
@@ -249,7 +251,7 @@ impl<'a> CrossoverAdjustment<'a> {
         self.options.ridge / found.noise.sigma_nt.powi(2)
     }
 
-    /// One over the variances, down-weighted for large differences.
+    /// Inverse variances, down-weighted for large differences.
     fn weights(&self, found: &AdjustmentSolution, left: &[f64]) -> Vec<f64> {
         let weigh = |(d, sd): (&f64, &f64)| (self.options.huber_sigmas * sd / d.abs()).min(1.0) / (sd * sd);
         left.iter().zip(&found.sd_nt).map(weigh).collect()
@@ -268,7 +270,7 @@ impl<'a> CrossoverAdjustment<'a> {
         lines.map(|(line, order)| of(line, order)).chain([shift]).collect()
     }
 
-    /// The most likely coefficients, reweighted.
+    /// The most likely coefficients, with reweighting.
     fn weighted(&self, found: &AdjustmentSolution, used: impl Fn(usize) -> bool) -> Vec<f64> {
         let costs = self.costs(found);
         let mut x = found.coefficients.clone();
@@ -303,7 +305,7 @@ impl<'a> CrossoverAdjustment<'a> {
         conjugate_gradients(normal, &right, &diagonal, start)
     }
 
-    /// Puts the shift of the ties into their constants and sets the level of the gauge.
+    /// Adds the shift of the ties to their constants and applies the gauge.
     fn levelled(&self, mut found: AdjustmentSolution) -> AdjustmentSolution {
         let x = &mut found.coefficients;
         let shift = x.get(self.shift()).copied().unwrap_or(0.0);
@@ -328,7 +330,7 @@ impl<'a> CrossoverAdjustment<'a> {
     }
 }
 
-/// A robust estimate of the scatter of the values beyond their standard errors.
+/// Robust estimate of the scatter of values beyond their standard errors.
 fn robust_width(values: impl Iterator<Item = (f64, f64)>) -> f64 {
     let (mut sizes, mut errors): (Vec<f64>, Vec<f64>) = values.map(|(value, error)| (value.abs(), error)).unzip();
     if sizes.is_empty() {
@@ -337,8 +339,7 @@ fn robust_width(values: impl Iterator<Item = (f64, f64)>) -> f64 {
     ((1.4826 * median(&mut sizes)).powi(2) - median(&mut errors).powi(2)).max(0.0).sqrt()
 }
 
-/// Scatter of values about zero beyond their standard errors; zero without such scatter, or where chance may explain
-/// it.
+/// Scatter of values about zero beyond their standard errors; zero if chance can explain it.
 fn beyond_errors(values: &[(f64, f64)]) -> f64 {
     let n = values.len() as f64;
     let weight = |error: f64| 1.0 / (error * error);

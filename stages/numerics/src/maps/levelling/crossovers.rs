@@ -6,20 +6,20 @@ use rayon::prelude::*;
 /// Criteria for crossovers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CrossoverOptions {
-    /// Distance between two points of a line above which they are a gap without interpolation, metres; `None` is twenty
-    /// times the median distance between points.
+    /// Distance between two points of a line, metres, above which the gap between them is not interpolated; `None` is
+    /// twenty times the median distance between points.
     pub gap_m: Option<f64>,
     /// Minimum angle of a crossing, degrees; the position of shallower ones is uncertain.
     pub least_angle_deg: f64,
     /// Maximum difference in height of two crossing lines, metres.
     pub most_height_m: f64,
-    /// Gradient that reduces the values to the height half-way between the two lines, nT/m upward; zero leaves them
-    /// unchanged.
+    /// Vertical gradient, nT/m upward, with which values are reduced to the mean height of the two lines; zero leaves
+    /// them unchanged.
     pub vertical_gradient_nt_per_m: f64,
 }
 
 impl Default for CrossoverOptions {
-    /// Angles of 20 degrees and more, heights within 50 m, no gradient.
+    /// Angles of at least 20 degrees, heights within 50 m, no gradient.
     fn default() -> Self {
         Self { gap_m: None, least_angle_deg: 20.0, most_height_m: 50.0, vertical_gradient_nt_per_m: 0.0 }
     }
@@ -30,9 +30,9 @@ impl Default for CrossoverOptions {
 pub struct Crossover {
     /// The two lines.
     pub lines: [usize; 2],
-    /// The point of each line before the crossing.
+    /// Index, for each line, of the last point before the crossing.
     pub points: [usize; 2],
-    /// The fraction of the step to the next point where each line crosses, 0 to 1.
+    /// Position of the crossing in each line, as a fraction, 0 to 1, of the step to the next point.
     pub parts: [f64; 2],
     /// Easting and northing, metres.
     pub at_m: [f64; 2],
@@ -40,7 +40,7 @@ pub struct Crossover {
     pub height_m: [f64; 2],
     /// Values of the two lines there, nT.
     pub value_nt: [f64; 2],
-    /// The size of the field's horizontal gradient there, from its slopes along both lines, nT/m.
+    /// Magnitude of the field's horizontal gradient there, from its slopes along both lines, nT/m.
     pub gradient_nt_per_m: f64,
 }
 
@@ -56,8 +56,8 @@ impl Crossover {
 
 /// Finds the crossings of a survey's lines, in the order of the points before the crossing.
 ///
-/// Stretches between points are sorted into square cells, so that only those that share a cell are compared. Points
-/// that are not finite end a stretch.
+/// Segments between points are sorted into square cells, and only segments in the same cell are compared. Points that
+/// are not finite end a segment.
 pub fn find_crossovers(points: SurveyPoints, options: &CrossoverOptions) -> Vec<Crossover> {
     let all: Vec<usize> = (0..points.len().saturating_sub(1)).filter(|&i| joined(points, i)).collect();
     let mut lengths: Vec<f64> = all.iter().map(|&i| length(points, i)).collect();
@@ -102,7 +102,7 @@ fn length(points: SurveyPoints, i: usize) -> f64 {
     e.hypot(n)
 }
 
-/// Slope of the field along a line about the stretch that begins at point `i`, nT/m, from points not more than `gap_m`
+/// Slope of the field along a line around the segment that begins at point `i`, nT/m, from points at most `gap_m`
 /// apart.
 fn slope(points: SurveyPoints, i: usize, gap_m: f64) -> f64 {
     let linked = |k: &usize| *k + 1 < points.len() && joined(points, *k) && length(points, *k) <= gap_m;
@@ -113,7 +113,7 @@ fn slope(points: SurveyPoints, i: usize, gap_m: f64) -> f64 {
     (points.value_nt[to] - points.value_nt[from]) / apart_m
 }
 
-/// The size of a gradient whose slopes along two directions that are not parallel are known.
+/// Magnitude of a gradient from its slopes along two directions that are not parallel.
 fn gradient_size(ways: [[f64; 2]; 2], slopes: [f64; 2]) -> f64 {
     let [a, b] = ways.map(|[e, n]| [e / e.hypot(n), n / e.hypot(n)]);
     let sine = a[0] * b[1] - a[1] * b[0];
@@ -132,7 +132,7 @@ fn crossing(points: SurveyPoints, [i, j]: [usize; 2], gap_m: f64, options: &Cros
     }
     let from = [points.easting_m[j] - points.easting_m[i], points.northing_m[j] - points.northing_m[i]];
     let parts = [(from[0] * b[1] - from[1] * b[0]) / sine, (from[0] * a[1] - from[1] * a[0]) / sine];
-    // A crossing at a point belongs to the stretch that starts there.
+    // A crossing at a point belongs to the segment that starts there.
     if !parts.iter().all(|p| (0.0..1.0).contains(p)) {
         return None;
     }

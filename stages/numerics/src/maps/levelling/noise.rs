@@ -1,29 +1,29 @@
-//! Expected differences at crossings of lines without errors.
+//! Expected differences at crossings of lines without level errors.
 
 use super::Crossover;
 use crate::regression::statistics::median;
 
 /// The resolution of differences, nT.
 const RESOLUTION_NT: f64 = 0.01;
-/// Reciprocal of the mean size of a normal error of standard deviation 1.
+/// Reciprocal of the mean absolute value of a normal error with standard deviation 1.
 const MEAN_SIZE: f64 = 1.253_314_137_315_5;
 /// The largest difference that is used in the estimate, in standard deviations.
 const FAR: f64 = 4.0;
 
-/// Noise of the difference of two level lines at a crossing: an error of the values, and a distance between the true
-/// and the recorded position, which a gradient turns into a difference.
+/// Noise of the difference of two level lines at a crossing. It consists of the error of the values and of the position
+/// error, which a gradient converts into a difference.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CrossoverNoise {
     /// Standard deviation of a difference where the field is flat, nT.
     pub sigma_nt: f64,
-    /// Distance that represents errors of position, height and timing, m. The standard deviation of a difference grows
-    /// by it times the horizontal gradient.
+    /// Distance that represents errors of position, height and timing, m. The standard deviation of a difference
+    /// increases by this distance times the horizontal gradient.
     pub position_m: f64,
 }
 
 impl CrossoverNoise {
-    /// Most likely noise of the remaining differences, less `spent` degrees of freedom of the fit, for errors with
-    /// exponential tails: differences in steep fields are many, and not normal.
+    /// Most likely noise of the remaining differences, for errors with exponential tails, because large differences are
+    /// frequent in steep fields. `spent` is the number of degrees of freedom of the fit.
     pub(super) fn fitted(crossovers: &[Crossover], left_nt: &[f64], spent: f64) -> Self {
         let mut sizes: Vec<f64> = left_nt.iter().map(|d| d.abs()).collect();
         let usual = median(&mut sizes).max(RESOLUTION_NT);
@@ -51,8 +51,8 @@ impl CrossoverNoise {
         Self { sigma_nt: (scale * sigma_nt).max(RESOLUTION_NT), position_m: scale * position_m }
     }
 
-    /// The standard deviation of the difference at a crossing, nT. The effect of different heights in the vertical
-    /// gradient, which is as large as the horizontal one on average, is part of it.
+    /// The standard deviation of the difference at a crossing, nT. It includes the effect of different heights in the
+    /// vertical gradient, which on average is as large as the horizontal one.
     pub fn difference_sigma_nt(&self, crossover: &Crossover) -> f64 {
         let above_m = crossover.height_m[0] - crossover.height_m[1];
         self.sigma_nt.hypot(self.position_m.hypot(above_m) * crossover.gradient_nt_per_m)

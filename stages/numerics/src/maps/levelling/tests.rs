@@ -3,7 +3,7 @@
 use super::*;
 use crate::maps::gridding::OwnedSurveyPoints;
 
-/// East-west lines 200 m apart and three ties over a smooth field, each with its own error along the line.
+/// East-west lines 200 m apart and three ties over a smooth field, each with a different error along the line.
 fn survey(error: impl Fn(usize, f64) -> f64) -> OwnedSurveyPoints {
     let mut points = OwnedSurveyPoints::default();
     let mut push = |line: usize, e: f64, n: f64, along: f64| {
@@ -43,7 +43,7 @@ fn law_crossings_have_interpolated_positions_and_values() {
         assert!(
             (c.at_m[0] - (500.0 + 1000.0 * tie as f64)).abs() < 1e-9 && (c.at_m[1] - 200.0 * line as f64).abs() < 1e-9
         );
-        // The field is linear, so interpolation is exact and the difference is that of the line errors.
+        // The field is linear, so interpolation is exact and the difference equals that of the line errors.
         assert!((c.difference_nt() - (offset(c.lines[0]) - offset(c.lines[1]))).abs() < 1e-9);
     }
     assert_eq!(tie_lines(points.borrow()), [100, 101, 102, 103]);
@@ -56,8 +56,7 @@ fn law_known_offsets_are_recovered() {
     let options = LevellingOptions { gauge: LevellingGauge::TiesHeld, ridge: 1e-9, ..LevellingOptions::default() };
     let levelled = level_lines(points.borrow(), &found, &options);
     for line in &levelled.lines {
-        // The prior of the scatter of lines shifts this by the square of 0.01 nT over that of 5 nT, and over 4
-        // crossovers.
+        // The prior of the scatter of lines shifts this by (0.01 nT / 5 nT)² divided by 4 crossovers.
         assert!((line.coefficients_nt[0] - offset(line.line)).abs() < 1e-4, "{line:?}");
         assert_eq!((line.tie, line.crossovers), (line.line >= 100, if line.line < 100 { 4 } else { 10 }));
     }
@@ -88,7 +87,7 @@ fn law_drifts_along_lines_need_the_first_order() {
     };
     assert!(after(0).0 > 0.5);
     let (left, coefficients) = after(1);
-    // The prior of the scatter of lines shifts these a little, as above.
+    // The prior of the scatter of lines shifts these slightly, as above.
     assert!(left < 1e-3);
     assert!((coefficients[0] - offset(4)).abs() < 1e-3 && (coefficients[1] - 0.5 * offset(4)).abs() < 1e-3);
 }
@@ -151,14 +150,14 @@ fn unit_gaps_shallow_angles_and_nan_make_no_crossing() {
     assert!(levelled.correction_nt.is_empty() && levelled.before.n == 0);
 }
 
-/// Pseudo-random numbers of about standard deviation 1, the same each time.
+/// Reproducible pseudo-random numbers with a standard deviation of about 1.
 fn noise(k: usize) -> f64 {
     let uniform = |k: usize| ((12_345 + 7919 * k) as f64).sin() * 43_758.547 % 1.0;
     (0..6).map(|j| uniform(6 * k + j)).sum::<f64>() / 1.414
 }
 
-/// Differences at crossings that grow with the gradient, as wrong positions make them, on a survey whose ties lie
-/// `ties_nt` above the lines and whose lines are out by `out` times their offsets.
+/// Differences at crossings that increase with the gradient, as caused by position errors. The ties of the survey are
+/// `ties_nt` above the lines, and the level errors of the lines are `out` times their offsets.
 fn uncertain(ties_nt: f64, out: f64) -> (OwnedSurveyPoints, Vec<Crossover>) {
     let points = survey(|line, _| if line < 100 { out * offset(line) } else { ties_nt });
     let mut found = find_crossovers(points.borrow(), &CrossoverOptions::default());
@@ -175,7 +174,7 @@ fn unit_level_lines_stay_level_and_only_the_ties_are_shifted() {
     let levelled = level_lines(points.borrow(), &found, &LevellingOptions::default());
     for line in &levelled.lines {
         let expected = if line.tie { 25.0 } else { 0.0 };
-        // Forty crossovers, ten of which determine the shift to 1 nT each.
+        // Forty crossovers, ten of which each determine the shift to 1 nT.
         assert!((line.coefficients_nt[0] - expected).abs() < 1.5, "{line:?}");
         assert!(line.tie || line.coefficients_nt[0] == 0.0, "no stripes: {line:?}");
     }
@@ -196,7 +195,7 @@ fn unit_lines_out_of_level_are_corrected_despite_uncertain_crossovers() {
     let left: Vec<f64> =
         levelled.lines.iter().filter(|l| !l.tie).map(|l| l.coefficients_nt[0] - 2.0 * offset(l.line)).collect();
     let rms = (left.iter().map(|d| d * d).sum::<f64>() / left.len() as f64).sqrt();
-    // Offsets of 10 nT rms; each line has four crossovers, one of them in a flat field, with an error of 1 nT.
+    // Offsets of 10 nT rms; each line has four crossovers, one of which is in a flat field, with an error of 1 nT.
     assert!(rms < 2.0, "{rms} {left:?}");
 }
 

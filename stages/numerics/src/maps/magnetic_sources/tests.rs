@@ -32,7 +32,7 @@ fn gradient(field: impl Fn(EastNorthUp) -> EastNorthUp, at: EastNorthUp, h: f64)
 #[test]
 fn val_dipole_and_prism_equal_harmonica() {
     let table = columns(include_str!("../../../reference/maps/continuation/sources.csv"));
-    // harmonica uses the measured µ0 of CODATA 2018; ours is 4π 1e-7, that of the printed formulas.
+    // harmonica uses the measured µ0 of CODATA 2018; magline uses 4π 1e-7, as in the printed formulas.
     let mu0 = 1.256_637_062_12e-6 / (4e-7 * std::f64::consts::PI);
     let vector = |name: &str, row: usize| ["east", "north", "up"].map(|c| table[&format!("{name}_{c}")][row] / mu0);
     assert_eq!(table["east_m"].len(), 32);
@@ -51,7 +51,7 @@ fn law_a_field_has_neither_sources_nor_curl_outside_matter() {
     for point in [[30.0, 10.0, 80.0], [-400.0, 500.0, 20.0], [170.0, 0.0, -300.0], [-200.0, 300.0, -100.0]] {
         let g = gradient(field, point, 0.5);
         let size = g.iter().flatten().fold(0.0_f64, |m, v| m.max(v.abs()));
-        // The differences themselves are good to the rounding of 1e4 nT over half a metre.
+        // The differences are accurate to the rounding of 1e4 nT over half a metre.
         let tolerance = 1e-7 * size.max(1.0);
         assert!((g[0][0] + g[1][1] + g[2][2]).abs() < tolerance, "divergence at {point:?}: {g:?}");
         for (i, j) in [(0, 1), (0, 2), (1, 2)] {
@@ -78,7 +78,7 @@ fn law_the_normal_component_is_continuous_and_a_face_has_the_outside_value() {
                 point[axis] += outward * metres;
                 PRISM.field_nt(point)
             };
-            // At a distance of 0.1 µm the field differs by that times its gradient of some nT/m.
+            // At a distance of 0.1 µm, the field differs by 0.1 µm times its gradient of some nT/m.
             assert_near(PRISM.field_nt(on), beside(1e-7), 1e-5, "face and outside");
             let jump = beside(-1e-7)[axis] - beside(1e-7)[axis];
             assert!(jump.abs() < 1e-5, "axis {axis}: {jump}");
@@ -91,7 +91,7 @@ fn law_a_prism_far_away_is_a_dipole() {
     let cube = Prism { low_m: [-5.0; 3], high_m: [5.0; 3], magnetisation_apm: [3.0, -1.0, 2.0] };
     let dipole = Dipole { at_m: cube.middle_m(), moment_am2: cube.moment_am2() };
     let point = [300.0, -400.0, 500.0];
-    // A cube has no quadrupole and no octupole of second degree; the difference falls as (10/700)^4 = 4e-8.
+    // A cube has no quadrupole moment and no octupole of second degree; the difference decreases as (10/700)^4 = 4e-8.
     assert_near(cube.field_nt(point), dipole.field_nt(point), 1e-6 * norm(dipole.field_nt(point)), "far");
     assert_eq!(cube.moment_am2(), [3000.0, -1000.0, 2000.0]);
 }
@@ -103,7 +103,7 @@ fn law_parts_of_a_prism_sum_to_the_field_of_the_whole() {
     (west.high_m[0], east.low_m[0]) = (split, split);
     for point in [[40.0, 30.0, 10.0], [split, 400.0, -200.0], [-20.0, 70.0, -300.0]] {
         let parts = field_of_all_nt(&[MagneticBody::Prism(west), MagneticBody::Prism(east)], point);
-        // Inside, the field of 1e3 nT is a sum of logarithms and angles of both parts; outside it is less.
+        // Inside, the field of 1e3 nT is a sum of logarithms and angles of both parts; outside it is smaller.
         assert_near(parts, PRISM.field_nt(point), 1e-9, &format!("{point:?}"));
     }
 }
@@ -114,7 +114,7 @@ fn law_the_field_is_undefined_on_an_edge_and_finite_near_it() {
     assert!(PRISM.field_nt([150.0, 260.0, -300.0]).iter().all(|v| v.is_nan()));
     for near in [1e-3, 1e-6, 1e-9] {
         let field = PRISM.field_nt([150.0 + near, 260.0, -300.0]);
-        // A logarithm of the distance: some hundred nT for each power of ten.
+        // The field is a logarithm of the distance: some hundred nT per power of ten.
         assert!(norm(field) < 1e4, "{near}: {field:?}");
     }
     assert!(DIPOLE.field_nt(DIPOLE.at_m).iter().all(|v| v.is_nan()));
@@ -137,7 +137,7 @@ fn law_the_anomaly_is_the_change_of_magnitude_to_first_order() {
     assert!((exact - projected - across / (2.0 * 54_000.0)).abs() < 5e-3, "{projected} {exact}");
     assert!((exact - (norm([0, 1, 2].map(|i| main[i] + field[i])) - norm(main))).abs() < 1e-10);
     let tiny = [1e-9, 0.0, 0.0];
-    // The difference of two magnitudes of 54,000 nT would be 7e-12 in steps of 7e-12.
+    // The difference of two magnitudes of 54,000 nT has a resolution of 7e-12 nT.
     let relative = magnitude_change_nt(tiny, main) / total_field_anomaly_nt(tiny, main) - 1.0;
     assert!(relative.abs() < 1e-12, "{relative}");
     assert_eq!(magnitude_change_nt([0.0; 3], [0.0; 3]), 0.0);

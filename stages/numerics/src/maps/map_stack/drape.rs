@@ -1,4 +1,4 @@
-//! A map that was flown or computed at a height that follows the ground.
+//! A map measured or computed at a height that follows the terrain.
 
 use super::MapStack;
 use crate::earth::field_value::FieldValue;
@@ -11,7 +11,7 @@ const ANOMALY: usize = 0;
 const D_ALT: usize = 1;
 const HEIGHT: usize = 2;
 
-/// A map with its own height at every node, and its vertical derivative.
+/// Map with a height and a vertical derivative at every node.
 #[derive(Clone, Debug)]
 pub struct DrapeMap {
     axes: GridAxes,
@@ -20,12 +20,12 @@ pub struct DrapeMap {
 }
 
 impl DrapeMap {
-    /// A map with the height of each node, in metres, and the change of the field per metre upward there, in nT/m,
-    /// both by rows and known where the map is. They are interpolated in the same way as the map.
+    /// Map with the height of each node, in metres, and the vertical derivative of the field there, in nT/m, both by
+    /// rows and known at all known nodes. They are interpolated in the same way as the map.
     ///
     /// # Errors
-    /// Fails with [`MapGridError::CompanionSize`] when heights or derivatives are not as many as the nodes, and with
-    /// [`MapGridError::CompanionValue`] for one that is not finite where the map is known.
+    /// Fails with [`MapGridError::CompanionSize`] if the number of heights or derivatives differs from the number of
+    /// nodes, and with [`MapGridError::CompanionValue`] for one that is not finite at a known node.
     pub fn new(
         grid: &GeographicGrid,
         height_m: &[f64],
@@ -43,23 +43,23 @@ impl DrapeMap {
         Some(self.surface.at(self.axes.cell(lat_deg, lon_deg)?)?.value[HEIGHT])
     }
 
-    /// Anomaly on the draped surface and gradient of the field there: the change along the surface less the part caused
-    /// by the slope of the surface.
+    /// Anomaly on the draped surface, and gradient of the field there: the change along the surface minus the part
+    /// caused by the slope of the surface.
     pub fn at(&self, lat_deg: f64, lon_deg: f64) -> Option<FieldValue> {
         let jet = self.surface.at(self.axes.cell(lat_deg, lon_deg)?)?;
         Some(self.lifted(jet, 0.0))
     }
 
-    /// The anomaly at a height in metres, to first order from the surface: the map's value plus its vertical
-    /// derivative times the height above the map's height; and the exact gradient of that.
+    /// Anomaly at a height in metres, to first order from the surface: the map's value plus its vertical derivative
+    /// times the height above the surface. The gradient is the exact derivative of this value.
     #[inline]
     pub fn at_height(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         self.field(self.axes.cell(lat_deg, lon_deg)?, alt_m)
     }
 
-    /// The anomaly at a height in metres, by a stack of the same field: the map's value plus the change of the stack
-    /// from the map's height to `alt_m`. The error of the stack at the surface (it is continued, the map is not)
-    /// thus cancels. `None` where the map or the stack has no value, at either height.
+    /// Anomaly at a height in metres, with a stack of the same field: the map's value plus the change of the stack from
+    /// the map's height to `alt_m`. The stack is continued and the map is not, so the stack's error at the surface
+    /// cancels. `None` if the map or the stack has no value at either height.
     pub fn at_height_by(&self, stack: &MapStack, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         let jet = self.surface.at(self.axes.cell(lat_deg, lon_deg)?)?;
         let on_map =
@@ -91,7 +91,7 @@ impl DrapeMap {
         look_up_many(self, LookupPositions { lat_deg, lon_deg, alt_m }, true, out)
     }
 
-    /// `a + u d`, u being the height above the surface, with its derivatives: `a' + u d' - d h'`.
+    /// `a + u d`, with the height u above the surface, and its derivatives: `a' + u d' - d h'`.
     #[inline(always)]
     fn lifted(&self, jet: SurfaceGradient<3>, up_m: f64) -> FieldValue {
         let d_alt = jet.value[D_ALT];

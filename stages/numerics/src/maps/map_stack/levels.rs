@@ -3,7 +3,7 @@
 use crate::maps::map_surface::GeographicGrid;
 use rayon::prelude::*;
 
-/// The values of each map, NaN at every level where one level is unknown.
+/// Values of each map, with NaN at every level of a node that is unknown at one level.
 pub(super) fn union_of_unknown(maps: &[GeographicGrid]) -> Vec<Vec<f64>> {
     let nodes = maps.first().map_or(0, |map| map.values().len());
     let unknown: Vec<bool> =
@@ -15,13 +15,13 @@ pub(super) fn union_of_unknown(maps: &[GeographicGrid]) -> Vec<Vec<f64>> {
     maps.iter().map(known).collect()
 }
 
-/// The slopes, per metre, of the natural cubic spline through the values of each node at ascending heights: with
-/// `h` the steps, `s[i-1]/h[i-1] + 2 s[i] (1/h[i-1] + 1/h[i]) + s[i+1]/h[i] = 3 (d[i-1]/h[i-1]² + d[i]/h[i]²)`, and at
-/// the ends `2 s[0] + s[1] = 3 d[0]/h[0]`, d being the differences. [de Boor, A Practical Guide to Splines, IV]
+/// Slopes, per metre, of the natural cubic spline through the values of each node at ascending heights. With the steps
+/// `h` and the differences d, `s[i-1]/h[i-1] + 2 s[i] (1/h[i-1] + 1/h[i]) + s[i+1]/h[i] = 3 (d[i-1]/h[i-1]² +
+/// d[i]/h[i]²)`, and at the ends `2 s[0] + s[1] = 3 d[0]/h[0]`. [de Boor, A Practical Guide to Splines, IV]
 pub(super) fn natural_slopes(heights_m: &[f64], values: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let levels = heights_m.len();
     let per_m: Vec<f64> = heights_m.windows(2).map(|pair| 1.0 / (pair[1] - pair[0])).collect();
-    // Steps past the ends have zero weight, which makes the first and last rows those of the natural spline.
+    // Steps past the ends have zero weight, so the first and last rows are those of the natural spline.
     let before = |level: usize| level.checked_sub(1).map_or(0.0, |step| per_m[step]);
     let after = |level: usize| per_m.get(level).copied().unwrap_or(0.0);
     let mut pivots = vec![0.0; levels];

@@ -1,4 +1,4 @@
-//! A map on its native grid of eastings and northings, looked up at latitudes and longitudes.
+//! A map interpolated on its native grid of eastings and northings at latitudes and longitudes.
 
 use super::MapStack;
 use crate::earth::field_value::FieldValue;
@@ -8,15 +8,15 @@ use crate::maps::map_surface::{FieldColumns, LookupPositions, MapGridError, MapS
 /// A map, or a stack of maps, on the grid of a projection
 /// ([`GeographicGrid::of_nodes`](super::GeographicGrid::of_nodes)).
 ///
-/// A position is projected, the value is interpolated between the nodes, and the slopes are converted to latitude
-/// and longitude by the projection's derivatives, with its scale and its convergence of meridians.
+/// A position is projected and the value interpolated between the nodes. The derivatives of the projection, with its
+/// scale and meridian convergence, convert the slopes to latitude and longitude.
 #[derive(Clone, Debug)]
 pub struct ProjectedMap {
     projection: GridProjection,
     nodes: NodeMap,
 }
 
-/// A map or a stack addressed by row and column in place of latitude and longitude.
+/// A map or stack addressed by row and column instead of latitude and longitude.
 #[derive(Clone, Debug)]
 enum NodeMap {
     Flat(MapSurface),
@@ -49,7 +49,7 @@ impl ProjectedMap {
             NodeMap::Flat(map) => map.at_height(place.row, place.column, alt_m)?,
             NodeMap::Stack(stack) => stack.at(place.row, place.column, alt_m)?,
         };
-        // A row replaces a degree there, so rows per degree have no unit here.
+        // Rows replace degrees there, so rows per degree are dimensionless here.
         let (per_row, per_column) = (on_nodes.d_lat_nt_per_rad, on_nodes.d_lon_nt_per_rad);
         let along = |d: usize| per_row * place.row_per_deg[d] + per_column * place.column_per_deg[d];
         Some(FieldValue { d_lat_nt_per_rad: along(0), d_lon_nt_per_rad: along(1), ..on_nodes })

@@ -8,11 +8,11 @@ use crate::earth::field_value::FieldValue;
 pub struct FieldColumns {
     /// The values, in nT.
     pub value_nt: Vec<f64>,
-    /// Changes with latitude, in nT/rad.
+    /// Derivatives with respect to latitude, in nT/rad.
     pub d_lat_nt_per_rad: Vec<f64>,
-    /// Changes with longitude, in nT/rad.
+    /// Derivatives with respect to longitude, in nT/rad.
     pub d_lon_nt_per_rad: Vec<f64>,
-    /// Changes with height, in nT/m.
+    /// Derivatives with respect to height, in nT/m.
     pub d_alt_nt_per_m: Vec<f64>,
 }
 
@@ -34,7 +34,7 @@ impl FieldColumns {
         }
     }
 
-    /// Sets the field of position `i`; NaN where there is none.
+    /// Sets the field of position `i`; `None` is stored as NaN.
     pub(crate) fn set(&mut self, i: usize, field: Option<FieldValue>) {
         let field = field.unwrap_or(NOWHERE);
         self.value_nt[i] = field.value_nt;
@@ -51,14 +51,14 @@ impl FieldColumns {
     }
 }
 
-/// Number of positions whose nodes are prefetched before the first of them is used: enough to keep the memory busy, and
-/// few enough for their cache lines to fit the innermost cache.
+/// Number of positions whose nodes are prefetched before the first of them is used. It is large enough to keep the
+/// memory busy, and small enough for the cache lines to fit the innermost cache.
 const BLOCK: usize = 64;
 
 const NOWHERE: FieldValue =
     FieldValue { value_nt: f64::NAN, d_lat_nt_per_rad: f64::NAN, d_lon_nt_per_rad: f64::NAN, d_alt_nt_per_m: f64::NAN };
 
-/// The positions of a batch, in degrees and metres; `alt_m` is empty where heights are not used.
+/// Positions of a batch, in degrees and metres; `alt_m` is empty if heights are not used.
 #[derive(Clone, Copy)]
 pub(crate) struct LookupPositions<'a> {
     pub(crate) lat_deg: &'a [f64],
@@ -74,7 +74,7 @@ impl LookupPositions<'_> {
     }
 }
 
-/// Field look-up by cell and height, for batches; heights are 0 where the positions have none.
+/// Field look-up by cell and height, for batches; heights are 0 if the positions have none.
 pub(crate) trait FieldLookup {
     /// The cell of a position in degrees.
     fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<CellPosition>;
@@ -84,7 +84,7 @@ pub(crate) trait FieldLookup {
     fn field(&self, cell: CellPosition, alt_m: f64) -> Option<FieldValue>;
 }
 
-/// Looks up many positions; `out` is cleared, its memory kept.
+/// Looks up many positions; `out` is cleared but keeps its memory.
 pub(crate) fn look_up_many(
     map: &impl FieldLookup,
     places: LookupPositions<'_>,
@@ -118,7 +118,7 @@ impl<M: FieldLookup> pulp::NullaryFnOnce for LookupBatch<'_, M> {
             for (cell, (lat, lon)) in cells.iter_mut().zip(lat_deg.iter().zip(lon_deg).skip(start)) {
                 *cell = self.map.cell(*lat, *lon);
             }
-            // A separate loop, short enough for the processor to run far ahead of the memory.
+            // A separate loop, short enough for the processor to issue loads far ahead.
             let mut touched = 0.0;
             for (k, cell) in cells.iter().enumerate().take(value.len()) {
                 if let Some(cell) = cell {
@@ -136,7 +136,7 @@ impl<M: FieldLookup> pulp::NullaryFnOnce for LookupBatch<'_, M> {
     }
 }
 
-/// Look-up of a map at its own level for all heights.
+/// Look-up at a map's own level, for all heights.
 struct OwnLevelLookup<'a>(&'a MapSurface);
 
 impl FieldLookup for OwnLevelLookup<'_> {
@@ -178,8 +178,8 @@ impl FieldLookup for HeightLookup<'_> {
 
 impl MapSurface {
     /// [`Self::at`] for many positions in degrees; positions without a value are NaN. Allocates only where `out` has to
-    /// grow, and runs on the caller's thread. Faster than single look-ups if the map does not fit the cache, most of
-    /// all for scattered positions.
+    /// grow, and runs on the caller's thread. Faster than single look-ups if the map does not fit the cache, especially
+    /// for scattered positions.
     ///
     /// # Errors
     /// Fails with [`MapGridError::Places`] for columns of different lengths.

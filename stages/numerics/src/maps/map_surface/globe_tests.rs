@@ -1,4 +1,4 @@
-//! Maps around the earth: closed at their seam, with and without a repeated first meridian.
+//! Maps around the whole earth: closed at their seam, with and without a repeated first meridian.
 
 #![allow(clippy::unwrap_used)]
 
@@ -25,7 +25,7 @@ fn law_interpolation_at_the_seam_equals_that_elsewhere() {
             let map = MapSurface::new(&globe(west, columns), kind);
             for i in -80..=80 {
                 let (lat, lon) = (11.3, west + 0.1 * f64::from(i));
-                // No longitude is beyond a turn.
+                // Longitudes are within one full turn.
                 for turn in [-360.0, 0.0, 360.0].into_iter().filter(|turn| (lon + turn).abs() <= 360.0) {
                     let found = map.at(lat, lon + turn).map(|f| f.value_nt);
                     let error = found.map(|v| (v - field(lat, lon)).abs());
@@ -50,7 +50,7 @@ fn unit_a_known_value_fills_its_repeated_meridian() {
     let map = MapSurface::new(&GeographicGrid::new(&lat, &lon, &values).unwrap(), MapInterpolation::Linear);
     assert_eq!(map.at(5.0, 359.0).map(|f| f.value_nt), Some(1.0));
     assert_eq!(map.at(5.0, 1.0).map(|f| f.value_nt), Some(1.0));
-    // A map that is not quite around the earth is not closed.
+    // A map that does not quite span the earth is not closed.
     let short = GeographicGrid::new(&lat, &lon[..35], &values[..70]).unwrap();
     assert_eq!(short.lon().len(), 35);
 }

@@ -1,15 +1,15 @@
-//! The grid itself: even, ascending axes and the node values.
+//! Grid: evenly spaced, ascending axes and the node values.
 
 use super::holes::GridShape;
 use crate::earth::geodesy::EarthModel;
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use thiserror::Error;
 
-/// Largest departure of a node from its evenly spaced position, as a fraction of the step. Coordinates kept
-/// in single precision depart by 0.8 % of a step of 0.001° at 140°.
+/// Largest deviation of a node from its evenly spaced position, as a fraction of the step. Coordinates stored in single
+/// precision deviate by 0.8 % of a step of 0.001° at 140°.
 const EVENNESS: f64 = 0.01;
 
-/// Error of a table or columns that are not a map.
+/// Error of a table or columns that do not form a map.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum MapGridError {
     /// An axis has fewer than two nodes.
@@ -37,7 +37,7 @@ pub enum MapGridError {
         axis: &'static str,
         /// Position along the axis, from 0.
         node: usize,
-        /// The coordinate before it.
+        /// The previous coordinate.
         before_deg: f64,
         /// The coordinate.
         value_deg: f64,
@@ -59,7 +59,7 @@ pub enum MapGridError {
         /// The difference, in steps.
         off_by_steps: f64,
     },
-    /// A node's latitude does not exist or the longitudes span more than a full turn.
+    /// A latitude is beyond a pole, or the longitudes span more than a full turn.
     #[error("the map's {axis}s run from {first_deg} to {last_deg} degrees, outside the valid range")]
     Range {
         /// `latitude` or `longitude`.
@@ -69,7 +69,7 @@ pub enum MapGridError {
         /// The last coordinate.
         last_deg: f64,
     },
-    /// The number of values is not the number of nodes.
+    /// The number of values differs from the number of nodes.
     #[error("the map has {values} values for {latitudes} latitudes x {longitudes} longitudes")]
     Size {
         /// The number of values.
@@ -115,7 +115,7 @@ pub enum MapGridError {
     /// Every value is unknown.
     #[error("every value of the map is NaN")]
     Empty,
-    /// The companion of a map (its vertical derivative or its heights) is not on its nodes.
+    /// The companion of a map (its vertical derivative or its heights) does not match its nodes.
     #[error("the map has {nodes} nodes, but its {companion} has {values} values")]
     CompanionSize {
         /// Its kind: `vertical derivative` or `height`.
@@ -125,7 +125,7 @@ pub enum MapGridError {
         /// Values of the companion.
         values: usize,
     },
-    /// The companion of a map is not a finite number where the map is known.
+    /// The companion of a map is not a finite number at a known node.
     #[error("the {companion} in row {row} of the map is {value}, but the anomaly there is known")]
     CompanionValue {
         /// Its kind: `vertical derivative` or `height`.
@@ -148,7 +148,7 @@ pub enum MapGridError {
         lat: usize,
         /// Number of longitudes.
         lon: usize,
-        /// Number of heights, as many as latitudes where heights are not used.
+        /// Number of heights; equal to the number of latitudes if heights are not used.
         alt: usize,
     },
 }
@@ -188,14 +188,14 @@ impl GeographicAxis {
         Ok(Self { first_deg: *first, step_deg, steps_per_deg, len: nodes_deg.len(), round_deg: 360.0 })
     }
 
-    /// The longitudes as a full turn, with the first meridian repeated at the end; `None` if they leave a gap.
+    /// Longitudes as a full turn, with the first meridian repeated at the end; `None` if they leave a gap.
     fn closed(&self) -> Option<Self> {
         let nodes = (self.round_deg / self.step_deg).round();
         let span_deg = self.step_deg * nodes;
         if self.len as f64 + 0.5 < nodes || (span_deg - self.round_deg).abs() > EVENNESS * self.step_deg {
             return None;
         }
-        // Exactly a full turn: rounded coordinates must leave no gap at the seam.
+        // Exactly a full turn, so that rounded coordinates leave no gap at the seam.
         let (step_deg, steps_per_deg) = (self.round_deg / nodes, nodes / self.round_deg);
         Some(Self { step_deg, steps_per_deg, len: nodes as usize + 1, ..*self })
     }
@@ -233,7 +233,7 @@ impl GeographicAxis {
         self.steps_per_deg.to_degrees()
     }
 
-    /// The cell and the fraction within it; a position past an end by rounding only is on the end.
+    /// Cell and fraction within it; a position that exceeds an end only by rounding is on the end.
     #[inline(always)]
     pub(super) fn locate(&self, deg: f64) -> Option<(usize, f64)> {
         const ROUNDING: f64 = 1e-7;
@@ -278,13 +278,13 @@ pub struct GeographicGrid {
 }
 
 impl GeographicGrid {
-    /// A grid from its axes in degrees and its values by rows: all longitudes of the first latitude, then of the next.
-    /// Longitudes around the earth are closed: the first meridian is also the last.
+    /// Grid from its axes in degrees and its values by rows: all longitudes of the first latitude, then of the next.
+    /// Longitudes around the whole earth are closed: the first meridian is also the last.
     ///
     /// # Errors
-    /// Fails for an axis with fewer than two nodes, for nodes that are not finite, do not ascend or have uneven
-    /// steps, for latitudes beyond a pole, longitudes over more than a full turn, and for values that are not as many
-    /// as the nodes, infinite, or all NaN.
+    /// Fails for an axis with fewer than two nodes, for nodes that are not finite, do not ascend or have uneven steps,
+    /// for latitudes beyond a pole, and for longitudes over more than a full turn. Also fails if the number of values
+    /// differs from the number of nodes, if a value is infinite, or if all are NaN.
     pub fn new(lat_deg: &[f64], lon_deg: &[f64], anomaly_nt: &[f64]) -> Result<Self, MapGridError> {
         let lat = GeographicAxis::new("latitude", lat_deg, 180.0)?;
         let lon = GeographicAxis::new("longitude", lon_deg, 360.0)?;
@@ -297,7 +297,7 @@ impl GeographicGrid {
         Ok(Self { lon: closed, values: grid.closed_values(), closed: true, ..grid })
     }
 
-    /// The values of a closed grid by rows: a repeated first meridian takes the known one of its two values.
+    /// Values of a closed grid by rows; a repeated first meridian takes the known one of its two values.
     fn closed_values(&self) -> Vec<f64> {
         let distinct = self.lon.closed().map_or(self.lon.len, |closed| closed.len - 1);
         let row = |row: &[f64]| {
@@ -309,12 +309,12 @@ impl GeographicGrid {
         self.values.chunks(self.lon.len).flat_map(row).collect()
     }
 
-    /// A grid on a plane whose rows and columns are numbered from 0: rows and columns replace degrees in it and in
-    /// look-ups of its maps. Its values are by rows, the first row first.
+    /// Grid on a plane whose rows and columns are numbered from 0. Rows and columns replace degrees in the grid and in
+    /// look-ups of its maps. Its values are by rows, starting with the first row.
     ///
     /// # Errors
-    /// Fails for fewer than two rows or columns, and for values that are not as many as the nodes, infinite, or all
-    /// NaN.
+    /// Fails for fewer than two rows or columns, if the number of values differs from the number of nodes, if a value
+    /// is infinite, or if all are NaN.
     pub fn of_nodes(rows: usize, columns: usize, anomaly_nt: &[f64]) -> Result<Self, MapGridError> {
         Self::of_axes(GeographicAxis::of_nodes("row", rows)?, GeographicAxis::of_nodes("column", columns)?, anomaly_nt)
     }
@@ -370,7 +370,7 @@ impl GeographicGrid {
     /// The same grid with other values, one per node, by rows.
     ///
     /// # Errors
-    /// Fails with [`MapGridError::Size`] when the values are not as many as the nodes, and with
+    /// Fails with [`MapGridError::Size`] if the number of values differs from the number of nodes, and with
     /// [`MapGridError::Infinite`] for an infinite one.
     pub fn with_values(&self, values: Vec<f64>) -> Result<Self, MapGridError> {
         let (latitudes, longitudes) = (self.lat.len, self.lon.len);
@@ -383,7 +383,7 @@ impl GeographicGrid {
         Ok(Self { values, ..*self })
     }
 
-    /// The grid in metres from its south-western node, with the width at its middle latitude.
+    /// Grid in metres from its south-western node, with the width at its middle latitude.
     pub fn plane(&self) -> PlaneGrid {
         let middle = (0.5 * (self.lat.first_deg() + self.lat.last_deg())).to_radians();
         let earth = EarthModel::Wgs84;

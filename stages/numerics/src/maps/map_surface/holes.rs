@@ -1,4 +1,4 @@
-//! Unknown nodes: the cells they affect, and their substitutes when a spline is solved.
+//! Unknown nodes: the affected cells, and the substitute values for the solution of a spline.
 
 /// The rows and columns of a grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,16 +45,16 @@ impl UnknownCells {
     }
 }
 
-/// The node values with every hole filled from its edge inwards: in each round an unknown node
-/// next to known ones takes their mean (of up to eight). Filled values are never returned; they
-/// only keep the spline smooth next to a hole.
+/// Node values with every hole filled from its edge inwards. In each round, an unknown node next to known ones takes
+/// the mean of its (up to eight) known neighbours. Filled values are never returned; they only keep the spline smooth
+/// next to a hole.
 pub(super) fn filled(shape: GridShape, values: &[f64]) -> Vec<f64> {
     let mut values = values.to_vec();
     let mut front: Vec<usize> = (0..values.len())
         .filter(|node| values[*node].is_nan() && neighbour_mean(shape, &values, *node).is_some())
         .collect();
     while !front.is_empty() {
-        // A round is computed completely before it is written, so the order does not matter.
+        // A round is computed completely before it is stored, so the order does not matter.
         let means: Vec<Option<f64>> = front.iter().map(|node| neighbour_mean(shape, &values, *node)).collect();
         for (node, mean) in front.iter().zip(means) {
             values[*node] = mean.unwrap_or(f64::NAN);
@@ -80,7 +80,7 @@ fn neighbour_mean(shape: GridShape, values: &[f64], node: usize) -> Option<f64> 
     (count > 0).then(|| sum / f64::from(count))
 }
 
-/// The up to eight nodes around one, in the order of the grid.
+/// Up to eight neighbours of a node, in grid order.
 fn neighbours(shape: GridShape, node: usize) -> impl Iterator<Item = usize> {
     let GridShape { rows, columns, .. } = shape;
     let (row, column) = (node / columns, node % columns);

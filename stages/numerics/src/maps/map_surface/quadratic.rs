@@ -1,9 +1,10 @@
-//! The interpolating quadratic B-spline on even steps, with pieces centred on the nodes (MagNav.jl's `quad`).
+//! Interpolating quadratic B-spline with even steps and pieces centred on the nodes (MagNav.jl's `quad`).
 //!
-//! Half a step to either side of node `i` it is `c[i-1] w₀(t) + c[i] w₁(t) + c[i+1] w₂(t)`, t from the node; it passes
-//! through the nodes when `c[i-1] + 6 c[i] + c[i+1] = 8 f[i]`. Past both ends it is linear: there `c[i] = f[i]`.
+//! Within half a step of node `i` it is `c[i-1] w₀(t) + c[i] w₁(t) + c[i+1] w₂(t)`, with t counted from the node. It
+//! passes through the nodes if `c[i-1] + 6 c[i] + c[i+1] = 8 f[i]`. Past both ends it is linear, with `c[i] = f[i]`
+//! there.
 
-/// Turns every column of a row-major table of node values into coefficients along the rows' direction.
+/// Converts every column of a row-major table from node values to coefficients along the rows' direction.
 pub(super) fn solve_along_rows(table: &mut [f64], columns: usize) {
     let rows = table.len().checked_div(columns).unwrap_or(0);
     if rows < 3 {
@@ -26,8 +27,8 @@ pub(super) fn solve_along_rows(table: &mut [f64], columns: usize) {
     }
 }
 
-/// The weights of the nodes -1, 0, 1 and 2 around a position a fraction `t` (0 to 1) past node 0; the weight of the
-/// farthest node is zero.
+/// Weights of the nodes -1, 0, 1 and 2 for a position at a fraction `t` (0 to 1) past node 0; the farthest node has
+/// zero weight.
 #[inline(always)]
 pub(super) fn weights(t: f64) -> [f64; 4] {
     piece(t, |u| [0.5 * (0.5 - u) * (0.5 - u), 0.75 - u * u, 0.5 * (0.5 + u) * (0.5 + u)])
@@ -39,12 +40,12 @@ pub(super) fn slope_weights(t: f64) -> [f64; 4] {
     piece(t, |u| [u - 0.5, -2.0 * u, u + 0.5])
 }
 
-/// The second derivatives of [`weights`] with respect to `t`, of the piece that `t` is in.
+/// Second derivatives of [`weights`] with respect to `t`, for the piece that contains `t`.
 pub(super) fn curvature_weights(t: f64) -> [f64; 4] {
     piece(t, |_| [1.0, -2.0, 1.0])
 }
 
-/// The three weights of the nearer node's piece, at their positions among the four nodes.
+/// Three weights of the nearer node's piece, placed among the four nodes.
 #[inline(always)]
 fn piece(t: f64, of: impl Fn(f64) -> [f64; 3]) -> [f64; 4] {
     let upper = t >= 0.5;

@@ -1,5 +1,5 @@
-//! Node values prepared for look-ups: one or more quantities of the same nodes, interleaved, so that a look-up reads
-//! few cache lines.
+//! Node values prepared for look-ups. Several quantities of the same nodes are interleaved, so that a look-up reads few
+//! cache lines.
 
 use super::MapInterpolation;
 use super::holes::{GridShape, UnknownCells, filled};
@@ -7,7 +7,7 @@ use super::quadratic;
 use crate::signal::natural_cubic;
 use rayon::prelude::*;
 
-/// A cell of the grid and the position in it, as fractions of a step northward and eastward.
+/// Cell of the grid and the position in it, as fractions of a step northward and eastward.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CellPosition {
     pub(crate) row: usize,
@@ -24,7 +24,7 @@ pub(crate) struct SurfaceGradient<const QUANTITIES: usize> {
     pub(crate) per_column: [f64; QUANTITIES],
 }
 
-/// Second derivatives per step northward twice, northward and eastward, eastward twice.
+/// Second derivatives per step: northward twice, northward and eastward, and eastward twice.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SurfaceHessian {
     pub(super) rows: f64,
@@ -32,7 +32,7 @@ pub(super) struct SurfaceHessian {
     pub(super) columns: f64,
 }
 
-/// A grid of interleaved quantities; where the first is unknown, all are.
+/// Grid of interleaved quantities; if the first is unknown, all are.
 #[derive(Clone, Debug)]
 pub(crate) struct GridInterpolant<const QUANTITIES: usize> {
     interpolation: MapInterpolation,
@@ -41,7 +41,7 @@ pub(crate) struct GridInterpolant<const QUANTITIES: usize> {
     /// Linear: the node values by rows. Splines: the B-spline coefficients by rows, with one more row and column on
     /// each side, so that a look-up needs no special case at the edge.
     table: Vec<[f64; QUANTITIES]>,
-    /// Splines only: in a linear table the unknown nodes are NaN.
+    /// For splines only: in a linear table the unknown nodes are NaN.
     unknown: UnknownCells,
 }
 
@@ -73,8 +73,8 @@ impl<const QUANTITIES: usize> GridInterpolant<QUANTITIES> {
         }
     }
 
-    /// Reads the first and the last node of each row that [`Self::at`] reads, which prefetches all of their cache
-    /// lines; the sum is not used.
+    /// Reads the first and the last node of each row that [`Self::at`] reads, which prefetches all its cache lines; the
+    /// sum is not used.
     #[inline(always)]
     pub(crate) fn touch(&self, cell: CellPosition) -> f64 {
         match self.interpolation {
@@ -182,7 +182,8 @@ impl<const QUANTITIES: usize> GridInterpolant<QUANTITIES> {
 }
 
 impl GridInterpolant<1> {
-    /// One quantity with a value everywhere: in a gap the fill value, which the caller must mask.
+    /// Interpolant of one quantity with values everywhere: in a gap it returns the fill value, which the caller must
+    /// mask.
     pub(crate) fn over_gaps(shape: GridShape, values: &[f64], interpolation: MapInterpolation) -> Self {
         let values = filled(shape, values);
         Self::new(shape, [values.as_slice()], interpolation)
@@ -198,7 +199,7 @@ fn dot4<const QUANTITIES: usize>(c: &[[f64; QUANTITIES]; 4], q: usize, weights: 
     (c[0][q] * weights[0] + c[1][q] * weights[1]) + (c[2][q] * weights[2] + c[3][q] * weights[3])
 }
 
-// Always inlined, into code that is compiled for a wider vector unit.
+// Always inlined into code that is compiled for a wider vector unit.
 #[inline(always)]
 fn natural_cubic_weights(t: f64) -> [f64; 4] {
     natural_cubic::weights(t)
@@ -218,11 +219,11 @@ fn interleaved<const QUANTITIES: usize>(nodes: usize, values: [&[f64]; QUANTITIE
     (0..nodes).map(|node| values.map(|values| values.get(node).copied().unwrap_or(f64::NAN))).collect()
 }
 
-/// Number of columns added beyond each end of a closed grid when its spline is solved. The effect of an end falls by a
-/// factor of 4 per cell.
+/// Number of columns added beyond each end of a closed grid when its spline is solved. The effect of an end decreases
+/// by a factor of 4 per cell.
 const WRAP: usize = 16;
 
-/// The B-spline coefficients of a grid with its holes filled, with one more node on every side.
+/// B-spline coefficients of a grid with its holes filled, with one additional node on every side.
 fn spline_coefficients(shape: GridShape, values: &[f64], interpolation: MapInterpolation) -> Vec<f64> {
     let GridShape { rows, columns, closed } = shape;
     let solve_along_rows: fn(&mut [f64], usize) = match interpolation {
@@ -246,7 +247,7 @@ fn spline_coefficients(shape: GridShape, values: &[f64], interpolation: MapInter
     padded
 }
 
-/// The values of a closed grid with [`WRAP`] more columns on each side.
+/// Values of a closed grid with [`WRAP`] additional columns on each side.
 fn wrapped(shape: GridShape, values: &[f64]) -> Vec<f64> {
     let round = shape.columns - 1;
     let row = |row: &[f64]| -> Vec<f64> {

@@ -46,7 +46,7 @@ fn val_magnav_interpolation_and_gradient() {
             assert!((at_rad(&map, place).value_nt - expected).abs() < 1e-9);
         }
         let at = at_rad(&map, PLACES[0]);
-        // MagNav.jl's are central differences over 1e-8 rad: rounding of 1e-14 x 75 nT / 2e-8 rad.
+        // MagNav.jl's gradients are central differences over 1e-8 rad: rounding of 1e-14 x 75 nT / 2e-8 rad.
         assert!((at.d_lat_nt_per_rad - gradient[0]).abs() < 0.05, "{at:?}");
         assert!((at.d_lon_nt_per_rad - gradient[1]).abs() < 0.05, "{at:?}");
     }
@@ -64,7 +64,7 @@ fn jac_gradient_of_all_interpolations() {
                     - at_rad(&map, (place.0 - dlat, place.1 - dlon)).value_nt)
                     / (2.0 * step)
             };
-            // Rounding of the place in degrees: 1e-10 nT over 2e-9 rad; gradients are 1e5.
+            // Rounding of the position in degrees: 1e-10 nT over 2e-9 rad; gradients are 1e5 nT/rad.
             assert!((at.d_lat_nt_per_rad - difference(step, 0.0)).abs() < 0.5);
             assert!((at.d_lon_nt_per_rad - difference(0.0, step)).abs() < 0.5);
         }
@@ -127,7 +127,7 @@ fn unit_a_hole_is_unknown_and_affects_only_cells_near_it() {
                 .into_iter()
                 .max()
                 .unwrap_or(0);
-            // The hole's edge is wrong by less than 40 nT of slope change; its effect on a spline falls by 2 - sqrt(3)
+            // The slope at the hole's edge changes by less than 40 nT; its effect on a spline decreases by 2 - sqrt(3)
             // per cell.
             let bound = 0.5 * (2.0_f64 - 3.0_f64.sqrt()).powi(distance as i32 - 1) + 1e-9;
             let error = (value.value_nt - full.at(place.0, place.1).unwrap().value_nt).abs();

@@ -15,18 +15,18 @@ use super::{AdaptiveMagnetometer, AdaptiveNoise, AdaptiveParameters, Magnetomete
 /// Output of the filter on a line with further measurements.
 #[derive(Clone, Debug, Default)]
 pub struct AidedAdaptiveOutput {
-    /// Estimate. Innovations of the scalar field are as in [`AdaptiveOutput`](super::AdaptiveOutput).
+    /// Estimate of the line. Innovations of the scalar field are as in [`AdaptiveOutput`](super::AdaptiveOutput).
     pub line: AidedOutput,
     /// Estimated noise of each magnetometer, in their order.
     pub magnetometers: Vec<MagnetometerNoise>,
-    /// Share of the covariance decrease by the scalar field that is returned as process noise after each sample.
+    /// Share of the covariance decrease by the scalar field that is restored as process noise after each sample.
     pub given_back: Vec<f64>,
 }
 
 /// [`run`](super::run) with further measurements, whose noise is fixed. Only the noise of the magnetometers is
 /// estimated.
 ///
-/// H P Hᵀ of an innovation includes the map error if that is a state, so the map error is not attributed to the white
+/// H P Hᵀ of an innovation includes the map error if it is a state, so the map error is not attributed to the white
 /// noise. A sample where the map is too flat contributes to the noise estimate, and corrects only the temporal
 /// variation and the map error.
 ///

@@ -16,8 +16,8 @@ pub(super) struct NoiseEstimator<'a> {
     /// First assumed variance, in nT², used as the reference of relative variances.
     first_nt2: Option<f64>,
     gate_nis: Option<f64>,
-    /// Last squared innovations over the reference of their time. In the matched form, H P Hᵀ is subtracted from each.
-    /// In the residual form, each is the expected squared noise a posteriori.
+    /// Last squared innovations, divided by the reference of their time. In the matched form, H P Hᵀ is subtracted from
+    /// each. In the residual form, each is the expected squared noise a posteriori.
     window: SlidingSum,
     /// Innovation of this sample before its update.
     open: Option<PendingInnovation>,
@@ -98,7 +98,7 @@ impl<'a> NoiseEstimator<'a> {
         }
     }
 
-    /// Measurement of a row less the offset, in nT, and its assumed variance; `None` if it is missing.
+    /// Measurement of a row minus the offset, in nT, and its assumed variance; `None` if it is missing.
     pub(super) fn measured(&self, row: usize) -> Option<(f64, f64)> {
         self.magnetometer.measurements().at(row, self.adapted.offset_nt)
     }
@@ -136,8 +136,8 @@ impl<'a> NoiseEstimator<'a> {
         }
     }
 
-    /// Updates the noise estimate after the correction of a row, in the residual form: with the expected squared noise
-    /// given all measurements of the row. An unused innovation counts as if it were the only one.
+    /// Updates the noise estimate after the correction of a row in the residual form, with the expected squared noise
+    /// given all measurements of the row. An unused innovation is treated as if it were the only one.
     pub(super) fn settle(&mut self, predicted_nt2: f64, fusion: &InnovationFusion) {
         let Some(PendingInnovation { residual_nt, noise_nt2, unit, used }) = self.open.take() else { return };
         let (mean_nt, mean_nt2) = if used { fusion.mean() } else { (residual_nt, noise_nt2) };

@@ -7,8 +7,8 @@ use crate::navigation::pinson::{LAT, LON, S, STATES};
 use crate::random::NormalGenerator;
 use nalgebra::{DMatrix, DVector, SMatrix};
 
-/// States after 20 samples by MagNav.jl 1.3.3's `ekf` with R = (1, 10), in its order of states: the golden line, the
-/// defaults of `create_model(0.1, lat[1])`.
+/// States after 20 samples by MagNav.jl 1.3.3's `ekf` with R = (1, 10), in its order of states: the golden line with
+/// the defaults of `create_model(0.1, lat[1])`.
 const MAGNAV_ADAPTIVE_X20: [f64; STATES] = [
     6.298_970_292_468_436_5e-9,
     -1.754_113_562_169_849_8e-9,
@@ -48,7 +48,7 @@ fn val_magnav_adaptive_noise_in_the_compatible_form() {
     for (state, theirs) in from_magnav(&MAGNAV_ADAPTIVE_X20).into_iter().enumerate() {
         let sigma = navigation.p[19][state][state].sqrt();
         let difference = (navigation.x[19][state] - theirs).abs();
-        // MagNav.jl's gradient is a central difference over 1e-8 rad with 1e-7 of rounding.
+        // MagNav.jl's gradient is a central difference over 1e-8 rad with a rounding error of 1e-7.
         assert!(difference < 2e-7 * (sigma + theirs.abs()), "{state} {difference:e}");
     }
     // Mean of the variances until there are ten innovations.
@@ -62,7 +62,7 @@ fn law_without_adaptation_it_equals_the_ekf() {
     let ins = line.series();
     let line = line.line(&ins, &map, InsErrorModel::default());
     let ekf = known(&line, 3.0).unwrap();
-    // A window that never fills, with bounds whose mean variance is 9; and equal bounds.
+    // A window that is never full, with bounds whose mean variance is 9; and equal bounds.
     let never =
         run(&compatible(21), &line, &[AdaptiveMagnetometer::from_line(&line, 8_f64.sqrt(), 10_f64.sqrt())]).unwrap();
     let bounded = run(&all(), &line, &[AdaptiveMagnetometer::from_line(&line, 3.0, 3.0)]).unwrap();
@@ -73,7 +73,7 @@ fn law_without_adaptation_it_equals_the_ekf() {
         for row in 0..20 {
             for state in 0..STATES {
                 let sigma = ekf.p[row][state][state].sqrt();
-                // A different order of sums changes 1e-15 per step.
+                // A different order of summation changes the result by 1e-15 per step.
                 let moved = (output.navigation.x[row][state] - ekf.x[row][state]).abs();
                 assert!(moved < 1e-12 * (sigma + ekf.x[row][state].abs()), "{row} {state} {moved:e}");
                 let variance = output.navigation.p[row][state][state];
@@ -109,7 +109,7 @@ fn law_several_magnetometers_are_one_block_measurement() {
     let x = &gain * DVector::from_vec(vec![3.0, -4.0, 9.0]);
     let p = p0 - &gain * &h * p0;
     for row in 0..STATES {
-        // A 3 by 3 inverse of condition 200.
+        // A 3 by 3 inverse with a condition number of 200.
         let sigma = p0[(row, row)].sqrt();
         assert!((output.navigation.x[0][row] - x[row]).abs() < 1e-12 * sigma, "{row}");
         for column in 0..STATES {
@@ -179,8 +179,8 @@ fn law_it_corrects_wrong_assumed_noise() {
             adaptive.drms_m(),
             adaptive.mean_nees()
         );
-        // A noise estimate correct within 20 % costs a few percent; the first samples and the chance of 20 flights cost
-        // the rest.
+        // A noise estimate that is correct within 20 % increases the error by a few percent. The first samples and the
+        // randomness of 20 flights account for the rest.
         assert!(adaptive.drms_m() < 1.2 * right.drms_m() && adaptive.mean_nees() < 1.6, "{sigma}");
         if place != 1 {
             let honest = (fixed.mean_nees() / right.mean_nees()).ln().abs();
@@ -268,8 +268,8 @@ fn by_windows(form: AdaptiveForm) -> ([f64; 2], [Tally; 2]) {
 #[test]
 fn law_short_windows_without_bounds_are_overconfident_except_in_the_residual_form() {
     let (weights, tallies) = by_windows(AdaptiveForm::Matched);
-    // For a window of 50 the mean of 1/χ² is 50/48, to which H P Hᵀ of a few nT² adds. 8 flights have 370 independent
-    // windows, whose variance is 4 % each. For a window of 10 the mean is 10/8 before anything is added.
+    // For a window of 50 the mean of 1/χ² is 50/48; H P Hᵀ of a few nT² increases it. 8 flights have 370 independent
+    // windows, whose variance is 4 % each. For a window of 10 the mean is 10/8 before this increase.
     assert!((1.0..1.12).contains(&weights[1]) && weights[0] > 1.25, "{weights:?}");
     assert!(tallies[0].mean_nees() > 2.0 * tallies[1].mean_nees());
     // The residual form subtracts nothing, so 10/8 is the whole effect.
@@ -283,7 +283,7 @@ fn law_the_factor_of_a_changing_noise_is_estimated() {
     let (small, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = small.series();
     let line = small.line(&ins, &map, InsErrorModel::default());
-    // Alternately quiet and noisy; three times the assumed noise, without prediction error.
+    // Alternately quiet and noisy: three times the assumed noise, without prediction error.
     let sigma: Vec<f64> = (0..20).map(|row| if row % 10 < 5 { 2.0 } else { 50.0 }).collect();
     let measured: Vec<f64> = sigma.iter().map(|sigma| 3.0 * sigma).collect();
     let magnetometer = AdaptiveMagnetometer {
@@ -323,7 +323,7 @@ fn law_process_noise_is_estimated_without_divergence() {
             let output = run(&parameters, &line, &[AdaptiveMagnetometer::from_line(&line, 0.8, 1.2)]).unwrap();
             assert!(output.given_back.iter().all(|share| (0.0..=1.0).contains(share)));
             tallies[place].add(&flight, &output.navigation);
-            // Never less certain than without any measurement; the two positions differ by at most 1 % of a radian.
+            // Never less certain than without measurements; the two positions differ by at most 1 % of a radian.
             let sds = output.navigation.sd_n_m.iter().zip(&free.sd_n_m);
             sds.for_each(|(found, free)| assert!(*found <= 1.01 * free, "{found} {free}"));
         }
@@ -358,7 +358,7 @@ fn unit_missing_off_map_and_gated_samples_are_counted_and_not_used_for_the_noise
     let [a, b] = [0, 1].map(|at: usize| &output.magnetometers[at]);
     assert_eq!((a.updates, a.gated, b.updates, b.gated), (16, 1, 18, 0));
     assert!([4, 5, 10].iter().all(|row| a.sigma_nt[*row].is_nan()) && b.sigma_nt[5].is_finite());
-    // A spike of 500 nT counts as √10.83 standard deviations.
+    // A spike of 500 nT is limited to √10.83 standard deviations.
     assert!(a.sigma_nt[16] < 1.5 * a.sigma_nt[14], "{} {}", a.sigma_nt[14], a.sigma_nt[16]);
     assert!(output.navigation.residual_nt[15].abs() < 5.0, "of the one that is used");
     let alone = run(&parameters, &line, &[first]).unwrap().navigation;
@@ -381,7 +381,7 @@ fn law_lasting_noise_reopens_the_gate() {
     let parameters = AdaptiveParameters { gate_nis: Some(10.83), ..AdaptiveParameters::default() };
     let output = run(&parameters, &line, &[AdaptiveMagnetometer::from_line(&line, 0.3, 90.0)]).unwrap();
     let gated = output.navigation.report.gated;
-    // The variance has to grow 180-fold, by up to 10/50 a sample.
+    // The variance must increase 180-fold, by at most 10/50 per sample.
     assert!((5..150).contains(&gated), "{gated}");
     let last = output.magnetometers[0].sigma_nt[899];
     assert!((25.0..60.0).contains(&last), "{last}");
@@ -469,7 +469,7 @@ fn law_the_residual_form_estimates_the_noise_at_an_uncertain_position() {
                     &[AdaptiveMagnetometer::from_line(line, 0.25, 100.0)],
                 );
                 let output = output.unwrap();
-                // Part of the position that the plane observes.
+                // Component of the position that the plane map makes observable.
                 let row = 30;
                 let (x, p) = (output.navigation.x[row], output.navigation.p[row]);
                 let m_per_rad = [north.to_degrees(), east.to_degrees()];

@@ -1,7 +1,7 @@
 //! Sum of the last numbers of a series.
 
-/// Last numbers of a series and their sum. Nothing is subtracted, so removed numbers leave no rounding error. The
-/// average cost per number is constant.
+/// Last numbers of a series, and their sum. The sum uses no subtraction, so removed numbers leave no rounding error.
+/// The average cost per number is constant.
 pub(super) struct SlidingSum {
     /// Ring buffer: entries before `next` belong to the present round, the others to the previous round.
     numbers: Vec<f64>,
@@ -9,7 +9,7 @@ pub(super) struct SlidingSum {
     len: usize,
     /// Sum of the present round.
     round: f64,
-    /// Sums of the previous round from each place to its end.
+    /// Sums of the previous round from each index to its end.
     before: Vec<f64>,
 }
 
@@ -24,7 +24,7 @@ impl SlidingSum {
         self.len
     }
 
-    /// Capacity.
+    /// Maximum number of values.
     pub(super) fn capacity(&self) -> usize {
         self.numbers.len()
     }

@@ -7,8 +7,8 @@ use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::navigation::pinson::{STATES, StateMatrix};
 use nalgebra::{DMatrix, SMatrix};
 
-/// Diagonal of the covariance after 20 samples by MagNav.jl 1.3.3's `crlb`, in its order of states: the golden line as
-/// the truth, the defaults of `create_model(0.1, lat[1])` with the variance 9.
+/// Diagonal of the covariance after 20 samples by MagNav.jl 1.3.3's `crlb`, in its order of states. The golden line is
+/// the truth, with the defaults of `create_model(0.1, lat[1])` and the variance 9.
 const MAGNAV_CRLB_P20: [f64; STATES] = [
     2.191_559_314_363_993_2e-13,
     3.773_709_818_813_917_5e-13,
@@ -41,7 +41,7 @@ fn val_magnav_bound_in_the_compatible_form() {
     let ins = line.series();
     let output = run(&line.line(&ins, &map, InsErrorModel::compatible()), &path_of(&ins), true).unwrap();
     for (state, theirs) in from_magnav(&MAGNAV_CRLB_P20).into_iter().enumerate() {
-        // MagNav.jl's gradient is a central difference over 1e-8 rad with 1e-7 of rounding.
+        // MagNav.jl's gradient is a central difference over 1e-8 rad with a rounding error of 1e-7.
         assert!((output.p[19][state][state] / theirs - 1.0).abs() < 1e-8, "{state}");
     }
     assert_eq!(output.report.updates, 20);
@@ -128,7 +128,7 @@ fn law_the_filters_attain_the_bound() {
     let ekf = ensemble().iter().map(|run| run.flight.square_m2(&run.ekf, 0)).sum::<f64>() / n;
     let ukf = ensemble().iter().map(|run| run.flight.square_m2(&run.ukf.navigation, 0)).sum::<f64>() / n;
     println!("DRMS: EKF {:.2}, UKF {:.2}, bound {:.2} m", ekf.sqrt(), ukf.sqrt(), bound.sqrt());
-    // No filter is better than the bound except by the chance of 60 flights. Errors are correlated over minutes, so a
+    // No filter is better than the bound, except by chance in 60 flights. Errors are correlated over minutes, so a
     // flight has about 20 independent ones in each direction, and the root mean square varies by 1/√(2·2·20·60) = 1.5
     // %.
     for square in [ekf, ukf] {

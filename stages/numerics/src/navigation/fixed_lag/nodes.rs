@@ -1,4 +1,4 @@
-//! Nodes of the line: instants whose states are solved for, each with the measurements of an interval.
+//! Nodes of the line: instants whose states are estimated, each with the measurements of an interval.
 
 use std::ops::Range;
 
@@ -26,9 +26,9 @@ pub(super) struct FixedLagNode {
     positions: Vec<[StateVector; 3]>,
     /// Measurement of each magnetometer.
     pub measurements: Vec<Option<NodeMeasurement>>,
-    /// Aiding positions at its samples.
+    /// Aiding positions at the samples of the node.
     pub fixes: Vec<NodeFix>,
-    /// Propagation of the node's states to its later samples, if there are further measurements.
+    /// Propagation of the node's states to its later samples; empty without further measurements.
     later: Vec<NodePropagation>,
 }
 
@@ -45,7 +45,7 @@ struct NodePropagation {
 pub(super) struct NodeFix {
     /// Row of Φ from the node to the sample.
     h: StateVector,
-    /// Error of the INS there, and its variance.
+    /// Error of the INS there, and the variance of the fix.
     error: f64,
     pub variance: f64,
 }
@@ -110,13 +110,13 @@ impl FixedLagNode {
         }
         local.at_zero_nt -= local.derivative.iter().zip(x).map(|(h, x)| h * x).sum::<f64>();
         local.derivative[S] += measurement.temporal;
-        // Map values that are not finite count as off the map.
+        // Map values that are not finite are treated as off the map.
         (local.at_zero_nt + local.derivative.iter().sum::<f64>()).is_finite().then_some(local)
     }
 }
 
 impl FixedLagNode {
-    /// Averages of the further measurements of its samples, linearised about a state.
+    /// Averages of the further measurements of the node's samples, linearised about a state.
     pub fn aid_rows(
         &self,
         (aids, states): (&Aids<'_>, &AidStates),
@@ -208,12 +208,12 @@ impl<'a> LineNodeBuilder<'a> {
         Self { map_error: states.map_error, aided: aids.is_any(), ..self }
     }
 
-    /// Time of the next node; `None` after the last.
+    /// Time of the next node, s; `None` after the last.
     pub fn next_s(&self) -> Option<f64> {
         self.line.ins.tt_s.get(self.next).copied()
     }
 
-    /// Next node, with the samples before `end_s`, and at least one; `None` after the last.
+    /// Next node, with the samples before `end_s`, but at least one; `None` after the last.
     pub fn take(&mut self, end_s: f64) -> Option<FixedLagNode> {
         let first_s = self.next_s()?;
         let tt_s = self.line.ins.tt_s;
@@ -311,7 +311,8 @@ fn walk(walked: &mut StateStep, line: &NavigationLine, row: usize) {
     add(&mut walked.noise, &step.noise);
 }
 
-/// Propagates a state and its covariance to the samples of a node after its first. No measurement lies between.
+/// Propagates a state and its covariance to the samples of a node after its first. There are no measurements in
+/// between.
 pub(super) fn carry(line: &NavigationLine, row: usize, x: &mut StateVector, p: &mut StateMatrix) {
     let step = line.step(row);
     *x = crate::navigation::transition::propagate_state(&step.phi, x);

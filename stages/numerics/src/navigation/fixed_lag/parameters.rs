@@ -54,23 +54,23 @@ pub struct WindowReport {
     pub iterations: usize,
     /// Whether the last iteration lowered the cost by less than the tolerance.
     pub converged: bool,
-    /// Smallest fraction of a Gauss-Newton step that was taken; 1 without damping.
+    /// Smallest fraction of a Gauss-Newton step that was taken; 1 if every step was a full step.
     pub smallest_step: f64,
     /// Largest change of a position in the last full step, in m; infinite after a single step without an initial path.
     pub last_step_m: f64,
-    /// Twice the cost at the solution: without robust loss a chi-square with one degree of freedom per measurement.
+    /// Twice the cost at the solution; without robust loss, a chi-square with one degree of freedom per measurement.
     pub chi_square: f64,
-    /// Squared distance of the solution at the window's start from its prior, over the prior's covariance: less than a
-    /// chi-square of `states` degrees.
+    /// Squared distance of the solution at the window's start from its prior, normalised by the prior's covariance. It
+    /// is smaller than a chi-square of `states` degrees.
     pub prior_chi_square: f64,
     /// Number of states.
     pub states: usize,
-    /// Whether the solution contradicts the prior: its chi-square exceeds the quantile of one in a million.
+    /// Whether the solution contradicts the prior: its chi-square exceeds the quantile for a probability of 1e-6.
     pub inconsistent: bool,
 }
 
 impl WindowReport {
-    /// Whether a distance contradicts a prior. [quantile: Wilson & Hilferty 1931]
+    /// Whether a solution contradicts its prior at this distance. [quantile: Wilson & Hilferty 1931]
     pub(super) fn contradicts(prior_chi_square: f64, states: usize) -> bool {
         let freedom = states as f64;
         let spread = 2.0 / (9.0 * freedom);

@@ -1,4 +1,4 @@
-//! Windows along a line: the estimates of the samples, and when they are final.
+//! Windows along a line: the estimates of the samples, and their release as final.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -14,7 +14,7 @@ use super::parameters::FixedLagParameters;
 use super::window::SmoothingWindow;
 use super::{FixedLagMagnetometer, FixedLagOutput, FixedLagUsage};
 
-/// Estimate at a node, with the innovation there.
+/// Estimate at a node, with its innovation.
 pub(super) struct NodeEstimate {
     rows: Range<usize>,
     tt_s: f64,
@@ -28,7 +28,7 @@ pub(super) struct NodeEstimate {
     pub(super) usage: FixedLagUsage,
 }
 
-/// Filter in front of the windows, linearised at its own prediction.
+/// Filter ahead of the windows, linearised at its own prediction.
 pub(super) struct FrontFilter<'a> {
     parameters: &'a FixedLagParameters,
     layout: &'a StateLayout,
@@ -52,8 +52,8 @@ impl<'a> FrontFilter<'a> {
         Self { parameters, layout, line, aids, field: line.predicted(), now: prior, gain, spare: vec![] }
     }
 
-    /// Uses the measurements of a node, which is the line's first or the next one. Drops measurements from the node for
-    /// which the map is too flat.
+    /// Uses the measurements of a node, which is the first of the line or the next one. Drops the node's measurements
+    /// for which the map is too flat.
     pub(super) fn take(&mut self, node: &mut FixedLagNode) -> NodeEstimate {
         if node.rows.start > 0 {
             self.now.propagate(self.layout, &node.step, &mut self.spare);
@@ -116,7 +116,7 @@ impl<'a> FrontFilter<'a> {
         }
     }
 
-    /// Uses the further measurements of a node, linearised together at the state after its scalar ones.
+    /// Uses the further measurements of a node, all linearised at the state after its scalar measurements.
     fn further(&mut self, node: &FixedLagNode) -> SampleInnovations {
         let mut innovations = SampleInnovations::default();
         let rows = node.aid_rows(self.aids, self.layout, self.line, &mut self.field, &self.now.x);
@@ -139,7 +139,7 @@ pub(super) struct FixedLagRun<'a> {
     nodes: LineNodeBuilder<'a>,
     front: FrontFilter<'a>,
     window: SmoothingWindow<'a>,
-    /// Estimates that are not final. The last ones belong to the nodes of the window.
+    /// Estimates that are not yet final. The last ones belong to the nodes of the window.
     pending: VecDeque<NodeEstimate>,
     output: FixedLagOutput,
 }
@@ -201,7 +201,7 @@ impl<'a> FixedLagRun<'a> {
             _ => true,
         };
         let ripe = self.pending.partition_point(|estimate| is_final(estimate.tt_s));
-        // The nodes whose estimates are final and may use all of this window.
+        // Nodes whose estimates are final and may use the whole window.
         let oldest = self.pending.front().map_or(0, |estimate| estimate.rows.start);
         let smooth = |node: &FixedLagNode| {
             node.rows.start >= oldest && is_final(node.tt_s) && end_s <= node.tt_s + lag_s + SLACK_S

@@ -1,4 +1,4 @@
-//! Line as one window, about the path of its filter: fixed-interval smoother for any number of states.
+//! Smoothing of a line as one window about the path of its filter: a fixed-interval smoother for any number of states.
 
 use crate::navigation::aids::{AidInnovations, AidStates, Aids, SampleInnovations};
 use crate::navigation::line::NavigationLine;
@@ -15,7 +15,8 @@ use super::{FixedLagMagnetometer, FixedLagParameters, FixedLagUsage, WindowRepor
 pub(crate) struct WholeLineSolution {
     pub(crate) x: Vec<StateVector>,
     pub(crate) p: Vec<StateMatrix>,
-    /// Innovations of the last forward pass, linearised along the path, over variances without the factors of the loss.
+    /// Innovations of the last forward pass, linearised along the path, with variances that exclude the factors of the
+    /// loss.
     pub(crate) innovations: Vec<Innovation>,
     pub(crate) aids: AidInnovations,
     pub(crate) usage: Vec<FixedLagUsage>,
@@ -24,7 +25,7 @@ pub(crate) struct WholeLineSolution {
     pub(crate) offset: (f64, usize),
 }
 
-/// Smooths a line that has been checked, with its measurement and further ones. Ends when no position moves by
+/// Smooths a checked line, with its measurement and further ones. Ends when no position changes by more than
 /// `tolerance_m`.
 pub(crate) fn smooth(
     parameters: &FixedLagParameters,

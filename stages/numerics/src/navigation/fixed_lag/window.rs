@@ -68,14 +68,14 @@ pub(super) struct SmoothingWindow<'a> {
     layout: &'a StateLayout,
     line: &'a NavigationLine<'a>,
     aids: (&'a Aids<'a>, &'a AidStates),
-    /// Largest change of a position, in m, in one step below which the window is solved too.
+    /// Largest change of a position in one step, in m, below which the window is also considered solved.
     pub tolerance_m: f64,
     field: PredictedField<'a>,
     /// Nodes; the first is the window's start.
     pub nodes: Vec<FixedLagNode>,
-    /// States at the first node before its measurements.
+    /// States at the first node, before its measurements are applied.
     pub prior: Gaussian,
-    /// States at the last node with all measurements up to it.
+    /// States at the last node, with all measurements up to it.
     pub last: Gaussian,
     path: WindowPath,
     trial: WindowPath,
@@ -133,7 +133,7 @@ impl<'a> SmoothingWindow<'a> {
         &self.path.x[node * self.dim()..(node + 1) * self.dim()]
     }
 
-    /// Solves for the states of all nodes and keeps the predicted ones of the nodes `wanted`.
+    /// Solves for the states of all nodes and keeps the predicted states of the nodes in `wanted`.
     pub fn solve(&mut self, wanted: &[bool]) -> WindowReport {
         let new = self.extend();
         std::mem::swap(&mut self.about, &mut self.trial_about);
@@ -143,7 +143,7 @@ impl<'a> SmoothingWindow<'a> {
         self.iterate(&new, wanted, before)
     }
 
-    /// Solves for the states of all nodes, linearised first about `x`, regardless of its cost.
+    /// Solves for the states of all nodes, first linearised about `x`, regardless of its cost.
     pub fn solve_from(&mut self, x: Vec<f64>, wanted: &[bool]) -> WindowReport {
         self.path = WindowPath { adjoint: vec![0.0; x.len()], x, distance: 0.0 };
         self.evaluate(0);
@@ -157,7 +157,7 @@ impl<'a> SmoothingWindow<'a> {
         (self.about, self.path) = (about, path);
     }
 
-    /// Gauss-Newton iteration from the path with cost `before`. The residuals of the nodes `new` are not yet known.
+    /// Gauss-Newton iteration from the path with cost `before`. The residuals of the nodes in `new` are not yet known.
     fn iterate(&mut self, new: &Range<usize>, wanted: &[bool], mut before: f64) -> WindowReport {
         self.predicted.resize(self.nodes.len(), None);
         let mut report = WindowReport { smallest_step: 1.0, states: self.dim(), ..WindowReport::default() };
@@ -174,7 +174,7 @@ impl<'a> SmoothingWindow<'a> {
             report.smallest_step = report.smallest_step.min(share);
             report.converged = share > 0.0
                 && match self.parameters.loss {
-                    // The cost is that of the linear model, so another iteration would not change it.
+                    // The cost equals that of the linear model, so another iteration would not change it.
                     TrajectoryLoss::None => {
                         before - after < tolerance || (share == 1.0 && (linear - after).abs() < tolerance)
                     }
@@ -187,7 +187,7 @@ impl<'a> SmoothingWindow<'a> {
                 break;
             }
             if report.converged {
-                // The last pass is kept, with the fields that it used.
+                // The last pass is kept, with its fields.
                 std::mem::swap(&mut self.about, &mut self.trial_about);
                 before = after;
             } else {
@@ -271,7 +271,7 @@ impl<'a> SmoothingWindow<'a> {
         sum
     }
 
-    /// Distance and cost of the residuals in `counted`. Where the field is unknown, the residual in `counted` is used.
+    /// Distance, and cost of the residuals in `counted`. Where the field is unknown, the residual in `counted` is used.
     fn cost(&self, path: &WindowPath, about: &WindowLinearisation, counted: &WindowLinearisation) -> f64 {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
         let (loss, mut sum) = (self.parameters.robust(), path.distance);
@@ -308,7 +308,7 @@ impl<'a> SmoothingWindow<'a> {
         self.prior.p.chunks_exact(dim).zip(adjoint).map(|(row, entry)| entry * dot(row, adjoint)).sum()
     }
 
-    /// Filters about the path. A measurement of the nodes `trusted` has its full weight.
+    /// Filters about the path. Measurements of the nodes in `trusted` have their full weight.
     fn forward(&mut self, trusted: &Range<usize>, wanted: &[bool]) {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
         self.traces.clear();
@@ -368,7 +368,7 @@ impl<'a> SmoothingWindow<'a> {
         self.last = now;
     }
 
-    /// Computes the adjoint of the forward pass, and the resulting path: the Gauss-Newton step. [Bryson & Frazier 1963;
+    /// Computes the adjoint of the forward pass and the resulting path, the Gauss-Newton step. [Bryson & Frazier 1963;
     /// Bierman 1973]
     fn adjoint(&mut self) {
         let dim = self.dim();
@@ -428,8 +428,8 @@ impl<'a> SmoothingWindow<'a> {
         self.trial.distance = 0.5 * squared;
     }
 
-    /// Takes the largest of the parts 1, 1/2, 1/4 … of the step that lowers the cost, or none. Returns the part and the
-    /// cost.
+    /// Takes the largest of the fractions 1, 1/2, 1/4 … of the step that lowers the cost, or no step. Returns the
+    /// fraction and the cost.
     fn search(&mut self, before: f64) -> (f64, f64) {
         let mut share = 1.0;
         for _ in 0..MOST_HALVINGS {
@@ -451,7 +451,7 @@ impl<'a> SmoothingWindow<'a> {
         (0.0, before)
     }
 
-    /// Smoothed covariances of the 18 states at the nodes whose predicted ones are kept, from the last to the first of
+    /// Smoothed covariances of the 18 states at the nodes with stored predicted states, from the last to the first of
     /// `range`: P − P Λ P with the adjoint Λ of the information.
     pub fn covariances(&self, range: Range<usize>, mut take: impl FnMut(usize, StateMatrix)) {
         let dim = self.dim();

@@ -1,4 +1,4 @@
-//! INS errors along a trajectory in consecutive pieces, by the linear error model.
+//! INS errors by the linear error model along a trajectory given in consecutive pieces.
 
 use super::driving::{DrivingNoise, NormalStreams, blocks};
 use super::{InsErrorFault, InsErrorModel};
@@ -17,8 +17,8 @@ impl InsErrorModel {
 /// One realisation of the error states (truth minus INS) along a true trajectory, one per sample, starting from the
 /// error `start` at its first sample.
 ///
-/// Half of a step's noise is added before it and half after it, which is second order in the step. The last error is
-/// the start of the next piece.
+/// Half of a step's noise is added before the step and half after it, which is accurate to second order. The last error
+/// is the start of the next piece.
 ///
 /// # Errors
 /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
@@ -60,8 +60,8 @@ fn step(phi: &StateMatrix, error: &StateVector, noise: &StateVector) -> StateVec
 /// Many realisations of the errors along one trajectory, propagated together in steps of a second (or of the
 /// trajectory, if those are longer).
 ///
-/// All members share every transition matrix, and a member's noise is that of [`errors_along`] with the same draws. A
-/// selected member can therefore be recomputed at the trajectory's own rate: it is the same realisation except within a
+/// All members share each transition matrix, and a member has the same noise as [`errors_along`] with the same draws. A
+/// selected member can therefore be recomputed at the trajectory's own rate; its realisation differs only within a
 /// second.
 #[derive(Clone, Debug)]
 pub struct InsErrorEnsemble {
@@ -77,7 +77,7 @@ impl InsErrorEnsemble {
         Self { errors: starts, squares_m2, samples: 0 }
     }
 
-    /// Aligns the INS of every member again and keeps the squares so far.
+    /// Realigns the INS of every member and keeps the accumulated squares.
     pub fn restart(&mut self, starts: Vec<StateVector>) {
         self.errors = starts;
         self.squares_m2.resize(self.errors.len(), 0.0);
@@ -134,8 +134,8 @@ impl InsErrorEnsemble {
         self.squares_m2.iter().map(|squares| (squares / self.samples.max(1) as f64).sqrt()).collect()
     }
 
-    /// Member with the `rank`-th largest DRMS, from 1 for the largest; the first of equal ones. `None` if there are
-    /// fewer members.
+    /// Member with the `rank`-th largest DRMS, counted from 1; of equal ones, the first. `None` if there are fewer
+    /// members.
     pub fn ranked(&self, rank: usize) -> Option<usize> {
         let drms = self.drms_m();
         let mut order: Vec<usize> = (0..drms.len()).collect();

@@ -1,7 +1,7 @@
 //! Driving noise of the INS errors, drawn so that the realisation does not depend on the sample rate.
 //!
-//! The noise of a second (a block of steps) is drawn first, then its share of each step as the increments of a Brownian
-//! bridge. Together they are white. Steps of a second and steps of 4 ms give the same realisation.
+//! The noise of a block of steps (one second) is drawn first; the share of each step is then drawn as the increment of
+//! a Brownian bridge. The resulting noise is white. Steps of a second and steps of 4 ms give the same realisation.
 
 use super::InsErrorModel;
 use crate::navigation::pinson::{A_HAT, STATES, StateVector, VN};
@@ -23,7 +23,7 @@ pub(super) struct DrivingNoise {
     sigmas: StateVector,
 }
 
-/// States with driving noise, without the 1e-30 of the others (position, loop).
+/// States with driving noise, excluding those with 1e-30 (position and barometer loop).
 fn driven() -> impl Iterator<Item = usize> {
     (VN..STATES).filter(|state| *state != A_HAT)
 }
@@ -60,7 +60,7 @@ impl DrivingNoise {
     }
 }
 
-/// Blocks of a time column: the first and last row of each. The last row is the first of the next block.
+/// Blocks of a time column: the first and last row of each. The last row of a block is the first of the next.
 pub(super) fn blocks(tt_s: &[f64]) -> impl Iterator<Item = (usize, usize)> + '_ {
     let mut first = 0;
     std::iter::from_fn(move || {

@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used)]
-//! Propagated errors, compared to other sample rates, to the propagated covariance, and between mechanisation and error
-//! model.
+//! Comparison of propagated errors with other sample rates, with the propagated covariance, and between mechanisation
+//! and error model.
 use std::f64::consts::TAU;
 
 use nalgebra::{SMatrix, SVector};
@@ -87,14 +87,14 @@ fn propagated(truth: &InsSeries<'_>, model: &InsErrorModel) -> StateMatrix {
     p
 }
 
-/// Largest difference of two errors in standard deviations of a covariance.
+/// Largest difference of two errors, in standard deviations of a covariance.
 fn apart(a: &StateVector, b: &StateVector, p: &StateMatrix) -> f64 {
     (0..A_HAT).fold(0.0, |most: f64, state| most.max((a[state] - b[state]).abs() / p[state][state].sqrt()))
 }
 
 #[test]
 fn ref_grades_of_thesis_001() {
-    // Table 9, and Table 10: position 0, height 5 m, velocity and tilt by the numbers of the biases.
+    // Tables 9 and 10: position 0, height 5 m, and velocity and tilt with the numbers of the biases.
     let printed = [
         (InsGrade::Navigation, [1e-12, 2.4525e-4, 5.8178e-7, 1.4544e-8]),
         (InsGrade::Tactical, [0.003_302, 9.81e-3, 3.6361e-5, 4.8481e-6]),
@@ -115,7 +115,7 @@ fn ref_grades_of_thesis_001() {
         assert_eq!((sigmas[LAT], sigmas[ALT], sigmas[VN], sigmas[ACC], sigmas[GYRO]), (0.0, 5.0, acc, acc, gyro));
         assert!((sigmas[TILT_N] / gyro - 1.0).abs() < 1e-15);
         assert_eq!((model.sources.acc_tau_s, model.sources.gyro_tau_s), (3600.0, 3600.0));
-        // Navigation grade in common terms: 25 micro-g and 0.003 degrees per hour.
+        // Navigation grade in common units: 25 micro-g and 0.003 degrees per hour.
     }
     let navigation = InsGrade::Navigation.model();
     assert!((navigation.sources.gyro_sigma_radps.to_degrees() * 3600.0 - 0.003).abs() < 1e-6);
@@ -131,7 +131,7 @@ fn law_a_realisation_does_not_depend_on_rate_or_ensemble() {
         let p = propagated(&slow.series(), &model);
         let [of_slow, of_fast, of_faster] =
             [&slow, &fast, &faster].map(|flight| last_error(&flight.series(), &model, 5, false));
-        // A bank of up to 11 degrees and a heading of up to 2 degrees per second are constant over a step.
+        // Bank (up to 11 degrees) and turn rate (up to 2 degrees per second) are constant over a step.
         assert!(apart(&of_slow, &of_fast, &p) < 0.03, "{grade:?} {}", apart(&of_slow, &of_fast, &p));
         assert!(apart(&of_fast, &of_faster, &p) < 0.003, "{grade:?} {}", apart(&of_fast, &of_faster, &p));
         let mut normals = NormalGenerator::new(10);
@@ -159,18 +159,18 @@ fn law_a_trajectory_in_pieces_gives_the_errors_of_the_whole() {
     assert_eq!(in_pieces, whole);
 }
 
-/// Quantile of chi-square with `freedom` degrees at `z` standard normals, by Wilson and Hilferty:
-/// within 0.1 % for a hundred degrees and more.
+/// Quantile of chi-square with `freedom` degrees at `z` standard normal deviates, by Wilson and Hilferty: within 0.1 %
+/// for at least a hundred degrees.
 fn chi_square(freedom: f64, z: f64) -> f64 {
     let spread = 2.0 / (9.0 * freedom);
     freedom * (1.0 - spread + z * spread.sqrt()).powi(3)
 }
 
-/// Compares variances of position, velocity and tilt of `errors`, and the mean of their NEES, to a covariance. Each
-/// variance times the number is chi-square with that many degrees, and the sum of the nine-dimensional NEES with nine
-/// times as many.
+/// Compares the variances of position, velocity and tilt of `errors`, and the mean of their NEES, with a covariance.
+/// Each variance times the number of errors is chi-square with that many degrees; the sum of the nine-dimensional NEES
+/// has nine times as many.
 fn assert_covariance(what: &str, errors: &[StateVector], p: &StateMatrix) {
-    // Two-sided 0.1 % over the 10 figures of each of 6 ensembles, by Bonferroni: 0.001/120 per tail.
+    // Two-sided 0.1 % over 10 statistics of each of 6 ensembles, by Bonferroni: 0.001/120 per tail.
     const Z: f64 = 4.30;
     let n = errors.len() as f64;
     let scaled = |error: &StateVector| SVector::<f64, 9>::from_fn(|k, _| error[k] / p[k][k].sqrt());
@@ -208,7 +208,7 @@ fn law_200_realisations_of_each_grade_have_the_propagated_covariance() {
 
 #[test]
 fn law_mechanised_realisations_have_the_propagated_covariance() {
-    // On the error model's sphere, so that only nonlinear terms differ.
+    // On the error model's sphere, only nonlinear terms differ.
     for (grade, minutes) in [(InsGrade::Navigation, 20.0), (InsGrade::Tactical, 8.0)] {
         let flight = Flight::new(60.0 * minutes, 2.0, 0.6);
         let (truth, model) = (flight.series(), grade.model());
@@ -217,7 +217,7 @@ fn law_mechanised_realisations_have_the_propagated_covariance() {
     }
 }
 
-/// Start errors of a given size: 1 is a hundred times those of a good INS.
+/// Start errors of a relative size; 1 is a hundred times those of a good INS.
 fn start_error(size: f64) -> StateVector {
     let mut e = [0.0; STATES];
     e[LAT] = 1e-5;
@@ -240,7 +240,7 @@ fn start_error(size: f64) -> StateVector {
     e.map(|e| e * size)
 }
 
-/// Errors after five minutes, by error model and mechanisation, in the same units: metres, and errors that cause a
+/// Errors after five minutes, by error model and by mechanisation, in common units: metres, and errors that cause a
 /// metre in five minutes.
 fn both_after(flight: &Flight, size: f64) -> (SVector<f64, 9>, SVector<f64, 9>) {
     let quiet = InsErrorModel {
@@ -274,7 +274,7 @@ fn law_mechanisation_and_error_model_differ_by_the_square_of_the_error() {
     let sizes = [1.0, 0.5, 0.25, 0.01].map(relative);
     let squares = even(1.0).norm() / even(0.5).norm();
     println!("apart by {sizes:?} of their size; what does not change sign: {squares:.3} times at twice the size");
-    // The remaining error at a hundredth is due to the error model's step, which holds the initial attitude for 0.02 s.
+    // The remaining error of a hundredth is due to the error model's step, which keeps the initial attitude for 0.02 s.
     assert!(sizes[3] < 2e-4, "{}", sizes[3]);
     for pair in sizes[..3].windows(2) {
         let quadratic = (pair[0] - sizes[3]) / (pair[1] - sizes[3]);
@@ -341,7 +341,7 @@ fn law_each_source_alone_has_the_same_effect_on_mechanisation_and_error_model() 
         for states in [LAT..ALT, ALT..VN, VN..TILT_N, TILT_N..ACC] {
             let (apart, whole) = (size(&linear, &other, states.clone()), size(&linear, &nothing, states.clone()));
             // The noise of a step acts at its middle or at its ends, the attitude is constant for 0.05 s, and nonlinear
-            // terms are of the size of the tilts, 1e-4 and less.
+            // terms are as large as the tilts, at most 1e-4.
             assert!(apart < 0.02 * whole + 1e-11, "source {source}, {states:?}: {apart:e} of {whole:e}");
         }
     }
@@ -382,7 +382,7 @@ fn law_the_commercial_grade_diverges_with_finite_numbers() {
         assert!(error.iter().all(|e| e.is_finite()), "{error:?}");
         horizontal_m(&error, -0.4, 0.0)
     };
-    // 9.8 * 0.0087 t³/6 is 8400 km; an actual INS tumbles and drifts less.
+    // 9.8 * 0.0087 t³/6 is 8400 km; an actual INS tumbles and therefore drifts less.
     assert!(furthest(false) > 5e5 && furthest(true) > 5e4, "{} {}", furthest(false), furthest(true));
 }
 
@@ -417,8 +417,8 @@ fn drawn_drms(flight: &Flight, model: &InsErrorModel, seed: u64) -> f64 {
 
 #[test]
 fn val_drift_of_each_grade_against_an_independent_implementation() {
-    // 20 runs of another implementation: navigation grade, 60 min, 443 m DRMS (168 to 764 m); tactical grade, 14 min,
-    // 3031 m. The test uses 400 realisations.
+    // 20 runs of another implementation gave for navigation grade, 60 min, a DRMS of 443 m (168 to 764 m), and for
+    // tactical grade, 14 min, 3031 m. The test uses 400 realisations.
     let others = [
         (InsGrade::Magnav, 60.0, None),
         (InsGrade::Navigation, 60.0, Some(443.0)),

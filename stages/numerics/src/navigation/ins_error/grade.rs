@@ -27,17 +27,17 @@ impl InsGrade {
     /// All grades.
     pub const ALL: [Self; 4] = [Self::Magnav, Self::Navigation, Self::Tactical, Self::Commercial];
 
-    /// The error model of an INS of this grade.
+    /// Error model of an INS of this grade.
     pub fn model(self) -> InsErrorModel {
         InsErrorModel::from_sources(self.errors())
     }
 
-    /// The error sources of an INS of this grade.
+    /// Error sources of an INS of this grade.
     ///
     /// The tables give velocity and angular random walk, and the standard deviations of the biases (time constant 3600
     /// s). The same numbers are used for the initial velocity (m/s) and tilt (rad). The initial position is exact, and
     /// the initial height has a standard deviation of 5 m. Angular random walk and gyroscope bias are in rad/√s and
-    /// rad/s, despite the printed units. The tables do not give the barometer; all grades use MagNav.jl's.
+    /// rad/s, despite the printed units. The tables do not specify the barometer; all grades use MagNav.jl's.
     pub fn errors(self) -> InsErrors {
         match self {
             Self::Magnav => InsErrors::default(),

@@ -6,13 +6,13 @@ use super::{InsErrors, InsGrade};
 
 /// Error sources of an INS. Its grade gives the unset ones.
 ///
-/// The grade is resolved and not stored: an INS of a grade equals an INS with the same error sources given
+/// The grade is resolved when read and is not stored: an INS of a grade equals an INS with the same error sources given
 /// individually.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InsErrorSpec {
     /// The error sources.
     pub sources: InsErrors,
-    /// Whether a spec gives an initial position, height or velocity.
+    /// Whether a spec sets an initial position, height or velocity.
     pub start_given: bool,
 }
 
@@ -20,7 +20,7 @@ pub struct InsErrorSpec {
 const OF_START: [&str; 3] = ["init_position_sigma_m", "init_altitude_sigma_m", "init_velocity_sigma_mps"];
 
 params! {
-    /// Key in addition to those of [`InsErrors`].
+    /// Additional key besides those of [`InsErrors`].
     struct InsGradeKey;
     /// Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s` of the INS). `magnav`
     /// uses the defaults shown with the keys. `navigation` is a Honeywell HG9900, `tactical` a Honeywell HG1700, and

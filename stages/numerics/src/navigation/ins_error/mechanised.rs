@@ -14,23 +14,23 @@ use crate::navigation::mechanisation::{
 use crate::navigation::pinson::{A_HAT, ACC, ALT, GYRO, HA, LAT, LON, S, STATES, StateVector, TILT_N, VN};
 use crate::signal::gauss_markov::GaussMarkov;
 
-/// Error sources of the mechanisation that the error model lacks.
+/// Error sources of the mechanisation that the error model does not contain.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MechanisationErrors {
     /// Earth model of the mechanisation.
     pub earth: NavigationEarth,
-    /// Scale errors of the accelerometers x, y, z, truth minus measurement of 1.
+    /// Relative scale errors of the accelerometers x, y, z, truth minus measurement.
     pub acc_scale: [f64; 3],
-    /// Scale errors of the gyroscopes x, y, z, truth minus measurement of 1.
+    /// Relative scale errors of the gyroscopes x, y, z, truth minus measurement.
     pub gyro_scale: [f64; 3],
 }
 
-/// Errors like those of [`errors_along`](super::errors_along), with the same realisation for the same draws, but
-/// mechanised. Errors are added to error-free readings of the trajectory, and a barometer-aided strapdown mechanisation
-/// integrates them. The error is the exact motion minus the result.
+/// Mechanised errors, with the same realisation as [`errors_along`](super::errors_along) for the same draws. Errors are
+/// added to error-free readings of the trajectory, and a barometer-aided strapdown mechanisation integrates them. The
+/// error is the exact motion minus the result.
 ///
 /// The exact motion is the error-free mechanisation of the error-free readings. Its position differs from the
-/// trajectory's by the error of the trapezoidal rule, which cancels in the error.
+/// trajectory's by the error of the trapezoidal rule, which cancels in the result.
 ///
 /// # Errors
 /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].

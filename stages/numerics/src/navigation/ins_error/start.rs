@@ -9,7 +9,7 @@ use crate::navigation::transition::{propagate_state, step_covariance, transition
 /// Longest step of the propagation from the alignment, in s.
 const STEP_S: f64 = 5.0;
 
-/// Covariance of the states at the first sample of `ins`, which was aligned `age_s` seconds before.
+/// Covariance of the states at the first sample of `ins`, whose alignment was `age_s` seconds earlier.
 ///
 /// The initial standard deviations of `errors` are those at the alignment. Between the alignment and the first sample
 /// the flight is assumed to be straight and level, with the velocity and heading of the first sample. `ins` has at
@@ -52,7 +52,7 @@ pub struct StartFix {
 /// Standard deviations of a fix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StartFixSigmas {
-    /// Standard deviation of the position north and east, each, in m.
+    /// Standard deviation of the position in each of north and east, in m.
     pub horizontal_m: f64,
     /// Standard deviation of the height, in m.
     pub vertical_m: f64,
@@ -62,7 +62,7 @@ pub struct StartFixSigmas {
 
 impl StartFix {
     /// Covariance of the states of an INS corrected by the fix. Tilts, biases and the barometer loop have the initial
-    /// standard deviations of `errors`, and so has the velocity if the fix has none.
+    /// standard deviations of `errors`, as does the velocity if the fix has none.
     pub fn covariance(&self, errors: &InsErrorModel) -> StateMatrix {
         let mut model = InsErrorModel { start: None, ..*errors };
         model.sources.init_position_sigma_m = self.sigmas.horizontal_m;
@@ -159,7 +159,7 @@ mod tests {
         let rest = columns.each_ref().map(|column| &column[432..]);
         let p = aligned_covariance(&model, &InsSeries::from_columns(rest), 432.0);
         for state in [LAT, LON, VN, VN + 1, TILT_N, TILT_N + 1] {
-            // 400 draws: a variance to 7 % (one sigma).
+            // 400 draws determine a variance to 7 % (one standard deviation).
             let ratio = sums[state] / f64::from(runs) / p[state][state];
             assert!((0.75..1.3).contains(&ratio), "{state}: {ratio}");
         }

@@ -5,7 +5,7 @@ use crate::navigation::pinson::tests::golden;
 use crate::navigation::transition::step_covariance;
 use crate::random::NormalGenerator;
 
-/// MagNav.jl's values for parameters whose defaults in magline are rounded.
+/// MagNav.jl's values of the parameters whose defaults are rounded in magline.
 fn magnav() -> InsErrorModel {
     InsErrorModel {
         sources: InsErrors { vrw_sigma: 2.38e-4, arw_sigma: 5.81e-7, ..InsErrors::default() },
@@ -97,7 +97,7 @@ fn law_simulated_errors_have_the_predicted_covariance() {
         for column in 0..STATES {
             let size = (p[row][row] * p[column][column]).sqrt();
             // The mean of 2000 products has a standard deviation of at most sqrt(2/2000) = 3.2 % of `size`; for 324
-            // products, 4.5 sigma.
+            // products the limit is 4.5 standard deviations.
             let difference = (sums[row][column] - p[row][column]) / size;
             assert!(difference.abs() < 4.5 * 0.032, "{row} {column} {difference}");
         }
@@ -154,8 +154,8 @@ fn law_the_heading_has_its_own_initial_uncertainty() {
     }
     .check();
     assert!(refused.unwrap_err().to_string().starts_with("`init_heading_sigma_deg` must be 0 or above"));
-    // Half a minute north at 60 m/s, then a turn to the east: a heading error rotates the change of velocity by the
-    // same angle.
+    // Half a minute north at 60 m/s, then a turn to the east: a yaw error rotates the change of velocity by the same
+    // angle.
     let flight = Flight::new();
     let quiet = InsErrorModel {
         sources: InsErrors {
@@ -177,7 +177,7 @@ fn law_the_heading_has_its_own_initial_uncertainty() {
         ..InsErrorModel::default()
     };
     let mut draws = 0;
-    // One standard deviation of heading, zero for all other states.
+    // One standard deviation of yaw error, zero for all other states.
     let one = |state: usize| if state == TILT_D { 1.0 } else { 0.0 };
     let errors = simulate_ins_error(&flight.series(), &quiet, || {
         draws += 1;

@@ -8,7 +8,7 @@ use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::sensitivity::Sensitivity;
 
-/// NIS above which a measurement is rejected: one healthy measurement in 100,000.
+/// NIS above which a measurement is rejected; one valid measurement in 100,000 exceeds it.
 pub const GATE_NIS: f64 = 19.5;
 
 /// Number of consecutive rejections that indicates a wrong prediction instead of wrong measurements.

@@ -19,7 +19,7 @@ pub fn rows_at(tt_s: &[f64], interval_s: f64) -> Vec<usize> {
 }
 
 /// INS, measurements and position fixes at a subset of rows. The specific force is the mean up to the next row, so that
-/// a step has the change of velocity of the steps that it spans.
+/// a step has the velocity change of the samples within it.
 pub(super) struct ThinnedLine {
     columns: [Vec<f64>; 13],
     pub(super) measurement_nt: Vec<f64>,

@@ -1,14 +1,14 @@
-//! Readings of error-free inertial sensors along a motion.
+//! Readings of ideal inertial sensors along a motion.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::{ImuReading, NavigationEarth, NavigationState, REPETITIONS, surroundings};
 use crate::earth::attitude::skew;
 
-/// Readings of error-free sensors along a motion given by velocities and attitudes.
+/// Readings of ideal sensors along a motion given by velocities and attitudes.
 ///
-/// The step inverts a mechanisation instead of using a quadrature. A free mechanisation of these readings returns
-/// velocities and attitudes to rounding. Its position is that of [`IdealImu::motion`], the trapezoidal integral of the
+/// Each step inverts a mechanisation instead of using a quadrature. A free mechanisation of these readings reproduces
+/// velocities and attitudes up to rounding. Its position equals [`IdealImu::motion`], the trapezoidal integral of the
 /// velocities.
 #[derive(Clone, Debug)]
 pub struct IdealImu {
@@ -52,7 +52,7 @@ impl IdealImu {
         self.before
     }
 
-    /// Reading with these increments after the correction of coning and sculling.
+    /// Reading whose increments, after the correction of coning and sculling, are the given ones.
     fn uncorrected(&self, rotation_rad: &Vector3<f64>, velocity_mps: &Vector3<f64>, dt_s: f64) -> ImuReading {
         let (angle_before, velocity_before) = self.before.stretched_to(dt_s);
         // The matrices are the identity plus small skew-symmetric ones, which always have an inverse.

@@ -25,7 +25,8 @@ fn resting(earth: NavigationEarth, start: NavigationState, seconds: usize) -> Ve
 
 #[test]
 fn ref_normal_gravity() {
-    // NIMA TR8350.2, table 3.4: 9.7803253359 at the equator, 9.8321849378 at the pole, to its digits.
+    // NIMA TR8350.2, table 3.4: 9.7803253359 m/s² at the equator and 9.8321849378 m/s² at the pole, to the printed
+    // digits.
     assert!((normal_gravity_mps2(0.0, 0.0) - 9.780_325_335_9).abs() < 1e-10);
     assert!((normal_gravity_mps2(std::f64::consts::FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 2e-10);
 }
@@ -34,7 +35,7 @@ fn ref_normal_gravity() {
 fn law_normal_gravity_decreases_with_height() {
     const H: f64 = 50_000.0;
     let [low, middle, high] = [0.0, H, 2.0 * H].map(|alt_m| normal_gravity_mps2(0.8, alt_m));
-    // Derivatives of g R²/(R + h)²: -2 g/R and 6 g/R². The flattening and the rotation are 1 % of each.
+    // Derivatives of g R²/(R + h)²: -2 g/R and 6 g/R². The flattening and the rotation contribute 1 % each.
     assert!((-(high - low) / (2.0 * H) / (2.0 * middle / R) - 1.0).abs() < 0.02);
     assert!(((low - 2.0 * middle + high) / (H * H) / (6.0 * middle / (R * R)) - 1.0).abs() < 0.03);
 }
@@ -46,9 +47,9 @@ fn law_at_rest_the_sensors_measure_the_earth_rate_and_minus_gravity() {
     let rate = to_body * Vector3::new(0.7_f64.cos(), 0.0, -0.7_f64.sin()) * EARTH_RATE_RADPS;
     let lift = to_body * Vector3::new(0.0, 0.0, -normal_gravity_mps2(0.7, 0.0));
     let last = resting(NavigationEarth::Wgs84, start, 3)[2];
-    // Rounding of angles of 1 rad and of 9.8 m/s.
+    // Rounding of angles of 1 rad and of velocities of 9.8 m/s.
     assert!((last.angle_rad - rate).norm() < 1e-15, "{}", (last.angle_rad - rate).norm());
-    // The earth rotates the body by 7e-5 rad per second: second order in that, and rounding.
+    // The earth rotates the body by 7e-5 rad per second: the error is of second order in this angle, plus rounding.
     assert!((last.velocity_mps - lift).norm() < 1e-8, "{}", (last.velocity_mps - lift).norm());
 }
 
@@ -65,7 +66,7 @@ fn law_an_error_free_ins_at_rest_stays_at_rest() {
     assert!(start.body_to_ned.angle_to(&end.body_to_ned) < 1e-11);
 }
 
-/// Analytic motion: position and attitude oscillate in all directions.
+/// Analytic motion whose position and attitude oscillate in all directions.
 struct Swing {
     earth: NavigationEarth,
 }
@@ -98,7 +99,7 @@ impl Swing {
         let (meridian, transverse) = self.earth.radii_m(lat, alt);
         let earth_rate = Vector3::new(lat.cos(), 0.0, -lat.sin()) * self.earth.rate_radps();
         let transport = Vector3::new(v.y / transverse, -v.x / meridian, -v.y * lat.tan() / transverse);
-        // Minus the tilt over a short time is the rotation, in north-east-down.
+        // The rotation is minus the tilt over a short time, in north-east-down.
         const H: f64 = 1e-4;
         let turn = -tilt_between(&Self::attitude(t - H), &Self::attitude(t + H)) / (2.0 * H);
         let gravity = Vector3::new(0.0, 0.0, self.earth.gravity_mps2(lat, alt));
@@ -134,11 +135,11 @@ fn apart(a: &NavigationState, b: &NavigationState) -> [f64; 3] {
     [place, (a.vel_ned_mps - b.vel_ned_mps).norm(), a.body_to_ned.angle_to(&b.body_to_ned)]
 }
 
-/// Distance between the mechanisation of the integrals of rate and force and the motion, after a minute.
+/// Difference, after a minute, between the motion and the mechanisation of its integrated rate and force.
 fn after_a_minute(earth: NavigationEarth, steps: u32) -> [f64; 3] {
     let swing = Swing { earth };
     let dt_s = 60.0 / f64::from(steps);
-    // The first reading is the previous reading of the second one.
+    // The first reading serves as the previous reading of the second one.
     let mut ins = Mechanisation::new(earth, swing.motion(0.0), 0.0);
     for k in 0..steps {
         let (t, middle) = (dt_s * f64::from(k), dt_s * (f64::from(k) + 0.5));
@@ -198,7 +199,7 @@ fn law_the_mechanisation_of_ideal_readings_reproduces_the_motion() {
         ins.step(&reading, Some(baro_alt_m + 0.5 * readings.motion().alt_m));
     }
     let [place, speed, angle] = apart(ins.motion(), readings.motion());
-    // 6000 rounding errors, and the truncation after the last repetition of a step: (2 Ω Δt)^4.
+    // 6000 rounding errors, and the truncation error after the last repetition of a step: (2 Ω Δt)^4.
     assert!(place < 1e-6 && speed < 1e-9 && angle < 1e-12, "{place:e} {speed:e} {angle:e}");
     let [place, ..] = apart(readings.motion(), &swing.motion(600.0));
     // Trapezoidal rule over the velocities: v'' Δt²/12 of the oscillations, which average out.
@@ -239,7 +240,7 @@ fn law_tilts_and_biases_oscillate_with_the_schuler_period() {
         difference(&drift_north_m(&ImuErrors::default(), tilt, hours), |t| -R * tilt * (1.0 - (schuler * t).cos()));
     let of_drift = difference(&drift_north_m(&gyro, 0.0, hours), |t| -R * drift * (t - (schuler * t).sin() / schuler));
     println!("bias {of_bias:.1e}, tilt {of_tilt:.1e}, drift {of_drift:.1e}");
-    // Step of one second: (ωs Δt)²/12 = 1e-7 of the phase, over two oscillations.
+    // With a step of one second, the phase error is (ωs Δt)²/12 = 1e-7, over two oscillations.
     assert!(of_bias < 1e-5 && of_tilt < 1e-5 && of_drift < 1e-5, "{of_bias:e} {of_tilt:e} {of_drift:e}");
 }
 
@@ -265,7 +266,7 @@ fn ref_the_schuler_period_on_the_real_earth_is_84_4_minutes() {
     let periods = (0..200).map(|k| 80.0 + 0.05 * f64::from(k));
     let best = periods.min_by(|a, b| misfit(*a).total_cmp(&misfit(*b))).unwrap_or_default();
     println!("period {best:.2} min, misfit {:.4}", misfit(best));
-    // In addition to Foucault's rotation, the earth rate adds (Ω/ωs)², 0.35 % of the period.
+    // In addition to Foucault's rotation, the earth rate changes the period by (Ω/ωs)², 0.35 %.
     assert!((best - 84.4).abs() < 0.3 && misfit(best) < 0.02, "{best} {}", misfit(best));
 }
 
@@ -280,7 +281,7 @@ fn law_a_flight_over_the_pole_continues_south_on_the_other_side() {
     };
     let mut ins = Mechanisation::new(NOT_ROTATING, start, 0.0);
     for _ in 0..20 {
-        // Along a great circle the body rotates only about its right wing.
+        // Along a great circle the body rotates only about its lateral axis.
         let angle_rad = Vector3::new(0.0, -100.0 / R, 0.0);
         ins.step(&ImuReading { dt_s: 1.0, angle_rad, velocity_mps: Vector3::new(0.0, 0.0, 1e4 / R - G) }, Some(0.0));
     }
@@ -311,6 +312,6 @@ fn law_a_free_vertical_channel_diverges_and_a_barometer_stabilises_it() {
     let expected = 1e-3 / lambda.powi(2) * ((lambda * 1200.0).cosh() - 1.0);
     let free = fallen(None);
     assert!((free / expected - 1.0).abs() < 0.01, "{free} {expected}");
-    // The loop's integral compensates the bias: b/K2 = 3.3 m at most, and decreasing.
+    // The integral term of the loop compensates the bias: b/K2 = 3.3 m at most, and decreasing.
     assert!(fallen(Some(0.0)).abs() < 0.3, "{}", fallen(Some(0.0)));
 }

@@ -13,9 +13,9 @@ use super::draws::ParticleDraws;
 pub(super) const BLOCK: usize = 32;
 /// One value for each particle of a block.
 pub(super) type ParticleLanes = [f64; BLOCK];
-/// The `N` states of a block: the 18 of the INS, and those of further measurements.
+/// The `N` states of a block: the 18 states of the INS, and those of further measurements.
 pub(super) type ParticleBlock<const N: usize> = [ParticleLanes; N];
-/// Number of particles whose sums are in registers.
+/// Number of particles whose sums are kept in registers.
 const WIDE: usize = 16;
 /// Number of separate sums, so that they are independent in the pipeline.
 const SUMS: usize = 8;
@@ -24,7 +24,7 @@ const LEAST_TO_SPREAD: usize = 8192;
 /// Number of blocks per thread task.
 const SHARE: usize = 64;
 
-/// Particles with their weights. Particles beyond the last fill its block and have zero weight.
+/// Particles with their weights. Unused lanes of the last block have zero weight.
 #[derive(Clone, Debug)]
 pub(super) struct ParticleCloud<const N: usize> {
     /// Number of particles.
@@ -124,7 +124,7 @@ impl<const N: usize> ParticleCloud<N> {
         sums.each_ref().map(total)
     }
 
-    /// Weighted covariance of all states about a mean, without the common covariance.
+    /// Weighted covariance of all states about a mean, excluding the common covariance.
     pub(super) fn covariance(&self, mean: &[f64; N]) -> ParticleMatrix<N> {
         let mut sum = [[0.0; N]; N];
         for (block, weights) in self.blocks.iter().zip(&self.weights) {
@@ -150,8 +150,8 @@ impl<const N: usize> ParticleCloud<N> {
         }
     }
 
-    /// Corrects the linear states of every particle by its own gain: x ← x + (P_alt·slope + P u) r, where `r` is the
-    /// residual over its variance, and `of_common` is P u with the common part u of H.
+    /// Corrects the linear states of every particle by its own gain: x ← x + (P_alt·slope + P u) r. `r` is the residual
+    /// over its variance, and `of_common` is P u with the common part u of H.
     pub(super) fn correct(
         &mut self,
         p: &ParticleMatrix<N>,
@@ -170,7 +170,7 @@ impl<const N: usize> ParticleCloud<N> {
     }
 }
 
-/// Adds to separate sums, lane by lane.
+/// Adds to the separate sums, lane by lane.
 #[inline(always)]
 pub(super) fn accumulate(sums: &mut [f64; SUMS], of: impl Fn(usize) -> f64) {
     for first in (0..BLOCK).step_by(SUMS) {
@@ -180,7 +180,7 @@ pub(super) fn accumulate(sums: &mut [f64; SUMS], of: impl Fn(usize) -> f64) {
     }
 }
 
-/// Sum of the separate sums.
+/// Total of the separate sums.
 pub(super) fn total(sums: &[f64; SUMS]) -> f64 {
     let [a, b, c, d, e, f, g, h] = *sums;
     ((a + e) + (b + f)) + ((c + g) + (d + h))

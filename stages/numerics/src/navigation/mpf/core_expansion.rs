@@ -6,9 +6,9 @@ use crate::earth::core_field::CoreField;
 use crate::earth::field_value::FieldValue;
 use crate::earth::geodesy::EarthModel;
 
-/// Magnitude of the core field about a point near the middle of the cloud. A cloud may be tens of kilometres wide,
-/// which exceeds the range of a linear expansion. The second-order expansion is exact to 0.001 nT within 10 km, and to
-/// 0.1 nT within 30 km.
+/// Magnitude of the core field, expanded about a point near the middle of the cloud. A cloud may be tens of kilometres
+/// wide, which exceeds the range of a linear expansion. The second-order expansion is exact to 0.001 nT within 10 km,
+/// and to 0.1 nT within 30 km.
 #[derive(Clone, Debug)]
 pub(super) struct CoreExpansion {
     field: Arc<CoreField>,
@@ -23,12 +23,12 @@ struct CoreExpansionPoint {
     at_place: FieldValue,
     /// Second derivatives by latitude twice, by latitude and longitude, and by longitude twice, in nT/rad².
     second: [f64; 3],
-    /// Change of the vertical slope with latitude and longitude, in nT/(m rad).
+    /// Derivatives of the vertical slope with respect to latitude and longitude, in nT/(m rad).
     slope_d_lat: f64,
     slope_d_lon: f64,
 }
 
-/// Largest distance of the middle from the point of expansion before the point is moved.
+/// Largest distance of the middle from the expansion point before the point is moved.
 const REACH_M: f64 = 2000.0;
 const REACH_UP_M: f64 = 100.0;
 /// Step of the central differences of the exact gradient: about 3 km.
@@ -39,7 +39,7 @@ impl CoreExpansion {
         Self { field, place: None }
     }
 
-    /// Moves the point of expansion if the middle of the cloud is too far from it.
+    /// Moves the expansion point if the middle of the cloud is too far from it.
     pub(super) fn follow(&mut self, lat_deg: f64, lon_deg: f64, alt_m: f64) {
         let near = |place: &CoreExpansionPoint| {
             let (north, east) =
@@ -57,7 +57,7 @@ impl CoreExpansion {
         self.place.as_ref().map_or((0.0, 0.0), |place| place.extrapolate(lat_deg, lon_deg, alt_m))
     }
 
-    /// Horizontal gradient at the point of expansion, in nT/rad; 0 before the first [`Self::follow`].
+    /// Horizontal gradient at the expansion point, in nT/rad; 0 before the first [`Self::follow`].
     pub(super) fn gradient(&self) -> [f64; 2] {
         self.place.as_ref().map_or([0.0; 2], |CoreExpansionPoint { at_place, .. }| {
             [at_place.d_lat_nt_per_rad, at_place.d_lon_nt_per_rad]

@@ -1,4 +1,4 @@
-//! Covariance that all particles share: of the linear states, given a particle's position.
+//! Covariance of the linear states given a particle's position, common to all particles.
 //!
 //! It is stored over all `N` states, the 18 of the INS and those of further measurements, with zeros for the position.
 
@@ -6,7 +6,7 @@ use crate::navigation::line::LineStep;
 use crate::navigation::pinson::{ALT, LAT, LON, STATES, StateMatrix};
 use crate::navigation::transition::propagate_covariance;
 
-/// Fraction of its variance below which a pivot is rounding.
+/// Fraction of its variance below which a pivot is treated as rounding.
 const LEAST_PIVOT: f64 = 1e-13;
 
 /// Matrix over the states.
@@ -33,8 +33,8 @@ pub(super) fn dot<const N: usize>(h: &[(usize, f64)], x: &[f64; N]) -> f64 {
     h.iter().map(|(state, entry)| entry * x[*state]).sum()
 }
 
-/// Corrects a covariance with a scalar measurement of `h`·x with a noise of this variance, in Joseph's form; with
-/// variance 0, conditions it on the value. A combination without variance is not changed.
+/// Corrects a covariance with a scalar measurement of `h`·x whose noise has this variance, in Joseph's form. With
+/// variance 0, conditions it on the value. A combination with zero variance is not changed.
 pub(super) fn correct<const N: usize>(p: &mut ParticleMatrix<N>, h: &[(usize, f64)], variance: f64) {
     let ph = times(p, h);
     let total = dot(h, &ph) + variance;
@@ -59,7 +59,7 @@ pub(super) fn correct<const N: usize>(p: &mut ParticleMatrix<N>, h: &[(usize, f6
     }
 }
 
-/// Sets the row and column of a state to zero if its variance is only rounding.
+/// Sets the row and column of a state to zero if its variance is at the level of rounding.
 fn clear<const N: usize>(p: &mut ParticleMatrix<N>, state: usize) {
     p[state] = [0.0; N];
     p.iter_mut().for_each(|row| row[state] = 0.0);
@@ -84,11 +84,11 @@ pub(super) fn condition_on_position<const N: usize>(p: &mut ParticleMatrix<N>) -
     spread
 }
 
-/// Step of the common covariance, and the factors of each particle's normals: with the covariance Σ = Φ diag(0, P) Φᵀ +
-/// Q of the step, x ← Φ x + spread·ξ and P ← Σ given the position.
+/// Step of the common covariance, and the factors of each particle's normals. With the covariance Σ = Φ diag(0, P) Φᵀ +
+/// Q of the step, x ← Φ x + spread·ξ, and P ← Σ given the position.
 ///
-/// [Schön, Gustafsson & Nordlund 2005, (22)-(25), where M is the position's block of Σ, and L M the rest of its
-/// columns. The paper first removes noise that position and linear states share; here it is part of Σ]
+/// [Schön, Gustafsson & Nordlund 2005, (22)-(25), where M is the position's block of Σ, and L M the remaining part of
+/// its columns. The paper first removes the noise that position and linear states share; here it is part of Σ]
 pub(super) fn predict<const N: usize>(
     p: &mut ParticleMatrix<N>,
     step: &LineStep,
@@ -127,12 +127,12 @@ pub(super) struct InformationSums {
     pub(super) alt: f64,
 }
 
-/// Mean of the covariances of the particles after a measurement, P − P (Σ w hᵀh/v) P with h = u + slope·e, where u is
-/// `common` to all particles and e is the altitude.
+/// Mean of the covariances of the particles after a measurement: P − P (Σ w hᵀh/v) P with h = u + slope·e. u is
+/// `common` to all particles, and e is the unit row of the altitude.
 ///
-/// It equals the covariance after a measurement with information J = M (I − P M)⁻¹, where M is the sum, over u·x and
-/// the altitude. J is split into two scalar measurements so that each can be in Joseph's form. With equal slopes there
-/// is one measurement: the usual update.
+/// It equals the covariance after a measurement with information J = M (I − P M)⁻¹, with the sum M over u·x and the
+/// altitude. J is split into two scalar measurements so that each can be in Joseph's form. With equal slopes there is
+/// one measurement: the usual update.
 pub(super) fn measure<const N: usize>(p: &mut ParticleMatrix<N>, common: &[(usize, f64)], of: InformationSums) {
     let of_common = times(p, common);
     let (paa, pau, puu) = (p[ALT][ALT], of_common[ALT], dot(common, &of_common));

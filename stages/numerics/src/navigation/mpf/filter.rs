@@ -1,4 +1,4 @@
-//! Recursion along a line.
+//! Recursion of the filter along a line.
 
 use crate::navigation::aided::filter::MeasurementOutcome;
 use crate::navigation::aids::{Aid, AidStates, Aids, SampleInnovations, SampleUsage};
@@ -18,14 +18,14 @@ use super::output::{MpfOutput, modes_of};
 use super::parameters::MpfParameters;
 use super::resampling::{ParticleResampler, ParticleResampling};
 
-/// Smallest fraction of effective particles after a measurement; below it the measurement is used in parts.
+/// Smallest fraction of effective particles after a measurement; below it the measurement is split.
 pub(super) const LEAST_LEFT: f64 = 0.1;
-/// Smallest fraction of the remaining information of a measurement that is used at once.
+/// Smallest fraction of the remaining information of a measurement that is used in one part.
 const LEAST_PART: f64 = 1.0 / 256.0;
 /// Maximum number of parts of a measurement.
 pub(super) const MOST_PARTS: usize = 64;
 
-/// Source of a correction of the particles at a sample. Each has its own resamplings.
+/// Source of a correction of the particles at a sample. Each source has separate resamplings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum CorrectionSource {
     Scalar,
@@ -202,8 +202,9 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
         self.predictor.fit_of(&self.cloud, &self.p, measured)
     }
 
-    /// Corrects with a predicted measurement at once. If too few particles would remain effective, splits it into
-    /// several measurements whose inverse variances add up to its own, with a resampling after each except the last.
+    /// Corrects with a predicted measurement in one step. If too few particles would remain effective, splits it into
+    /// several measurements whose inverse variances add up to the original one, with a resampling after each except the
+    /// last.
     fn update(&mut self, turn: CorrectionSource, row: usize, mut whole: CloudMeasurement, mut on_map: f64) {
         let enough = LEAST_LEFT * self.cloud.particles as f64;
         let mut left = 1.0_f64;
@@ -269,7 +270,7 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
         Ok(())
     }
 
-    /// Resamples at a row. `turn` and `part` identify the draws, which no other resampling of the line uses.
+    /// Resamples at a row. `turn` and `part` identify the draws, which are unique within the line.
     pub(super) fn resample(&mut self, turn: CorrectionSource, row: usize, part: usize) {
         let number = (turn.place() * self.line.ins.len() + row) * MOST_PARTS + part;
         let MpfParameters { seed, regularise, roughening, smooth_over_m, .. } = *self.parameters;

@@ -7,8 +7,8 @@ use super::cloud::{BLOCK, NO_SUMS, ParticleBlock, ParticleCloud, ParticleLanes, 
 use super::covariance::correct;
 use super::filter::{CorrectionSource, LEAST_LEFT, MOST_PARTS, MarginalisedParticleFilter};
 
-/// Smallest fraction of the remaining information of a fix that is used at once, for a cloud of kilometres and a fix of
-/// metres.
+/// Smallest fraction of the remaining information of a fix that is used in one part, for a cloud of kilometres and a
+/// fix of metres.
 const LEAST_PART: f64 = 1e-12;
 
 /// Updated weights of the particles before they replace those of the cloud.
@@ -55,7 +55,7 @@ impl<const N: usize> MarginalisedParticleFilter<'_, N> {
     }
 
     /// Updates the weights with latitude and longitude at once. If too few particles would remain effective, splits
-    /// them into several fixes whose inverse variances add up to its own, with a resampling between them.
+    /// them into several fixes whose inverse variances add up to the original one, with a resampling between them.
     fn fix_position(&mut self, row: usize, fixes: &[StateFix]) {
         let enough = LEAST_LEFT * self.cloud.particles as f64;
         let mut left = 1.0_f64;
@@ -90,13 +90,13 @@ fn log_likelihoods<const N: usize>(cloud: &ParticleCloud<N>, fixes: &[StateFix])
     cloud.blocks.iter().map(|block| std::array::from_fn(|lane| of(lane, block))).collect()
 }
 
-/// Weights of a cloud times a part of the likelihoods.
+/// Weights of a cloud multiplied by a power of the likelihoods.
 fn weighed<const N: usize>(cloud: &ParticleCloud<N>, logs: &[ParticleLanes], part: f64) -> TentativeWeights {
     let mut log_weights = cloud.log_weights.clone();
     let mut most = f64::NEG_INFINITY;
     for (weights, logs) in log_weights.iter_mut().zip(logs) {
         for (weight, log) in weights.iter_mut().zip(logs) {
-            // A lane without a particle keeps zero weight for any states.
+            // A lane without a particle keeps zero weight regardless of its states.
             if *weight > f64::NEG_INFINITY {
                 *weight += part * log;
                 most = most.max(*weight);

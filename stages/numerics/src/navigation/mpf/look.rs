@@ -114,8 +114,8 @@ impl<'a> ParticleFields<'a> {
         Some([(S, 1.0)].into_iter().chain(self.states.map_error.map(|state| (state, 1.0))).collect())
     }
 
-    /// Difference of the fields at both ends of the baseline. The tilt turns the baseline in the mean slope of all
-    /// particles. The difference from their own slopes is slope times baseline times tilt, 0.001 nT.
+    /// Difference of the fields at both ends of the baseline. The effect of the tilt on the baseline is computed with
+    /// the mean slope of all particles. The error of using the mean slope is 0.001 nT.
     fn difference<const N: usize>(
         &mut self,
         row: usize,
@@ -166,8 +166,8 @@ impl<'a> ParticleFields<'a> {
         Some((TILT_N..).zip(tilt).chain([(bias, 1.0)]).chain(slope.into_iter().flatten()).collect())
     }
 
-    /// Component of the field vector. The core field is linear over the cloud, and the tilt is linearised about its
-    /// middle.
+    /// Component of the field vector. The core field is linear over the cloud, and the effect of the tilt is linearised
+    /// at its mean.
     fn vector<const N: usize>(
         &mut self,
         axis: usize,

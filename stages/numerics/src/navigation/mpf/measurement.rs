@@ -1,4 +1,4 @@
-//! Measurement for all particles.
+//! A measurement evaluated at all particles.
 
 use crate::navigation::pinson::ALT;
 
@@ -9,8 +9,7 @@ use super::covariance::{InformationSums, ParticleMatrix, dot, times};
 /// cloud.
 const LEAST_ON_MAP: f64 = 0.1;
 
-/// Scalar measurement of z = v(position) + u·x + white noise, where v is specific to each particle and the row u is
-/// common.
+/// Scalar measurement z = v(position) + u·x + white noise. v is specific to each particle; the row u is common.
 #[derive(Clone, Debug)]
 pub(super) struct CloudMeasurement {
     /// z.
@@ -22,7 +21,7 @@ pub(super) struct CloudMeasurement {
 }
 
 impl CloudMeasurement {
-    /// Same measurement with a part of its information.
+    /// The same measurement with a fraction of its information.
     pub(super) fn part(&self, part: f64) -> Self {
         Self { variance: self.variance / part, ..self.clone() }
     }
@@ -37,11 +36,11 @@ pub(super) struct CloudPrediction {
     pub(super) d_alt: Vec<ParticleLanes>,
     /// Change of the field with height at each particle, in nT/m; 0 off the map.
     pub(super) slopes: Vec<ParticleLanes>,
-    /// Residual over its variance at each particle, in 1/nT; 0 off the map.
+    /// Residual divided by its variance at each particle, in 1/nT; 0 off the map.
     pub(super) residuals: Vec<ParticleLanes>,
     /// Inverse variance of the residual, in 1/nT²; 0 off the map.
     inverses: Vec<ParticleLanes>,
-    /// Logarithm of the likelihood. For particles off the map it follows from the others.
+    /// Logarithm of the likelihood; not used for particles off the map.
     log_likelihoods: Vec<ParticleLanes>,
     /// Weights with the likelihoods, before they replace those of the cloud.
     weights: Vec<ParticleLanes>,
@@ -51,7 +50,7 @@ pub(super) struct CloudPrediction {
 /// Residual of the cloud.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CloudResidual {
-    /// Part of the weight on the map.
+    /// Fraction of the weight on the map.
     pub(super) on_map: f64,
     /// Weighted mean of the residuals on the map, in nT.
     pub(super) residual_nt: f64,
@@ -121,7 +120,7 @@ impl CloudPrediction {
         }
     }
 
-    /// Residual of the cloud with its present weights.
+    /// Residual of the cloud with its current weights.
     fn fit<const N: usize>(&self, cloud: &ParticleCloud<N>) -> CloudResidual {
         let (mut on_map, mut first, mut second, mut own) = (NO_SUMS, NO_SUMS, NO_SUMS, NO_SUMS);
         let mut best = f64::INFINITY;
@@ -145,8 +144,8 @@ impl CloudPrediction {
     }
 
     /// Multiplies the weights by the likelihoods. Weights of particles off the map are multiplied by the mean
-    /// likelihood of the others, so the part of the weight off the map stays constant. Returns the effective number of
-    /// particles.
+    /// likelihood of the others, so the fraction of the weight off the map stays constant. Returns the effective number
+    /// of particles.
     pub(super) fn weigh<const N: usize>(&mut self, cloud: &ParticleCloud<N>, on_map: f64) -> f64 {
         let mut most = f64::NEG_INFINITY;
         for (logs, likelihoods) in cloud.log_weights.iter().zip(&self.log_likelihoods) {

@@ -1,18 +1,18 @@
-//! Modes of a cloud of weighted points in the plane: maxima of density, with a valley between any two.
+//! Modes of a cloud of weighted points in the plane: density maxima that are separated by a valley.
 //!
 //! The density of the whitened points is smoothed on a grid by a Gaussian of the optimal bandwidth. The cells are
-//! visited from the highest to the lowest, and each joins the hill of its neighbours or starts a new one. Where two
-//! hills meet, the lower is part of the higher unless the saddle is below [`VALLEY`] of its top [Chazal, Guibas, Oudot
-//! & Skraba 2013]. Each hill is then analysed on a grid of its size, to separate modes of very different sizes. The
-//! algorithm is deterministic.
+//! visited from the highest to the lowest. Each is assigned to the hill of its neighbours or starts a new one. Where
+//! two hills meet, the lower is merged into the higher unless the saddle is below [`VALLEY`] times its top [Chazal,
+//! Guibas, Oudot & Skraba 2013]. Each hill is then analysed on a finer grid, to separate modes of very different sizes.
+//! The algorithm is deterministic.
 
-/// Fraction of the lower top below which a saddle separates two modes.
+/// Ratio to the lower top below which a saddle separates two modes.
 const VALLEY: f64 = 0.4;
-/// Smallest weight of a mode. Points of smaller modes join the nearest one.
+/// Smallest weight of a mode. Points of smaller modes are assigned to the nearest mode.
 const LEAST_WEIGHT: f64 = 0.01;
 /// Number of cells per side.
 const SIDE: usize = 32;
-/// Half the width of the grid, in standard deviations. Points farther out count in the edge cells.
+/// Half the width of the grid, in standard deviations. Points farther out are assigned to the edge cells.
 const HALF_WIDTH: f64 = 4.0;
 const CELLS: usize = SIDE * SIDE;
 /// Number of refinements of a mode.
@@ -65,12 +65,12 @@ impl ModeClusters {
         }
     }
 
-    /// Splits one mode; its highest hill keeps the label. Returns the number of other hills, whose labels follow those
-    /// in use.
+    /// Splits one mode; its highest hill keeps the label. Returns the number of other hills, whose labels follow the
+    /// existing ones.
     fn split(&mut self, label: u32, weights: &[f64], points: impl Fn(usize) -> [f64; 2] + Copy) -> u32 {
         let Some(moments) = ClusterMoments::new(&self.labels, label, weights, points) else { return 0 };
         self.scratch.fill(&moments, &self.labels, label, weights, points);
-        // In cells: the bandwidth of a plane. A pass of 1 2 1 has the variance ½.
+        // Bandwidth for a plane, in cells. One pass of 1 2 1 has the variance ½.
         let bandwidth = moments.effective.powf(-1.0 / 6.0) * SIDE as f64 / (2.0 * HALF_WIDTH);
         self.scratch.blur((2.0 * bandwidth * bandwidth).ceil().clamp(2.0, 24.0) as usize);
         let hills = self.scratch.climb();
@@ -80,7 +80,7 @@ impl ModeClusters {
         self.relabel(label, weights, hills)
     }
 
-    /// Sets the labels of the points of `label` to those of their hills.
+    /// Replaces the label `label` of points by the labels of their hills.
     fn relabel(&mut self, label: u32, weights: &[f64], hills: usize) -> u32 {
         let mut hill_weights = vec![0.0; hills];
         for (point, weight) in weights.iter().enumerate() {
@@ -132,7 +132,7 @@ impl ClusterMoments {
         let [a, b, c] = [a, b, c].map(|sum| sum / weight);
         let l11 = a.sqrt();
         let l21 = b / l11;
-        // Points on a straight line still have one or two hills: the other axis has a very small width.
+        // Points on a straight line also have one or two hills: the other axis has a very small width.
         let l22 = (c - l21 * l21).max(1e-12 * c).sqrt();
         let fine = weight > 0.0 && l11 > 0.0 && l22 > 0.0 && l21.is_finite();
         fine.then_some(Self { weight, mean, root: [l11, l21, l22], effective: weight * weight / squares })
@@ -174,7 +174,7 @@ impl ModeDensityGrid {
         (hill != NONE).then_some(hill as usize)
     }
 
-    /// Smooths by 1 2 1 along both axes `passes` times, without loss at the edges of the grid.
+    /// Smooths with the kernel 1 2 1 along both axes `passes` times, without loss at the edges of the grid.
     fn blur(&mut self, passes: usize) {
         self.smooth.resize(CELLS, 0.0);
         for _ in 0..passes {
@@ -194,7 +194,7 @@ impl ModeDensityGrid {
         }
     }
 
-    /// Finds the hill of every cell, numbered from the highest. Returns the number of hills.
+    /// Assigns every cell to a hill; hills are numbered from the highest. Returns the number of hills.
     fn climb(&mut self) -> usize {
         let Self { density, order, hill, .. } = self;
         order.clear();
@@ -204,7 +204,7 @@ impl ModeDensityGrid {
         });
         hill.clear();
         hill.resize(CELLS, NONE);
-        // For each started hill: the hill it is part of, and its top.
+        // For each started hill: the hill into which it is merged, and its top.
         let (mut part_of, mut tops): (Vec<u32>, Vec<f64>) = (vec![], vec![]);
         for cell in order.iter().map(|cell| usize::from(*cell)) {
             let mut own = NONE;
@@ -245,7 +245,7 @@ impl ModeDensityGrid {
         count as usize
     }
 
-    /// Assigns the cells of hills without a name to the hill of the nearest cell with one.
+    /// Assigns the cells of unlabelled hills to the hill of the nearest labelled cell.
     fn give_away(&mut self, names: &[u32]) {
         let named = |hill: u32| hill != NONE && names[hill as usize] != NONE;
         let kept: Vec<usize> = (0..CELLS).filter(|cell| named(self.hill[*cell])).collect();

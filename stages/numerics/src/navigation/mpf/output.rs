@@ -21,7 +21,7 @@ pub struct MpfOutput {
     pub effective: Vec<f64>,
     /// Outcome of each sample.
     pub usage: Vec<SampleUsage>,
-    /// Innovations of the further measurements for the whole cloud, as for the field.
+    /// Innovations of the further measurements for the whole cloud, defined as for the field.
     pub aids: AidInnovations,
     /// Modes of the samples selected by [`super::MpfParameters::modes_every`], and of the last sample.
     pub modes: Vec<SampleModes>,
@@ -34,13 +34,12 @@ pub struct MpfOutput {
 pub struct MpfReport {
     /// Number of resamplings.
     pub resamplings: usize,
-    /// Samples with a measurement of the field that no particle explains ([`super::UNEXPLAINED_NIS`]), which is not
-    /// used.
+    /// Samples whose measurement of the field no particle explains ([`super::UNEXPLAINED_NIS`]) and is not used.
     pub unexplained: usize,
     /// Longest run of these samples; samples without a measurement do not interrupt it.
     pub unexplained_in_a_row: usize,
-    /// Samples with an effective number of particles below 2 after their measurement: one particle is the estimate, and
-    /// its covariance is meaningless.
+    /// Samples whose effective number of particles is below 2 after their measurement: the estimate is a single
+    /// particle, and its covariance is meaningless.
     pub collapsed: usize,
     /// Longest run of these samples; samples without a used measurement do not interrupt it.
     pub collapsed_in_a_row: usize,

@@ -3,24 +3,24 @@
 use crate::navigation::ins_error::ParameterError;
 use params::{Rule, obeys};
 
-/// Parameters of the marginalised particle filter; noise and errors are those of the line.
+/// Parameters of the marginalised particle filter; noise and INS errors are those of the line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MpfParameters {
     /// Number of particles, from 1 to [`Self::MOST_PARTICLES`].
     pub particles: usize,
     /// Seed of all random numbers. Results are bit-identical for any number of threads.
     pub seed: u64,
-    /// Fraction of the number of particles. The filter resamples when the effective number 1/Σq² falls below it; 0
-    /// never resamples, 1 always does.
+    /// Fraction of the number of particles for resampling. The filter resamples when the effective number 1/Σq² falls
+    /// below it; 0 never resamples, 1 always does.
     pub resample_threshold: f64,
     /// Resamples from a kernel density instead of the particles (see [`super::run`]). Without it, copies of a few
     /// particles remain for a navigation-grade INS, whose position error has almost no driving noise.
     pub regularise: bool,
     /// Distance over which the map is nearly linear, in m; about the height above its sources. A wider cloud has a
-    /// kernel for each of its parts. For a difference, the slope must be linear over this distance.
+    /// separate kernel for each of its cells. For a difference, the slope must be linear over this distance.
     pub smooth_over_m: f64,
     /// Independent noise for the position of each resampled particle, per axis: this number times the range of the
-    /// particles over the root of their number [Gordon, Salmond & Smith 1993, who use 0.2]; 0 adds none.
+    /// particles over the square root of their number [Gordon, Salmond & Smith 1993, who use 0.2]; 0 adds none.
     pub roughening: f64,
     /// Largest NIS of a measurement for the whole cloud; larger ones are rejected and counted. `None` rejects only
     /// measurements that contradict every particle.
@@ -51,7 +51,7 @@ impl Default for MpfParameters {
 }
 
 impl MpfParameters {
-    /// Maximum number of particles: they take about half a gigabyte.
+    /// Maximum number of particles, which take about half a gigabyte.
     pub const MOST_PARTICLES: usize = 1_000_000;
 
     /// Rejects invalid parameters.

@@ -14,8 +14,8 @@ pub(super) struct ParticlePartition {
 }
 
 impl ParticlePartition {
-    /// Halves the points repeatedly at the weighted median along the longer side, down to cells with a standard
-    /// deviation of at most `size`. [Bentley 1975]
+    /// Divides the points repeatedly at the weighted median along the longer side, until the standard deviation of each
+    /// cell is at most `size`. [Bentley 1975]
     ///
     /// `points` returns coordinates in the unit of `size`.
     pub(super) fn divide(&mut self, weights: &[f64], size: f64, points: impl Fn(usize) -> [f64; 2]) {
@@ -47,7 +47,8 @@ impl ParticlePartition {
     }
 }
 
-/// Axis of the larger variance of a cell to be halved; `None` if it is small enough or has too few effective points.
+/// Axis with the larger variance, for a cell that must be divided; `None` if it is small enough or has too few
+/// effective points.
 fn longer_side(cell: &[u32], weights: &[f64], size: f64, points: impl Fn(usize) -> [f64; 2]) -> Option<usize> {
     let (mut weight, mut squares, mut sum) = (0.0, 0.0, [0.0; 2]);
     for point in cell {

@@ -19,7 +19,7 @@ pub(super) struct ParticleResampling {
     pub(super) m_per_rad: [f64; 2],
 }
 
-/// Buffers that all resamplings share.
+/// Buffers shared by all resamplings.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ParticleResampler<const N: usize> {
     ancestors: Vec<u32>,
@@ -30,8 +30,8 @@ pub(super) struct ParticleResampler<const N: usize> {
 }
 
 impl<const N: usize> ParticleResampler<N> {
-    /// Draws as many particles as there are, with probabilities equal to the weights, and sets equal weights. `p` is
-    /// the common covariance, to which a kernel adds its linear part.
+    /// Draws the same number of particles, with probabilities equal to the weights, and sets equal weights. `p` is the
+    /// common covariance, to which a kernel adds its linear part.
     pub(super) fn resample(
         &mut self,
         how: ParticleResampling,
@@ -65,7 +65,7 @@ impl<const N: usize> ParticleResampler<N> {
         cloud.make_equal();
     }
 
-    /// Kernels of the position by cell, and of the linear states by mode.
+    /// Kernels: of the position by cell, and of the linear states by mode.
     fn kernels(
         &mut self,
         how: ParticleResampling,
@@ -150,13 +150,13 @@ impl PositionKernel {
     }
 }
 
-/// Kernel of the linear states in one mode: not drawn, but added to the common covariance.
+/// Kernel of the linear states in one mode, which is not drawn but added to the common covariance.
 struct LinearKernel<const N: usize> {
     weight: f64,
     mean: [f64; N],
     /// First two columns of the Cholesky factor of the mode's covariance: the regression on the position.
     spread: ParticleSpread<N>,
-    /// Remaining covariance given the position.
+    /// Conditional covariance given the position.
     rest: ParticleMatrix<N>,
     width: f64,
 }
@@ -168,7 +168,7 @@ impl<const N: usize> LinearKernel<N> {
         Self { weight: of.weight, mean: of.mean, spread, rest, width: bandwidth(of.effective) }
     }
 
-    /// Expected linear states at a position, by the regression.
+    /// Expected linear states at a position, from the regression.
     fn expected(&self, at: [f64; 2]) -> [f64; N] {
         let over = |off: f64, root: f64| if root > 0.0 { off / root } else { 0.0 };
         let north = over(at[0] - self.mean[LAT], self.spread[LAT][0]);
@@ -176,7 +176,7 @@ impl<const N: usize> LinearKernel<N> {
         std::array::from_fn(|state| self.mean[state] + (self.spread[state][0] * north + self.spread[state][1] * east))
     }
 
-    /// Moves a particle to another position, with its linear states.
+    /// Moves a particle to another position and adjusts its linear states.
     fn follow(&self, x: &[f64; N], to: [f64; 2]) -> [f64; N] {
         let closer = (1.0 - self.width * self.width).sqrt();
         let (here, there) = (self.expected([x[LAT], x[LON]]), self.expected(to));
@@ -195,7 +195,7 @@ impl<const N: usize> LinearKernel<N> {
 }
 
 /// Optimal bandwidth of a Gaussian kernel in a plane, N^(-1/6) standard deviations [Musso, Oudjane & Le Gland 2001;
-/// Silverman 1986, (4.14)]; at most [`WIDEST`], because a wider kernel would dominate.
+/// Silverman 1986, (4.14)]. It is limited to [`WIDEST`], because a wider kernel would dominate.
 fn bandwidth(effective: f64) -> f64 {
     effective.max(1.0).powf(-1.0 / 6.0).min(WIDEST)
 }
@@ -209,8 +209,8 @@ pub(super) fn position<const N: usize>(cloud: &ParticleCloud<N>, index: usize) -
     [block[LAT][lane], block[LON][lane]]
 }
 
-/// Systematic resampling by one uniform number: the particle whose part of the cumulative weight contains (k + u)/N.
-/// [Kitagawa 1996]
+/// Systematic resampling with one uniform random number: selects the particle whose part of the cumulative weight
+/// contains (k + u)/N. [Kitagawa 1996]
 fn systematic(weights: &[f64], uniform: f64, ancestors: &mut Vec<u32>) {
     ancestors.clear();
     let count = weights.len();

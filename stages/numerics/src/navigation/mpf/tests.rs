@@ -32,7 +32,7 @@ struct Scene {
     errors: InsErrorModel,
 }
 
-/// INS with uncertainty only in its position and S.
+/// INS whose only uncertain states are position and S.
 fn exact_ins(position_m: f64) -> InsErrors {
     InsErrors {
         init_position_sigma_m: position_m,
@@ -163,7 +163,8 @@ fn bits(output: &MpfOutput) -> Vec<u64> {
     bits
 }
 
-/// Map of constant slope in both directions, and a measurement with information of about one sigma.
+/// Map of constant slope in both directions, and measurements that each determine the position to about one prior
+/// standard deviation.
 fn linear_scene() -> Scene {
     let sources = InsErrors { init_position_sigma_m: 100.0, ..InsErrors::default() };
     Scene::new(5, map_of(|north, east| 0.02 * north - 0.015 * east, None), sources, [60.0, -80.0])
@@ -190,19 +191,19 @@ fn law_on_a_linear_map_the_difference_to_the_kalman_filter_falls_with_the_root_o
     let found = [100, 1000, 10_000].map(error_m);
     println!("rms to the Kalman filter and ratio of sigmas at 100, 1000, 10000 particles: {found:.3?}");
     for pair in found.windows(2) {
-        // Factor of √10 = 3.16. Each rms is of 48 numbers, so its standard deviation is 10 %, and 15 % for their ratio:
-        // three sigmas.
+        // Factor of √10 = 3.16. Each rms is computed from 48 numbers, so its standard deviation is 10 %, and that of
+        // their ratio 15 %; the limit is three standard deviations.
         let factor = pair[0].0 / pair[1].0;
         assert!((1.8..5.5).contains(&factor), "{factor}");
     }
-    // A standard deviation from 10,000 particles has an error of 1 %, and their mean over seeds of 0.2 %.
+    // A standard deviation from 10,000 particles has an error of 1 %, and its mean over seeds an error of 0.2 %.
     assert!((found[2].1 - 1.0).abs() < 0.01, "{}", found[2].1);
 }
 
 #[test]
 fn law_with_a_known_position_it_equals_the_kalman_filter_of_the_linear_states() {
-    // Altitude, velocity and the rest are uncertain at the first sample. After that only S is, which does not affect
-    // the position.
+    // Altitude, velocity and other states are uncertain at the first sample. After that, only S is uncertain, which
+    // does not affect the position.
     for (sources, rows) in [(InsErrors { init_altitude_sigma_m: 20.0, ..exact_ins(0.0) }, 1), (exact_ins(0.0), 60)] {
         let mut scene = Scene::new(rows, map_of(|_, _| 0.0, Some(-0.2)), sources, [0.0; 2]);
         scene.errors.fogm_sigma_nt = 8.0;
@@ -210,7 +211,7 @@ fn law_with_a_known_position_it_equals_the_kalman_filter_of_the_linear_states() 
         let usual = MpfParameters { particles: 40, ..MpfParameters::default() };
         let out = scene.run(&MpfParameters { keep_states: true, keep_covariance: true, ..usual });
         for row in 0..rows {
-            // Rounding only: a few hundred operations on each number.
+            // Rounding only: a few hundred operations for each number.
             assert!((out.track.residual_nt[row] - exact.residual_nt[row]).abs() < 1e-11);
             assert!((out.track.nis[row] - exact.nis[row]).abs() < 1e-11);
             for a in [ALT, S] {
@@ -252,7 +253,7 @@ fn law_the_covariance_after_a_measurement_is_the_mean_over_the_particles() {
     }
 }
 
-/// Two equal hills, 1.5 km east and west of the line, and optionally a third along the way of the western one, where
+/// Two equal hills, 1.5 km east and west of the line. Optionally, a third hill lies along the western path, on which
 /// the aircraft flies.
 fn two_hills(third: bool) -> Scene {
     let hill = |north: f64, east: f64| 80.0 * (-(north * north + east * east) / (2.0 * 500.0_f64.powi(2))).exp();
@@ -275,15 +276,15 @@ fn law_an_ambiguous_map_has_two_modes_until_a_feature_resolves_them() {
     let mut shares = vec![];
     for seed in 0..8 {
         let out = scene.run(&MpfParameters { seed, ..parameters });
-        // At 35 s half of both hills has been passed.
+        // After 35 s the aircraft has passed half of both hills.
         let modes = east_of(&out.modes[4], &scene);
         assert_eq!(modes.len(), 2, "{modes:?}");
         assert!(modes.iter().all(|(_, east)| (east.abs() - 1500.0).abs() < 100.0), "{modes:?}");
         shares.push(modes.iter().find(|(_, east)| *east > 0.0).unwrap().0);
     }
     println!("probability of the eastern hill: {shares:.2?}");
-    // 1500 m are 1.9 sigmas: a few hundred particles per side at first, fewer with each resampling. Unbiased over
-    // seeds.
+    // 1500 m are 1.9 standard deviations: initially a few hundred particles per side, and fewer after each resampling.
+    // The result is unbiased over seeds.
     let mean = shares.iter().sum::<f64>() / 8.0;
     assert!((mean - 0.5).abs() < 0.15 && shares.iter().all(|share| (0.15..0.85).contains(share)), "{shares:?}");
     let scene = two_hills(true);
@@ -295,7 +296,7 @@ fn law_an_ambiguous_map_has_two_modes_until_a_feature_resolves_them() {
     let modes = east_of(out.modes.last().unwrap(), &scene);
     println!("after the third hill: {modes:.3?}; the Kalman filter is {ekf_east:.0} m off");
     assert!(modes[0].0 > 0.99 && (modes[0].1 + 1500.0).abs() < 50.0, "{modes:?}");
-    // Its covariance is small on the wrong hill.
+    // The covariance is small on the wrong hill.
     assert!(ekf_east.abs() > 500.0 && exact.sd_e_m[last] < 50.0, "{ekf_east}");
 }
 
@@ -326,7 +327,7 @@ fn law_draws_are_standard_normal_and_uncorrelated() {
         across += a * c;
     }
     let n = n as f64;
-    // Standard deviations of the means: 1/√(2n), √(2/2n), 1/√n; limits of four of them.
+    // Standard deviations of the means: 1/√(2n), √(2/2n), 1/√n; the limits are four standard deviations.
     assert!((sum / (2.0 * n)).abs() < 4.0 / (2.0 * n).sqrt() && (square / (2.0 * n) - 1.0).abs() < 4.0 / n.sqrt());
     assert!(product.abs() < 4.0 * n.sqrt() && across.abs() < 4.0 * n.sqrt());
 }
@@ -337,7 +338,7 @@ fn law_modes_of_different_sizes_are_separated_and_one_gaussian_is_one_mode() {
     for seed in 0..20 {
         let mut normals = NormalGenerator::new(seed);
         let mut points = vec![];
-        // Three quarters in two tight modes 300 apart, a quarter in a wide one far away.
+        // Three quarters of the points in two narrow modes 300 apart, and a quarter in a wide mode far away.
         for k in 0..1000 {
             let (at, size) =
                 [([0.0, 0.0], 20.0), ([300.0, 0.0], 30.0), ([0.0, 0.0], 20.0), ([5000.0, -9000.0], 400.0)][k % 4];
@@ -387,7 +388,8 @@ fn unit_missing_measurements_are_predicted_and_counted() {
     scene.measured_nt.fill(f64::NAN);
     let out = scene.run(&MpfParameters::default());
     assert_eq!((out.track.report.missing_measurements, out.report.resamplings), (80, 0));
-    // 1000 draws: the mean has a standard deviation of 800/√1000 = 25 m, the sigma of 18 m; limits of three of them.
+    // 1000 draws: the mean has a standard deviation of 800/√1000 = 25 m, and the sample standard deviation one of 18 m;
+    // the limits are three times these.
     assert!(
         EARTH.offset_ne_m(scene.moved(79, [0.0; 2]), (out.track.lat_deg[79], out.track.lon_deg[79]), 300.0).0.abs()
             < 80.0
@@ -397,7 +399,7 @@ fn unit_missing_measurements_are_predicted_and_counted() {
 
 #[test]
 fn law_particles_off_the_map_keep_their_probability() {
-    // The line begins 8.9 km from the northern edge; here 200 m from it.
+    // The line begins 8.9 km from the northern edge; this position is 200 m from it.
     let mut scene = two_hills(false);
     let edge = 45.08 - 200.0 / 111_200.0;
     scene.columns[1].fill(edge);
@@ -407,7 +409,7 @@ fn law_particles_off_the_map_keep_their_probability() {
     let parameters = MpfParameters { particles: 4000, resample_threshold: 0.0, ..MpfParameters::default() };
     let out = scene.run(&parameters);
     assert_eq!(out.track.report.updates, 5);
-    // The map is flat there, so nothing is observed, and the cloud keeps its shape, off the map or on it.
+    // The map is flat there, so nothing is observed, and the cloud keeps its shape on and off the map.
     let mut blind = scene.measured_nt.clone();
     blind.fill(f64::NAN);
     let without = Scene { measured_nt: blind, ..two_hills(false) };
@@ -434,7 +436,7 @@ fn unit_measurements_that_no_particle_explains_are_rejected_and_counted() {
     assert_eq!((out.track.report.gated, out.report.unexplained, out.report.unexplained_in_a_row), (2, 2, 2));
     assert_eq!(out.track.lat_deg, expected.track.lat_deg, "as if they had not been measured");
     assert!(out.track.nis[40] > 1e6 && !used(&out, 40));
-    // A gate rejects more.
+    // A gate rejects more measurements.
     let gated = clean.run(&MpfParameters { gate_nis: Some(4.0), ..parameters });
     assert!(gated.track.report.gated > 0 && gated.report.unexplained == 0);
 }

@@ -1,8 +1,8 @@
 //! Extended Kalman filter of the 18 states and the further states of a model of the aircraft field.
 //!
-//! The measurement of each magnetometer is z = map(INS + x) + core(INS + x) + S + m(c), with the model's field m of the
-//! further states c. All magnetometers of a sample are linearised at the predicted state and used one after the other.
-//! With independent noises this equals the joint update, in any order.
+//! The measurement of each magnetometer is z = map(INS + x) + core(INS + x) + S + m(c). m is the model's field as a
+//! function of the further states c. All magnetometers of a sample are linearised at the predicted state and processed
+//! one after the other. With independent noises this equals the joint update, in any order.
 
 mod filter;
 
@@ -34,14 +34,14 @@ pub struct LineModel<'a> {
     pub core: Option<&'a Arc<CoreField>>,
     /// Error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
-    /// Length, in s, of the window from the start of the line whose mean of measurement minus prediction (with the
-    /// prior of the aircraft field) is subtracted from each magnetometer; 0 subtracts nothing. Not needed if a constant
-    /// is among the states and its prior is as wide as the offset.
+    /// Length, in s, of the window from the start of the line. The mean over it of measurement minus prediction (with
+    /// the prior of the aircraft field) is subtracted from each magnetometer; 0 subtracts nothing. Not needed if a
+    /// constant is among the states and its prior is as wide as the offset.
     pub offset_window_s: f64,
     /// Aiding positions, each used before the measurements of its sample.
     pub fixes: Option<&'a PositionFixes>,
-    /// Measurements in addition to the magnetometers, each used after them. Where the map is too flat, a magnetometer
-    /// corrects only the temporal variation, the map error and the aircraft field.
+    /// Measurements in addition to the magnetometers, each processed after them. Where the map is too flat, a
+    /// magnetometer corrects only the temporal variation, the map error and the aircraft field.
     pub aids: Aids<'a>,
     /// Same as [`NavigationLine::second_order`].
     pub second_order: bool,
@@ -64,8 +64,8 @@ impl<'a> LineModel<'a> {
 /// Optional outputs in addition to the track, and the innovation gate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OnlineParameters {
-    /// Largest NIS of a measurement, after those of the magnetometers before it; larger ones are rejected and counted.
-    /// `None` uses every measurement.
+    /// Largest NIS of a measurement given the previous magnetometers of the sample; larger ones are rejected and
+    /// counted. `None` uses every measurement.
     pub gate_nis: Option<f64>,
     /// Returns the 18 error states of every sample.
     pub keep_states: bool,
@@ -99,7 +99,7 @@ pub struct MagnetometerTrack {
     pub residual_nt: Vec<f64>,
     /// NIS given the residuals of the previous magnetometers; NaN where the residual is.
     pub nis: Vec<f64>,
-    /// Aircraft field by the state after the sample, in nT; NaN if the model has no finite input.
+    /// Aircraft field from the state after the sample, in nT; NaN if the model has no finite input.
     pub aircraft_nt: Vec<f64>,
     /// Use of the samples.
     pub report: MagnetometerReport,
@@ -107,8 +107,8 @@ pub struct MagnetometerTrack {
 
 /// Aircraft field at each magnetometer as a function of the further states.
 pub(crate) trait AircraftFieldModel {
-    /// Field of a sample at the states `c`, in nT. Writes its derivatives by the states to `derivatives`, which is zero
-    /// before. `None` if an input is missing.
+    /// Field of a sample at the states `c`, in nT. Writes its derivatives with respect to the states to `derivatives`,
+    /// which is initially zero. `None` if an input is missing.
     fn linearised(&mut self, magnetometer: usize, row: usize, c: &[f64], derivatives: &mut [f64]) -> Option<f64>;
 
     /// Field without derivatives.
@@ -166,14 +166,14 @@ impl ExtraStates {
         for (place, error) in aids.errors.iter().enumerate() {
             all.covariance[(own + place) * (count + 1)] = error.sigma * error.sigma;
             all.mean.push(0.0);
-            // States with a correlation length have a time constant only at each step.
+            // The time constant of states with a correlation length is known only at each step.
             all.density.push(if error.tau_s.is_finite() { error.noise_density() } else { 0.0 });
             all.tau_s.push(error.tau_s);
         }
         all
     }
 
-    /// Decay factor of each deviation from the mean over a step, and the added variance.
+    /// Decay factor of each state's deviation from its mean over a step, and the added variance.
     #[inline(always)]
     fn step(&self, dt_s: f64, decay: &mut [f64], noise: &mut [f64]) {
         for (state, (decay, noise)) in decay.iter_mut().zip(noise).enumerate() {
@@ -196,7 +196,8 @@ pub(crate) fn check_covariance(covariance: &[f64], states: usize) -> Result<(), 
     }
     if let Some(at) = covariance.iter().position(|entry| !entry.is_finite()) {
         let (row, column) = (at / states, at % states);
-        return Err(refused("prior", format!("the prior covariance is {} at {row}, {column}", covariance[at])));
+        let what = format!("the prior covariance is {} in row {row}, column {column}", covariance[at]);
+        return Err(refused("prior", what));
     }
     let at = |row: usize, column: usize| covariance[row * states + column];
     let bad = |what: &str| Err(refused("prior", format!("the prior covariance is not {what}")));
@@ -262,7 +263,7 @@ pub(crate) fn run<M: AircraftFieldModel>(
     }
     let window_s = line.offset_window_s;
     if !(window_s >= 0.0 && window_s.is_finite()) {
-        return Err(refused("offset_window_s", format!("`offset_window_s` must not be below 0: {window_s}")).into());
+        return Err(refused("offset_window_s", format!("`offset_window_s` must be at least 0, not {window_s}")).into());
     }
     let lines: Vec<NavigationLine<'_>> = readings.iter().map(|(nt, sigma_nt)| line.with(nt, sigma_nt)).collect();
     for line in &lines {

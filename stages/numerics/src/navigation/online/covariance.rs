@@ -1,10 +1,10 @@
-//! Covariance of the 18 states and any number of further ones, whose transition is diagonal.
+//! Covariance of the 18 states and any number of further states with diagonal transition.
 
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::pinson::{STATES, StateMatrix};
 use crate::navigation::transition::step_covariance;
 
-/// Alignment of rows, in entries, to fill vector registers of any width.
+/// Alignment of rows, in entries, for vector registers of any width.
 const LANES: usize = 8;
 
 /// Symmetric matrix, both triangles stored by rows and bit-identical.
@@ -15,19 +15,19 @@ const LANES: usize = 8;
 /// (I − K H) P (I − K H)ᵀ + K R Kᵀ = P + K vᵀ + v Kᵀ,      v = s K/2 − u
 /// ```
 ///
-/// Both products commute, so an entry and its mirror image are the same sum. Recursions on covariances do not change
-/// when states are scaled (bit-identical for powers of two), so using rad and nT together loses no digits. The ratio of
-/// H P Hᵀ to R loses digits and is limited by [`WIDEST`].
+/// Both products commute, so an entry and its mirror image are the same sum. Recursions on covariances are invariant to
+/// the scaling of states (bit-identical for powers of two), so mixing rad and nT loses no precision. The ratio of H P
+/// Hᵀ to R reduces the precision and is limited by [`WIDEST`].
 #[derive(Clone, Debug)]
 pub(crate) struct AugmentedCovariance {
     states: usize,
     stride: usize,
     entries: Vec<f64>,
-    /// The 18 rows of the cross-covariances during their propagation.
+    /// Workspace for the 18 rows of the cross-covariances during their propagation.
     moved: Vec<f64>,
 }
 
-/// Largest H P Hᵀ over R. An update leaves errors of H P Hᵀ times 2e-16, here a few thousandths of R.
+/// Largest ratio of H P Hᵀ to R. An update leaves errors of 2e-16 times H P Hᵀ, here a few thousandths of R.
 pub(crate) const WIDEST: f64 = 1e13;
 
 /// One scalar measurement.
@@ -49,7 +49,7 @@ impl AugmentedCovariance {
         }
         for row in 0..other_states {
             let to = &mut entries[(STATES + row) * stride + STATES..][..other_states];
-            // Either triangle may come from a product with different rounding.
+            // The triangles may come from a product with different rounding.
             for (column, to) in to.iter_mut().enumerate() {
                 let (one, other) = (others[row * other_states + column], others[column * other_states + row]);
                 *to = 0.5 * (one + other);
@@ -112,7 +112,7 @@ impl AugmentedCovariance {
         }
     }
 
-    /// Measurement update; `gain` becomes K, `rest` is overwritten.
+    /// Measurement update; `gain` receives K, and `rest` is overwritten.
     #[inline(always)]
     pub(crate) fn correct(&mut self, by: &ScalarUpdate<'_>, gain: &mut [f64], rest: &mut [f64]) {
         let weight = 1.0 / by.innovation_variance;

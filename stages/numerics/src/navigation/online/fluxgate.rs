@@ -9,24 +9,24 @@ use super::augmented::refused;
 
 /// Vector magnetometer whose bias is estimated along with the coefficients.
 ///
-/// The bias b is truth minus reading. The terms are those of the vector B + b, which affects permanent, induced and
-/// eddy terms. With the aircraft field F = a + b_ind V/s + c Ḃ/s along u = V/|V|, V = B + b,
+/// The bias b is truth minus reading. The terms are computed from the vector B + b; this affects permanent, induced and
+/// eddy terms. For the aircraft field F = a + b_ind V/s + c Ḃ/s along u = V/|V| with V = B + b,
 ///
 /// ```text
 /// ∂(F·u)/∂b = (F − (F·u) u)/|V| + b_indᵀ u/s
 /// ```
 ///
-/// The only singularity is |V| = 0, where there are no terms. (MagNav.jl uses the same method, but divides by B_x and
-/// keeps |V| constant.)
+/// The only singularity is |V| = 0, where the terms are undefined. (MagNav.jl uses the same method, but divides by B_x
+/// and keeps |V| constant.)
 #[derive(Clone, Copy, Debug)]
 pub struct Fluxgate<'a> {
     /// Components of the vector in the body frame, in nT, without a scalar (`bt`).
     pub field: BodyFieldColumns<'a>,
-    /// Terms, which are the first columns of those of every magnetometer.
+    /// Terms, identical to the first columns of every magnetometer's terms.
     pub terms: &'a TermSelection,
     /// Scale of induced and eddy terms, in nT.
     pub scale_nt: f64,
-    /// Runs of rows within which the terms are differenced; empty for the whole line.
+    /// Runs of rows within which the terms are differenced; if empty, the whole line.
     pub runs: &'a [Range<usize>],
     /// Standard deviation of the bias of each axis, in nT.
     pub sigma_nt: f64,
@@ -76,7 +76,7 @@ pub(crate) struct FluxgateTerms<'a> {
     change: Vec<f64>,
 }
 
-/// Fluxgate vector of a row: direction, components and norm in nT, and its change over the scale.
+/// Vector-magnetometer reading of a row: direction, components and norm in nT, and its change divided by the scale.
 #[derive(Clone, Copy)]
 struct FluxgateVector {
     u: [f64; 3],
@@ -158,7 +158,7 @@ impl<'a> FluxgateTerms<'a> {
         }
     }
 
-    /// Derivatives of the terms times `coefficients` by the bias, in nT/nT.
+    /// Derivatives of the terms times `coefficients` with respect to the bias, in nT/nT.
     #[inline(always)]
     pub(crate) fn derivatives(&self, row: usize, bias_nt: [f64; 3], coefficients: &[f64]) -> [f64; 3] {
         let at = self.vector(row, bias_nt);

@@ -32,24 +32,24 @@ impl CoefficientPrior {
     }
 }
 
-/// Prior from repeated calibrations: one vector of coefficients each, of the same terms.
+/// Prior from repeated calibrations with the same terms, one vector of coefficients each.
 ///
-/// With two or more calibrations, the coefficients of the next flight are assumed to be a further draw from the same
+/// For two or more calibrations, the coefficients of the next flight are assumed to be a further draw from the same
 /// distribution. The mean of the prior is their mean, and its covariance their scatter S, shrunk and widened:
 ///
 /// ```text
 /// P = f (1 + 1/m) ((1 − λ) S + λ diag S)
 /// ```
 ///
-/// - λ is the shrinkage of Schäfer & Strimmer 2005 (Ledoit and Wolf's, for correlations and a diagonal target), at
-///   least 1/m, so that fewer calibrations than terms give a positive matrix; 1 for two or three calibrations, whose
-///   correlations are due to chance;
-/// - 1 + 1/m accounts for the error of the mean, and f = ν/(ν − 2), ν = m − 1, for the error of the variances: the next
-///   coefficient over its standard deviation then has the variance 1 of Student's t. For two to four calibrations f =
-///   3.
+/// - λ is the shrinkage of Schäfer & Strimmer 2005 (that of Ledoit and Wolf, for correlations and a diagonal target),
+///   at least 1/m. The matrix is therefore positive even with fewer calibrations than terms. For two or three
+///   calibrations, whose correlations are due to chance, λ is 1;
+/// - 1 + 1/m accounts for the error of the mean, and f = ν/(ν − 2) with ν = m − 1 for the error of the variances. The
+///   next coefficient divided by its standard deviation then has a variance of 1, with Student's t distribution. For
+///   two to four calibrations f = 3.
 ///
-/// With a single calibration the covariance is the `covariance` of the fit, (AᵀA)⁻¹ σ², row-major. It is the accuracy
-/// of the calibration and does not include changes until the next flight.
+/// For a single calibration, the covariance is the `covariance` of the fit, (AᵀA)⁻¹ σ², row-major. It represents the
+/// accuracy of the calibration and excludes changes until the next flight.
 ///
 /// # Errors
 /// Fails without calibrations, for vectors of different lengths or with values that are not finite, for a single
@@ -64,7 +64,7 @@ pub fn prior_from_calibrations(
     };
     for (place, calibration) in calibrations.iter().enumerate() {
         if calibration.len() != terms || calibration.iter().any(|c| !c.is_finite()) {
-            let what = format!("calibration {place} does not have {terms} finite coefficients, as the first has");
+            let what = format!("calibration {place} does not have {terms} finite coefficients like the first");
             return Err(refused("prior", what));
         }
     }
@@ -108,9 +108,9 @@ fn shrunk_covariance(deviations: &[Vec<f64>], terms: usize) -> Vec<f64> {
     (0..terms * terms).map(|at| entry(at / terms, at % terms)).collect()
 }
 
-/// Random walk of the coefficients between calibrations: per coefficient the sum of the squared changes over their
-/// total time, in its unit squared per s. The changes include the errors of the calibrations, so the estimate is too
-/// large on average. `tt_s` is the time of each calibration. [Gnadt 2022, section 5.5]
+/// Random walk of the coefficients between calibrations: for each coefficient, the sum of its squared changes over
+/// their total time, in its unit squared per s. The changes include the errors of the calibrations, so the estimate is
+/// too large on average. `tt_s` is the time of each calibration. [Gnadt 2022, section 5.5]
 ///
 /// # Errors
 /// Fails for fewer than two calibrations, times that do not ascend, and vectors of different lengths or with values
@@ -119,12 +119,16 @@ pub fn walk_density(calibrations: &[&[f64]], tt_s: &[f64]) -> Result<Vec<f64>, P
     let terms = calibrations.first().map_or(0, |first| first.len());
     let lasts = tt_s.windows(2).all(|pair| pair[1] > pair[0] && (pair[1] - pair[0]).is_finite());
     if calibrations.len() < 2 || calibrations.len() != tt_s.len() || !lasts {
-        let what =
-            format!("{} calibrations at {} ascending times do not determine a change", calibrations.len(), tt_s.len());
+        let what = format!(
+            "a random walk requires at least two calibrations with ascending times, but {} calibrations and {} times \
+             are given",
+            calibrations.len(),
+            tt_s.len()
+        );
         return Err(refused("walk_density", what));
     }
     if calibrations.iter().any(|c| c.len() != terms || c.iter().any(|c| !c.is_finite())) {
-        return Err(refused("walk_density", format!("the calibrations do not all have {terms} finite coefficients")));
+        return Err(refused("walk_density", format!("every calibration must have {terms} finite coefficients")));
     }
     let all_s = tt_s[tt_s.len() - 1] - tt_s[0];
     let of = |term: usize| calibrations.windows(2).map(|pair| (pair[1][term] - pair[0][term]).powi(2)).sum::<f64>();
@@ -132,15 +136,15 @@ pub fn walk_density(calibrations: &[&[f64]], tt_s: &[f64]) -> Result<Vec<f64>, P
 }
 
 /// Prior of an aircraft without a calibration: standard deviations about zero, for a magnetometer in the cabin, where
-/// the aircraft field is hundreds to thousands of nT. On a boom a tenth of them is sufficient.
+/// the aircraft field is hundreds to thousands of nT. On a boom, a tenth of these is sufficient.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ColdStart {
     /// Standard deviation of each permanent term, in nT.
     pub permanent_nt: f64,
     /// Standard deviation of each induced term, in nT at a field of the terms' scale (50,000 nT).
     pub induced_nt: f64,
-    /// Standard deviation of each eddy term, in nT for a change of the field, over the scale, of 1 per s. At a roll
-    /// rate of 10 degrees per s the field of one term is about 0.17 times this.
+    /// Standard deviation of each eddy term, in nT for a relative change of the field (change divided by the scale) of
+    /// 1 per s. At a roll rate of 10 degrees per s the field of one term is about 0.17 times this.
     pub eddy_nt_s: f64,
     /// Standard deviation of each derivative term, in nT for a change of 1 nT per s. At 10 degrees per s, 8,700 times
     /// this.
@@ -157,7 +161,7 @@ impl Default for ColdStart {
 
 impl ColdStart {
     /// Prior of the terms of a matrix for a line sampled every `dt_s`. The terms use changes per sample, so their
-    /// coefficients grow with the sample rate.
+    /// coefficients are proportional to the sample rate.
     ///
     /// # Errors
     /// Fails for standard deviations below 0 and a `dt_s` that is not above 0.

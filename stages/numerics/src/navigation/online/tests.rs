@@ -72,7 +72,7 @@ fn law_known_coefficients_equal_the_ekf_on_the_compensated_line() {
         for row in 0..ROWS {
             for (state, (ours, theirs)) in ours.x[row].iter().zip(&ekf.x[row]).enumerate() {
                 // Sums in another order, of fields of 5e4 nT with rounding errors of 7e-12 nT: about 1e-12 of 2 nT and
-                // of a sigma.
+                // of a standard deviation.
                 let sd = ekf.p[row][state][state].sqrt();
                 assert!((ours - theirs).abs() <= 1e-9 * sd, "{row} {state} {ours:e} {theirs:e} {sd:e}");
             }
@@ -104,14 +104,14 @@ fn law_the_order_of_the_magnetometers_does_not_matter() {
     let (one, other) = (in_order([0, 1, 2]), in_order([2, 0, 1]));
     let (p, q) = (one.navigation.p.last().unwrap(), other.navigation.p.last().unwrap());
     for (state, (x, y)) in one.navigation.x[ROWS - 1].iter().zip(&other.navigation.x[ROWS - 1]).enumerate() {
-        // The updates round differently; 1e-9 of a sigma exceeds any rounding from the order.
+        // The updates round differently; 1e-9 of a standard deviation exceeds any rounding caused by the order.
         assert!((x - y).abs() <= 1e-7 * p[state][state].sqrt(), "{state} {x:e} {y:e}");
         assert!((p[state][state] / q[state][state] - 1.0).abs() < 1e-7);
     }
     let (a, b) = (&one.magnetometers[0], &other.magnetometers[1]);
     assert!(a.coefficients.iter().zip(&b.coefficients).zip(a.sigma()).all(|((a, b), sd)| (a - b).abs() < 1e-7 * sd));
     let sums = |output: &OnlineOutput| output.navigation.nis.iter().sum::<f64>();
-    // The sum over the magnetometers is the squared innovation of all over its covariance.
+    // The sum over the magnetometers is the joint squared innovation over its covariance.
     assert!((sums(&one) / sums(&other) - 1.0).abs() < 1e-7);
 }
 
@@ -168,7 +168,8 @@ fn law_the_derivatives_of_the_terms_by_the_bias_equal_differences() {
         for axis in 0..3 {
             let step = |size: f64| std::array::from_fn(|k| bias[k] + if k == axis { size } else { 0.0 });
             let theirs = (value(row, step(10.0)) - value(row, step(-10.0))) / 20.0;
-            // The third derivative over |V|² contributes (10/50,000)² of the first, and rounding 1e-12/20.
+            // The relative size of the third derivative over |V|² is (10/50,000)² of the first, and that of rounding
+            // 1e-12/20.
             assert!((ours[axis] - theirs).abs() < 1e-7 * (theirs.abs() + 1e-2), "{row} {axis} {ours:?} {theirs:e}");
         }
     }

@@ -36,7 +36,8 @@ impl OnlineActivation {
     }
 }
 
-/// Aircraft field as a function of features, with f the features minus their mean over their standard deviation:
+/// Aircraft field as a function of features. f denotes the features minus their mean, divided by their standard
+/// deviation:
 ///
 /// ```text
 /// m = s (b₂ + Σⱼ vⱼ a(bⱼ + Σᵢ Wⱼᵢ fᵢ))
@@ -54,7 +55,7 @@ pub struct OnlineNetwork {
 }
 
 impl OnlineNetwork {
-    /// Network for the features of a calibration, row-major with `inputs` columns, whose finite rows set means and
+    /// Network for the features of a calibration, row-major with `inputs` columns. Finite rows determine means and
     /// standard deviations. `output_nt` is the scale s, about the standard deviation of the aircraft field.
     ///
     /// # Errors
@@ -68,12 +69,14 @@ impl OnlineNetwork {
         output_nt: f64,
     ) -> Result<Self, ParameterError> {
         if inputs == 0 || hidden == 0 || !features.len().is_multiple_of(inputs.max(1)) {
-            let what =
-                format!("{} values are not whole rows of {inputs} features for {hidden} hidden units", features.len());
+            let what = format!(
+                "{} values are not whole rows of {inputs} features, with {hidden} hidden units",
+                features.len()
+            );
             return Err(refused("hidden", what));
         }
         if !(output_nt > 0.0 && output_nt.is_finite()) {
-            return Err(refused("output_nt", format!("the scale of the output must be above 0 nT: {output_nt}")));
+            return Err(refused("output_nt", format!("the scale of the output must be above 0 nT, not {output_nt}")));
         }
         let (mut mean, mut deviation) = (vec![], vec![]);
         for input in 0..inputs {
@@ -82,7 +85,7 @@ impl OnlineNetwork {
             let count = column.len() as f64;
             let middle = column.iter().sum::<f64>() / count;
             let spread = (column.iter().map(|x| (x - middle).powi(2)).sum::<f64>() / count).sqrt();
-            // A constant column has the rounding error of its mean.
+            // The computed variance of a constant column is the rounding error of its mean.
             if !(spread > 1e-9 * middle.abs() && spread.is_finite()) {
                 let what = format!("feature {input} is constant in the calibration, so its effect cannot be estimated");
                 return Err(refused("features", what));
@@ -93,7 +96,7 @@ impl OnlineNetwork {
         Ok(Self { inputs, hidden, activation, output_nt, mean, deviation })
     }
 
-    /// Network with given means and standard deviations of its inputs, as of a previously trained one.
+    /// Network with given means and standard deviations of its inputs, for example those of a trained network.
     ///
     /// # Errors
     /// Fails without inputs or hidden units, for means and standard deviations of different numbers or not finite, and
@@ -109,7 +112,7 @@ impl OnlineNetwork {
         let inputs = mean.len();
         if inputs == 0 || hidden == 0 || deviation.len() != inputs {
             let what = format!(
-                "{inputs} means and {} standard deviations do not scale the features of a network",
+                "a network requires hidden units and one standard deviation per mean, not {inputs} means and {}",
                 deviation.len()
             );
             return Err(refused("features", what));
@@ -117,7 +120,7 @@ impl OnlineNetwork {
         if !(positive(&output_nt) && deviation.iter().all(positive) && mean.iter().all(|m| m.is_finite())) {
             return Err(refused(
                 "features",
-                "the scaling of a network must be finite, and its scales above 0".to_owned(),
+                "the offsets and scale factors must be finite, and the scale factors above 0".to_owned(),
             ));
         }
         Ok(Self { inputs, hidden, activation, output_nt, mean, deviation })
@@ -133,8 +136,8 @@ impl OnlineNetwork {
         self.hidden * (self.inputs + 2) + 1
     }
 
-    /// Standard deviations of unknown weights: one over the root of the number of inputs of a unit, so that the output
-    /// of the network has the size of its scale.
+    /// Standard deviations of unknown weights: one over the square root of the number of inputs of a unit, so that the
+    /// output has the magnitude of its scale.
     pub fn weight_sigma(&self) -> Vec<f64> {
         let (first, second) = ((self.inputs as f64).sqrt().recip(), (self.hidden as f64).sqrt().recip());
         let mut sigma = vec![first; self.hidden * self.inputs];
@@ -144,7 +147,7 @@ impl OnlineNetwork {
         sigma
     }
 
-    /// Weights drawn from these standard deviations, by a seed.
+    /// Weights drawn with these standard deviations from a seed.
     pub fn draw(&self, seed: u64) -> Vec<f64> {
         let mut normals = NormalGenerator::new(seed);
         self.weight_sigma().into_iter().map(|sigma| sigma * normals.draw()).collect()
@@ -174,7 +177,7 @@ impl OnlineNetwork {
         self.output_nt * sum
     }
 
-    /// Field for a row of inputs, in nT, and its derivatives by the weights, by back-propagation.
+    /// Field for a row of inputs, in nT, and its derivatives with respect to the weights, by back-propagation.
     #[inline(always)]
     pub fn value_and_gradient(&self, inputs: &[f64], weights: &[f64], gradient: &mut [f64]) -> f64 {
         let (w, rest) = weights.split_at(self.hidden * self.inputs);

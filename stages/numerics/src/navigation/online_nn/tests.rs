@@ -42,7 +42,7 @@ fn law_back_propagation_equals_differences() {
                     moved[weight] += step;
                     network.value(inputs, &moved)
                 };
-                // Fourth order: the fifth derivative of 50 nT over 1e-12, and rounding of 1e-14 over 1e-3.
+                // Fourth order: the fifth derivative of 50 nT times 1e-12, and a rounding error of 1e-14 over 1e-3.
                 let theirs = (8.0 * (at(1e-3) - at(-1e-3)) - (at(2e-3) - at(-2e-3))) / 12e-3;
                 assert!((ours[weight] - theirs).abs() < 1e-8, "{activation:?} {weight} {} {theirs}", ours[weight]);
             }
@@ -65,7 +65,7 @@ fn law_training_only_the_output_layer_equals_least_squares() {
     for (row, nt) in inputs.chunks_exact(3).zip(&field_nt) {
         recursion.update(row, *nt);
     }
-    // Ridge about the start, by the normal equations.
+    // Ridge regression about the initial weights, by the normal equations.
     let mut phi = vec![0.0; states];
     let (mut normal, mut right) = (DMatrix::identity(hidden + 1, hidden + 1) / 4.0, DVector::zeros(hidden + 1));
     for (row, nt) in inputs.chunks_exact(3).zip(&field_nt) {
@@ -115,9 +115,10 @@ fn unit_training_fits_a_nonlinear_function() {
             chi += error * error / phi.dot(&(p * &phi)) / 500.0;
         }
         println!("{activation:?}: {:.2} of {:.1} nT, chi {chi:.2}", missed.sqrt(), spread.sqrt());
-        // The residual of a linear fit is a fifth (23 %: 25 b c/(1 + b²) is not linear, and of rms 14 nT).
+        // The residual of a linear fit is a fifth of the field (23 %: 25 b c/(1 + b²) is not linear, and its rms is 14
+        // nT).
         assert!(missed.sqrt() < 0.12 * spread.sqrt(), "{activation:?} {} {}", missed.sqrt(), spread.sqrt());
-        // 1 for a correct linear model; the modelling error of the network adds to it.
+        // The ratio is 1 for a correct linear model; the model error of the network increases it.
         assert!((0.2..10.0).contains(&chi), "{activation:?} {chi}");
         assert!(prior.walk_density.iter().all(|q| *q > 0.0 && q.is_finite()));
     }
@@ -181,9 +182,9 @@ fn unit_invalid_networks_are_rejected() {
     let words = |inputs: usize, hidden: usize, output_nt: f64, features: &[f64]| {
         OnlineNetwork::new(features, inputs, hidden, OnlineActivation::Tanh, output_nt).unwrap_err().to_string()
     };
-    assert_eq!(words(3, 0, 1.0, &features), "150 values are not whole rows of 3 features for 0 hidden units");
-    assert_eq!(words(4, 2, 1.0, &features), "150 values are not whole rows of 4 features for 2 hidden units");
-    assert_eq!(words(3, 2, 0.0, &features), "the scale of the output must be above 0 nT: 0");
+    assert_eq!(words(3, 0, 1.0, &features), "150 values are not whole rows of 3 features, with 0 hidden units");
+    assert_eq!(words(4, 2, 1.0, &features), "150 values are not whole rows of 4 features, with 2 hidden units");
+    assert_eq!(words(3, 2, 0.0, &features), "the scale of the output must be above 0 nT, not 0");
     let mut constant = features.clone();
     constant.chunks_exact_mut(3).for_each(|row| row[1] = 0.1);
     assert!(words(3, 2, 1.0, &constant).starts_with("feature 1 is constant in the calibration"));
@@ -196,14 +197,14 @@ fn unit_invalid_networks_are_rejected() {
         train(&network, calibration, start, parameters).unwrap_err().to_string()
     };
     assert!(train(&network, &good, Some(&network.draw(1)), &parameters).is_ok());
-    assert_eq!(words(&good, Some(&[0.0]), &parameters), "1 weights are given, not 21 finite ones");
+    assert_eq!(words(&good, Some(&[0.0]), &parameters), "1 weights are given, but 21 finite ones are required");
     let noiseless = TrainingParameters { sigma_nt: 0.0, ..parameters };
     assert_eq!(words(&good, None, &noiseless), "`calibration_sigma_nt` must be above 0, not 0");
     let short = NetworkCalibration { aircraft_nt: &field_nt[1..], ..good };
     assert!(words(&short, None, &parameters).contains("do not match"));
     let none = vec![f64::NAN; 50];
     let empty = NetworkCalibration { aircraft_nt: &none, ..good };
-    assert_eq!(words(&empty, None, &parameters), "the calibration has 0 usable rows; 4 are needed");
+    assert_eq!(words(&empty, None, &parameters), "the calibration has 0 usable rows; 4 are required");
     let still = vec![0.0; 50];
     assert!(words(&NetworkCalibration { tt_s: &still, ..good }, None, &parameters).contains("do not ascend"));
     let map = wavy(-74.88);
@@ -211,8 +212,8 @@ fn unit_invalid_networks_are_rejected() {
     let line = flight.line(&map).with(&flight.measurement_nt[0], &flight.sigma_nt[0]);
     let prior = train(&network, &good, None, &parameters).unwrap();
     let fault = run(&line, &network, &features, &prior, &Aids::default(), &ALL).unwrap_err().to_string();
-    assert_eq!(fault, "150 values of features are given, not 230 rows of 3");
+    assert_eq!(fault, "150 feature values are given, not 230 rows of 3");
     let other = NetworkPrior { weights: vec![0.0; 3], ..prior };
     let fault = run(&line, &network, &[0.0; 3 * ROWS], &other, &Aids::default(), &ALL).unwrap_err().to_string();
-    assert_eq!(fault, "3 weights and 21 densities are given for the 21 of the network");
+    assert_eq!(fault, "3 weights and 21 densities do not match 21 weights");
 }

@@ -1,4 +1,4 @@
-//! Weights before the line: recursive least squares over a calibration.
+//! Initial weights: recursive least squares over a calibration.
 
 use crate::navigation::ins_error::ParameterError;
 
@@ -11,7 +11,7 @@ use super::OnlineNetwork;
 pub struct NetworkPrior {
     /// Weights.
     pub weights: Vec<f64>,
-    /// Their covariance, row-major.
+    /// Covariance of the weights, row-major.
     pub covariance: Vec<f64>,
     /// Spectral density of the random walk of each weight, per s.
     pub walk_density: Vec<f64>,
@@ -19,15 +19,15 @@ pub struct NetworkPrior {
     pub misfit_nt: f64,
 }
 
-/// Samples with a known aircraft field: the uncompensated measurement minus the field of map, core field and temporal
-/// variation at a known position, or minus a compensated magnetometer.
+/// Samples with a known aircraft field. It is the uncompensated measurement minus a compensated magnetometer, or minus
+/// the field of map, core field and temporal variation at a known position.
 #[derive(Clone, Copy, Debug)]
 pub struct NetworkCalibration<'a> {
     /// Times of the samples, in s, ascending.
     pub tt_s: &'a [f64],
     /// Features, row-major.
     pub features: &'a [f64],
-    /// Aircraft field, in nT. Rows where it or a feature is not finite are skipped.
+    /// Aircraft field, in nT. Rows in which the aircraft field or a feature is not finite are skipped.
     pub aircraft_nt: &'a [f64],
 }
 
@@ -51,7 +51,7 @@ impl Default for TrainingParameters {
     }
 }
 
-/// Recursion (5.43)-(5.45) of Gnadt 2022 with the regressor φ = ∂m/∂w in place of the printed β:
+/// Recursion (5.43)-(5.45) of Gnadt 2022, with the regressor φ = ∂m/∂w instead of the printed β:
 ///
 /// ```text
 /// K = P φ/(σ² + φᵀ P φ),      w ← w + K (y − m(w)),      P ← (I − K φᵀ) P (I − K φᵀ)ᵀ + K σ² Kᵀ
@@ -75,7 +75,8 @@ impl<'a> NetworkRecursion<'a> {
         Self { network, variance_nt2: sigma_nt * sigma_nt, weights, p, phi, ph, gain, rest }
     }
 
-    /// Updates with a row of inputs and its field. Returns the factor of the gain in the change of the weights.
+    /// Updates with a row of inputs and its field. Returns the residual before the update, in nT: the weights change by
+    /// the gain times this residual.
     pub(crate) fn update(&mut self, inputs: &[f64], field_nt: f64) -> f64 {
         let Self { network, weights, phi, ph, gain, rest, .. } = self;
         let missed_nt = field_nt - network.value_and_gradient(inputs, weights, &mut phi[..weights.len()]);
@@ -95,17 +96,17 @@ impl<'a> NetworkRecursion<'a> {
 
 /// Trains a network on a calibration, from random weights or from `start`.
 ///
-/// The covariance is that of the last pass times the misfit over `sigma_nt`, squared, if that is above 1: the modelling
-/// error of the network then counts as noise. The random walk of weight j over the second half of the calibration, of
-/// length T, is
+/// The covariance is that of the last pass. If the misfit exceeds `sigma_nt`, the covariance is multiplied by their
+/// squared ratio, so the model error of the network is treated as noise. The random walk of weight j over the second
+/// half of the calibration, of length T, is
 ///
 /// ```text
 /// q = max(0, Σ Δw² − (P_half − P_end), P_end T/memory)/T
 /// ```
 ///
-/// Changes Δw of constant weights have the expected squares P_half − P_end; the excess is due to the random walk.
-/// `memory_s` bounds it from below, because many weights show no excess. (MagNav.jl uses the smallest |Δw| of any step,
-/// and the covariance from a recursion whose regressor is the weights, as printed in Gnadt 2022.)
+/// If the weights are constant, their changes Δw have the expected squares P_half − P_end; any excess is due to the
+/// random walk. `memory_s` sets a lower bound, because many weights have no excess. (MagNav.jl uses the smallest |Δw|
+/// of any step, and the covariance from a recursion whose regressor is the weights, as printed in Gnadt 2022.)
 ///
 /// # Errors
 /// Fails for columns of different lengths, times that do not ascend, fewer than four usable rows, parameters that are
@@ -126,7 +127,7 @@ pub fn train(
     let weights = match start {
         Some(start) if start.len() == network.weights() && start.iter().all(|w| w.is_finite()) => start.to_vec(),
         Some(start) => {
-            let what = format!("{} weights are given, not {} finite ones", start.len(), network.weights());
+            let what = format!("{} weights are given, but {} finite ones are required", start.len(), network.weights());
             return Err(refused("weights", what));
         }
         None => network.draw(seed),
@@ -172,7 +173,7 @@ impl NetworkPrior {
         let states = network.weights();
         if self.weights.len() != states || self.walk_density.len() != states {
             let (weights, densities) = (self.weights.len(), self.walk_density.len());
-            let what = format!("{weights} weights and {densities} densities are given for the {states} of the network");
+            let what = format!("{weights} weights and {densities} densities do not match {states} weights");
             return Err(refused("weights", what));
         }
         check_covariance(&self.covariance, states)
@@ -209,7 +210,7 @@ fn usable(
     let known = |row: &NetworkCalibrationRow| row.field_nt.is_finite() && row.inputs.iter().all(|x| x.is_finite());
     let rows: Vec<NetworkCalibrationRow> = (0..rows).map(row).filter(known).collect();
     if rows.len() < 4 {
-        return Err(refused("features", format!("the calibration has {} usable rows; 4 are needed", rows.len())));
+        return Err(refused("features", format!("the calibration has {} usable rows; 4 are required", rows.len())));
     }
     Ok(rows)
 }

@@ -68,7 +68,7 @@ fn unit_the_forms_differ_only_in_the_element_of_altitude_and_tilt() {
     assert_eq!(thesis[TILT_N][ALT], 35.0 / (R * R));
 }
 
-/// State of the INS and its aiding.
+/// State of the INS and of its aiding.
 #[derive(Clone, Copy)]
 struct Mechanisation {
     position: Vector3<f64>,
@@ -93,7 +93,7 @@ struct Rates {
 
 /// Strapdown equations on a rotating sphere with constant gravity, aided by a barometer in a third-order loop
 /// [Titterton & Weston 3.69-3.75, 13.4]. The barometer measures `true_alt_m` with the drift `baro_m`. The function is
-/// independent of the error model, whose matrix is its derivative.
+/// independent of the error model, whose matrix must equal its derivative.
 fn rates(m: &Mechanisation, force_body: &Vector3<f64>, rate_body: &Vector3<f64>, true_alt_m: f64) -> Rates {
     let (lat, height) = (m.position.x, m.position.z);
     let radius = R + height;
@@ -150,7 +150,7 @@ fn error_rates(m: &Mechanisation, other: &Mechanisation, force: &Vector3<f64>, t
     out
 }
 
-/// Steps of the error states that are small, but large compared with rounding.
+/// Steps of the error states: small, but large compared with rounding.
 const STEPS: StateVector =
     [1e-4, 1e-4, 100.0, 1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3, 1e-5, 1e-5, 1e-5, 10.0, 1e-3, 1.0];
 
@@ -188,8 +188,8 @@ fn law_every_element_is_the_derivative_of_the_mechanisation() {
             let down = error_rates(&m, &moved(&m, &e.map(|e| -e)), &force, &turn);
             for row in 0..STATES {
                 let derivative = (up[row] - down[row]) / (2.0 * STEPS[column]);
-                // Scaled by the steps: the effect of one step of the column on the row, relative to a step of the row
-                // in a second. 1e-11 is rounding, 1e-6 the third derivatives.
+                // Effect of one step of the column on the row, relative to one step of the row per second. 1e-11 is due
+                // to rounding, 1e-6 to the third derivatives.
                 let noise = 1e-10 * STEPS[row] / STEPS[column];
                 assert!(
                     (f[row][column] - derivative).abs() <= 1e-6 * derivative.abs() + noise,

@@ -4,7 +4,7 @@ use crate::navigation::pinson::{ACC, GYRO, HA, S, STATES, StateMatrix, StateVect
 
 use crate::navigation::sensitivity::{MEASURED, Sensitivity, add_scaled, inner, mirror};
 
-/// Gauss-Markov states: their rows of Φ are diagonal.
+/// Gauss-Markov states, whose rows of Φ are diagonal.
 const GAUSS_MARKOV: [usize; 8] = [ACC, ACC + 1, ACC + 2, GYRO, GYRO + 1, GYRO + 2, HA, S];
 /// Other states.
 const COUPLED: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 16];
@@ -14,11 +14,11 @@ const COUPLED: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 16];
 pub(super) struct ForwardUpdate {
     pub(super) h: Sensitivity,
     pub(super) gain: StateVector,
-    /// ν/s.
+    /// ν/s, the innovation over its variance.
     pub(super) force: f64,
     /// 1/s.
     pub(super) weight: f64,
-    /// R, with the weight of a robust loss.
+    /// R, divided by the weight of a robust loss.
     pub(super) variance_nt2: f64,
 }
 
@@ -37,7 +37,8 @@ impl AdjointState {
     #[inline(always)]
     pub(super) fn through_measurement(&mut self, used: &ForwardUpdate) -> f64 {
         let u = used.force + inner(&used.gain, &self.state);
-        // (I - K H)ᵀ Λ (I - K H) + Hᵀ H/s = Λ - Hᵀ gᵀ - g H + Hᵀ H (Kᵀ g + 1/s) with g = Λ K: four rows and columns.
+        // (I - K H)ᵀ Λ (I - K H) + Hᵀ H/s = Λ - Hᵀ gᵀ - g H + Hᵀ H (Kᵀ g + 1/s) with g = Λ K: only four rows and
+        // columns change.
         let mut g = [0.0; STATES];
         for (factor, row) in used.gain.iter().zip(&self.matrix) {
             add_scaled(&mut g, *factor, row);

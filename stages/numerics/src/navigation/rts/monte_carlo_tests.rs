@@ -48,8 +48,8 @@ impl Flight {
             let field_nt = map.at(lat, lon, alt).unwrap().value_nt + core.magnitude_nt(lat, lon, alt);
             measured_nt.push(field_nt + temporal_nt(error) + 5.0 * normals.draw());
         }
-        // Drawn after the noise, so that a flight with outliers is otherwise the same; of one sign, like magnetic
-        // objects.
+        // Drawn after the noise, so that a flight with outliers is otherwise unchanged. All outliers have one sign, as
+        // those of magnetic objects.
         let threshold = 1.645 * if outliers > 0.0 { 1.0 } else { f64::INFINITY };
         for measured_nt in &mut measured_nt {
             *measured_nt += if normals.draw() > threshold { outliers } else { 0.0 };
@@ -105,7 +105,7 @@ impl Flight {
     }
 }
 
-/// Quantile of chi-square with `freedom` degrees at `z` standard normals, by Wilson and Hilferty.
+/// Quantile of chi-square with `freedom` degrees at `z` standard normal deviates, by Wilson and Hilferty.
 fn chi_square(freedom: f64, z: f64) -> f64 {
     let spread = 2.0 / (9.0 * freedom);
     freedom * (1.0 - spread + z * spread.sqrt()).powi(3)
@@ -125,22 +125,23 @@ fn law_the_smoother_is_consistent_and_more_accurate_than_the_filter() {
         let filter = (pairs().map(|(flight, (_, filter))| flight.square_m2(filter, row)).sum::<f64>() / n).sqrt();
         println!("row {row}: NEES {nees:.2}, smoother {ours:.2} m, filter {filter:.2} m");
         if row + 1 < SAMPLES as usize {
-            // In the first seconds the INS is accurate to 4 m, and measurements add little.
+            // In the first seconds the INS is accurate to 4 m, and measurements contribute little.
             assert!(ours < if row < 100 { 1.0 } else { 0.8 } * filter, "{row} {ours} {filter}");
         } else {
-            // Same information; the map is linearised elsewhere.
+            // The information is the same; the map is linearised elsewhere.
             assert!((ours / filter - 1.0).abs() < 0.1, "{ours} {filter}");
         }
         all += nees / 2.0 / EPOCHS.len() as f64;
         outside += usize::from(!(chi_square(2.0 * n, -1.96) / n..=chi_square(2.0 * n, 1.96) / n).contains(&nees));
     }
-    // One epoch in twenty is outside its 95 % band by chance: 2 or more of 6 in 3 % of all cases.
+    // One epoch in twenty is outside its 95 % band by chance: at least 2 of 6 in 3 % of all cases.
     assert!(outside <= 1, "{outside}");
     let freedom = 2.0 * n * EPOCHS.len() as f64;
     assert!((chi_square(freedom, -1.96)..=chi_square(freedom, 1.96)).contains(&(all * freedom)), "{all}");
     let nis = smoothed.iter().map(|ours| ours.line.nis.iter().sum::<f64>()).sum::<f64>() / n / f64::from(SAMPLES);
     println!("NEES per degree of freedom {all:.3}, NIS {nis:.4}");
-    // The mean of 60,000 has a standard deviation of 0.006; the effect of linearising along the future is smaller.
+    // The mean of 60,000 values has a standard deviation of 0.006; the effect of linearising along the future is
+    // smaller.
     assert!((nis - 1.0).abs() < 0.02, "{nis}");
     assert!(smoothed.iter().all(|ours| ours.iterations.converged && ours.iterations.passes <= 6));
 }
@@ -160,7 +161,7 @@ fn law_robust_losses_limit_the_effect_of_outliers() {
     let [none, huber, cauchy, none_spoilt, huber_spoilt, cauchy_spoilt] = sums.map(f64::sqrt);
     println!("clean: none {none:.1} m, Huber {huber:.1}, Cauchy {cauchy:.1}");
     println!("5 % outliers: none {none_spoilt:.1} m, Huber {huber_spoilt:.1}, Cauchy {cauchy_spoilt:.1}");
-    // 95 % efficient at normal noise.
+    // The efficiency for normal noise is 95 %.
     assert!(huber < 1.2 * none && cauchy < 1.2 * none, "{huber} {cauchy} {none}");
     assert!(cauchy_spoilt < 1.3 * none, "{cauchy_spoilt} {none}");
     assert!(huber_spoilt < 1.3 * none, "{huber_spoilt} {none}");
@@ -183,6 +184,7 @@ fn law_a_large_initial_error_is_corrected_with_every_loss() {
         }
     }
     println!("worst flight: none, Huber, Cauchy, filter {worst:.1?} m");
-    // The result is as accurate as from 3 m, where the worst of these is 20 m. The map supplies the other information.
+    // The result is as accurate as from an initial error of 3 m, for which the largest error is 20 m. The map supplies
+    // the remaining information.
     assert!(worst[..3].iter().all(|worst| *worst < 40.0), "{worst:?}");
 }

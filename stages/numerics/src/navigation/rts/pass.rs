@@ -1,4 +1,4 @@
-//! One pass over the line, forward and backward: exact solution of the linear problem.
+//! One forward and backward pass over the line: exact solution of the linear problem.
 
 use crate::earth::field_value::FieldValue;
 use crate::navigation::field::PredictedField;
@@ -36,7 +36,7 @@ pub(super) enum RtsLinearisation<'a> {
 pub(super) struct FirstPass {
     /// Maximum number of linearisations per measurement.
     pub(super) iterations: usize,
-    /// Whether a robust loss weights the innovations over their standard deviations.
+    /// Whether a robust loss weights the normalised innovations.
     pub(super) robust: bool,
     /// Factor on the standard deviation of every measurement.
     pub(super) sigma_factor: f64,
@@ -54,12 +54,12 @@ pub(super) struct RtsSolution {
     pub(super) measured_step: f64,
 }
 
-/// Measurement of the linear problem: value = H x + noise; for an aiding position, in the unit of its state.
+/// Measurement of the linear problem, value = H x + noise. For an aiding position, it is in the unit of its state.
 #[derive(Clone, Copy, Debug)]
 struct LinearMeasurement {
     h: Sensitivity,
     value_nt: f64,
-    /// Variance with the weight of a robust loss.
+    /// Variance divided by the weight of a robust loss.
     variance_nt2: f64,
 }
 
@@ -69,11 +69,11 @@ struct ForwardSample {
     phi: StateMatrix,
     /// Estimate after its measurement.
     estimate: StateEstimate,
-    /// Aiding positions, and the measurement.
+    /// Updates with the aiding positions and the measurement.
     used: [Option<ForwardUpdate>; 4],
 }
 
-/// Pass, with by-products of its last solution.
+/// Pass, with additional results of its last solution.
 pub(super) struct SmootherPass<'a> {
     line: &'a NavigationLine<'a>,
     loss: RobustLoss,
@@ -241,7 +241,7 @@ impl<'a> SmootherPass<'a> {
         Ok(solution)
     }
 
-    /// Repeats the filter on the block of samples from `first` on, from the stored state of the forward pass.
+    /// Repeats the filter for the block of samples that begins at `first`, from the stored state of the forward pass.
     #[inline(always)]
     fn again(&mut self, first: usize) {
         let ins = self.line.ins;

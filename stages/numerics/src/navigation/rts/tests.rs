@@ -46,8 +46,8 @@ fn law_on_a_plane_every_state_equals_dense_least_squares() {
         let output = smoothed(&scene, &all());
         let batch = batch(&scene, RobustLoss::new(TrajectoryLoss::None, None), 1);
         for row in 0..150 {
-            // The dense solution loses four of its sixteen digits to the condition number of its matrix. Where
-            // smoothing reduces the prior little, the difference loses some more.
+            // The dense solution loses four of sixteen digits to the condition number of its matrix. If smoothing
+            // reduces the prior variance little, the difference loses more digits.
             let found = (&output.line.x[row], &output.line.p[row]);
             assert_close(found.0, found.1, (&batch.x[row], &batch.p[row]), 1e-6, &format!("{noise:?} row {row}"));
             let north_m = 6_378_137.0 * batch.p[row][(LAT, LAT)].sqrt();
@@ -71,8 +71,8 @@ fn law_on_a_curved_map_it_equals_the_dense_minimum_with_every_loss() {
         let robust = RobustLoss::new(loss, None);
         let batch = batch(&scene, robust, 60);
         for row in 0..150 {
-            // Positions are uncertain by 10 m and more, so the last step is 1e-5 of that. The reweighting converges
-            // linearly, to a few times its last step.
+            // The uncertainty of positions is at least 10 m, so the last step is 1e-5 of that. The reweighting
+            // converges linearly, to within a few times its last step.
             let found = (&output.line.x[row], &output.line.p[row]);
             assert_close(found.0, found.1, (&batch.x[row], &batch.p[row]), 1e-4, &format!("{loss:?} row {row}"));
         }
@@ -160,7 +160,7 @@ fn law_covariances_are_symmetric_positive_and_at_most_those_of_the_filter() {
         assert!((0..STATES).all(|state| p[(state, state)] >= 0.0));
         let sigma: [f64; STATES] = std::array::from_fn(|state| p[(state, state)].sqrt().max(1e-300));
         let correlation = DenseStateMatrix::from_fn(|row, column| p[(row, column)] / sigma[row] / sigma[column]);
-        // A difference of the filter's covariance, which is up to 1e6 times as large in one direction.
+        // A difference from the filter's covariance, which is up to 1e6 times as large in one direction.
         let smallest = correlation.symmetric_eigenvalues().min();
         assert!(smallest > -1e-8, "{smallest:e}");
     }

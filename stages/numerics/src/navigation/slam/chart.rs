@@ -1,4 +1,4 @@
-//! Map from a flight.
+//! Map estimated from a flight.
 
 use super::index::SlamSampleIndex;
 use super::kernel::{AnomalyKernel, BorderedCovariance, MOST_NEIGHBOURS};
@@ -14,7 +14,7 @@ pub struct SlamMap {
     pub lon_deg: Vec<f64>,
     /// Anomaly, in nT; NaN without a measurement nearby.
     pub value_nt: Vec<f64>,
-    /// Standard deviation, in nT, given the path; NaN where the anomaly is.
+    /// Standard deviation, in nT, given the path; NaN if the anomaly is NaN.
     pub sd_nt: Vec<f64>,
 }
 
@@ -34,8 +34,9 @@ impl SlamOutput {
     /// the kernel, at the positions of [`SlamOutput::path`].
     ///
     /// The process is that of the filter: squared-exponential anomaly with an unknown mean, white noise, and a temporal
-    /// variation of a standard deviation (nT) and correlation time (s), which is removed from the map. Differences from
-    /// the mean height count as noise. Nodes whose standard deviation is above `most_sd_nt` are NaN.
+    /// variation, which is removed from the map. `temporal` has the standard deviation (nT) and correlation time (s) of
+    /// the temporal variation. Differences from the mean height are treated as noise. Nodes whose standard deviation is
+    /// above `most_sd_nt` are NaN.
     pub fn chart(&self, temporal: (f64, f64), grid: &SlamMapGrid, most_sd_nt: f64) -> SlamMap {
         let axis = |first: f64, step: f64, count: usize| (0..count).map(move |place| first + step * place as f64);
         let (rows, columns) = grid.size;

@@ -13,11 +13,13 @@ use super::samples::SlamSample;
 const MOST_IN_CELL: usize = 4;
 /// Maximum number of candidates. If there are more, every second, third, … is used.
 const MOST_CANDIDATES: usize = 512;
-/// Number of particles whose spread determines the candidates.
+/// Number of particles from which the spread for the selection of candidates is estimated.
 const SCOUTS: usize = 64;
-/// Number of radii of flight after which a sample counts as earlier. Particles may have half of the speed.
+/// Distance flown, in radii, after which a sample counts as an earlier sample. It allows for particles with half of the
+/// speed.
 const RADII_FLOWN: f64 = 2.5;
-/// Distance from the mean, in standard deviations, of a particle whose radius contains all candidates.
+/// Distance from the mean, in standard deviations, up to which all samples within the radius of a particle are among
+/// the candidates.
 const SPREADS: f64 = 3.0;
 
 /// Rules of the expected measurement, with all defaults resolved.
@@ -31,13 +33,13 @@ pub struct PredictionRules {
     pub temporal: (f64, f64),
     /// Maximum number of earlier samples in one prediction.
     pub neighbours: usize,
-    /// Number of most recent samples in addition; 0 unless by nearest neighbours.
+    /// Number of most recent samples used in addition; 0 except for nearest neighbours.
     pub recent: usize,
     /// Smallest age of earlier samples, in s.
     pub ignore_s: f64,
     /// Radius, in m, within which more than `trigger_points` samples count as a revisit.
     pub trigger_m: f64,
-    /// See `trigger_m`.
+    /// Number of samples; see `trigger_m`.
     pub trigger_points: usize,
     /// Radius of the samples of a prediction, in m.
     pub radius_m: f64,
@@ -50,9 +52,10 @@ pub struct PredictionRules {
 }
 
 impl PredictionRules {
-    /// Rules of the parameters for the distance between samples, in m, and the speed, in m/s.
+    /// Rules derived from the parameters for the distance between samples, in m, and the speed, in m/s.
     ///
-    /// A straight line has no revisits: samples count as earlier samples only after a flight of two and a half radii.
+    /// A straight line has no revisits: a sample counts as an earlier sample only after a flight of two and a half
+    /// radii.
     pub fn new(
         parameters: &SlamParameters,
         kernel: AnomalyKernel,
@@ -151,14 +154,14 @@ pub struct ParticleMap {
     /// Displacements of the particles at each sample, in m.
     pub history: ParticleHistory,
     index: SlamSampleIndex,
-    /// First sample that is not old enough for the index.
+    /// First sample that is too recent for the index.
     pending: usize,
-    /// Largest spread of the particles at a sample of the index, in m.
+    /// Largest spread of the particles at an indexed sample, in m.
     spread_m: f64,
     found: Vec<u32>,
 }
 
-/// Mean displacement of some particles and its root-mean-square spread, in m.
+/// Mean displacement of some particles and their root-mean-square spread, in m.
 fn spread(count: usize, of: impl Fn(usize) -> [f64; 2]) -> ([f64; 2], f64) {
     let scouts = || (0..count).step_by(count.div_ceil(SCOUTS).max(1));
     let share = 1.0 / scouts().count() as f64;
@@ -192,7 +195,7 @@ impl ParticleMap {
         self.history.push(now_m.iter().map(|now_m| now_m.map(|metres| metres as f32)));
     }
 
-    /// Moves the samples that have become old enough into the index, at the positions of the present particles.
+    /// Moves samples that are old enough into the index, at the positions of the present particles.
     fn age(&mut self, tt_s: f64, particles: usize) {
         while let Some(sample) = self.samples.get(self.pending)
             && tt_s - sample.tt_s > self.rules.ignore_s
@@ -342,7 +345,7 @@ impl ParticleView<'_> {
         ParticleSample { at_m, tt_s: candidate.tt_s, value_nt, noise_nt2: candidate.noise_nt2 }
     }
 
-    /// Prediction from the nearest and the last samples, whose prior is the process with an unknown mean.
+    /// Prediction from the nearest and the most recent samples; the prior is the process with an unknown mean.
     fn conditioned(
         &self,
         chosen: &NeighbourSet,
@@ -360,7 +363,7 @@ impl ParticleView<'_> {
         self.field(&samples[..count], self.rules.temporal, self.rules.kernel.mean_nt2())
     }
 
-    /// Prediction from the earlier samples within the radius, whose mean is the prior mean. [Lee 2019, (85)]
+    /// Prediction from the earlier samples within the radius, with their mean as the prior mean. [Lee 2019, (85)]
     fn regression(&self, chosen: &NeighbourSet, old: &[EarlierSample<'_>]) -> Option<KrigingPrediction> {
         let mut samples = [ParticleSample::default(); MOST_NEIGHBOURS];
         for ((_, at_m, place), sample) in chosen.iter().zip(&mut samples) {
@@ -369,7 +372,7 @@ impl ParticleView<'_> {
         self.field(&samples[..chosen.count], (0.0, 1.0), 0.0)
     }
 
-    /// Prediction by the inverse squared distance; at a sample, its value.
+    /// Prediction by inverse squared distance; at a sample, the value of the sample.
     fn interpolated(&self, chosen: &NeighbourSet, old: &[EarlierSample<'_>]) -> KrigingPrediction {
         let (mut sum, mut weights) = (0.0, 0.0);
         for (distance2, _, place) in chosen.iter() {

@@ -11,7 +11,7 @@ const MOST: usize = 200;
 pub(in crate::navigation) const FEWEST: usize = 20;
 /// Maximum number of evaluations of the likelihood.
 const EVALUATIONS: usize = 400;
-/// Maximum of a fitted length, as a fraction of the path used: longer lengths are indistinguishable from a slope.
+/// Maximum of a fitted length, as a fraction of the path used; a longer length cannot be distinguished from a slope.
 pub(in crate::navigation) const LONGEST: f64 = 0.5;
 
 /// Measurements along a path, in time order.
@@ -28,8 +28,8 @@ pub struct TrackMeasurements {
 }
 
 impl TrackMeasurements {
-    /// Samples of the first `window_s` seconds. If there are more than 200, every second, third, … is used, because a
-    /// run of 200 neighbours would cover too little of the path.
+    /// Samples of the first `window_s` seconds. If there are more than 200, only every second, third, … is used,
+    /// because a run of 200 neighbours would cover too little of the path.
     pub fn from_samples(samples: &[SlamSample], window_s: f64) -> Self {
         let first_s = samples.first().map_or(0.0, |sample| sample.tt_s);
         let count = samples.partition_point(|sample| sample.tt_s - first_s <= window_s);
@@ -49,8 +49,9 @@ impl TrackMeasurements {
         out
     }
 
-    /// Logarithm of the likelihood of a kernel, with the most likely mean and a temporal variation of this standard
-    /// deviation (nT) and correlation time (s); minus infinity for a covariance that is not positive. [Lee 2019, (53)]
+    /// Logarithm of the likelihood of a kernel, with the most likely mean. `temporal` is the standard deviation (nT)
+    /// and correlation time (s) of the temporal variation. Minus infinity if the covariance is not positive. [Lee 2019,
+    /// (53)]
     pub fn log_likelihood(&self, kernel: &AnomalyKernel, temporal: (f64, f64)) -> f64 {
         let n = self.value_nt.len();
         let (sigma_nt, tau_s) = temporal;
@@ -73,7 +74,7 @@ impl TrackMeasurements {
     /// Kernel of maximum likelihood, searched from `start`; `None` for fewer than 20 measurements, a path without
     /// length or constant measurements.
     ///
-    /// The length is limited to between the mean distance of the measurements and half of the path.
+    /// The length is between the mean distance of the measurements and half of the path.
     pub fn fitted(&self, start: &AnomalyKernel, temporal: (f64, f64)) -> Option<AnomalyKernel> {
         let n = self.value_nt.len();
         let path_m = *self.distance_m.last()?;
@@ -94,7 +95,7 @@ impl TrackMeasurements {
             }
         };
         let cost = |logs: [f64; 3]| {
-            // A penalty where the clamp would make the likelihood constant.
+            // The penalty prevents a constant likelihood beyond the clamp.
             let beyond = (logs[1] - kernel_of(logs).length_m.ln()).abs();
             -self.log_likelihood(&kernel_of(logs), temporal) + 10.0 * beyond
         };

@@ -7,22 +7,22 @@
 //! K = P_s/(P_ss + R),    m ← m + K (y − m_s),    P ← (I − K hᵀ) P (I − K hᵀ)ᵀ + R K Kᵀ
 //! ```
 //!
-//! from which all particles continue. Each draws its position of the step from N(m, P), and its other states follow by
-//! regression, as at the start of a flight. Until the field weights the particles, m and P are those of a Kalman filter
-//! that runs in parallel; afterwards they are those of the particles with their lost variance ([`super::resolution`]).
-//! Without a revisit the result therefore equals the Kalman filter to rounding. A cloud that is farther from the
-//! aircraft than its width is corrected, which weighting cannot do.
+//! from which all particles are redrawn. Each draws its position of the step from N(m, P), and its other states follow
+//! by regression, as at the start of a flight. Until the field weights the particles, a parallel Kalman filter provides
+//! m and P; afterwards they are those of the particles with their lost variance ([`super::resolution`]). Without a
+//! revisit the result therefore equals the Kalman filter to rounding. If the cloud is farther from the aircraft than
+//! its width, this corrects it; weighting cannot.
 //!
 //! The *paths* are weighted by each particle's prediction of the fix, with its covariance C = Φ P Φᵀ + Q given its
-//! path, so that fixes after a loss select the maps that agree with them:
+//! path. After a loss of the track, fixes therefore select the maps that agree with them:
 //!
 //! ```text
 //! log q ← log q − (y − x_s)²/2(C_ss + R)
 //! ```
 //!
-//! The drawn positions do not depend on that weight, so no fix counts twice. There are two approximations: P is the
-//! whole distribution, as in any Kalman filter; and the position errors from step to step under GNSS are independent in
-//! the map, although they persist over the memory of the Kalman filter.
+//! The drawn positions do not depend on that weight, so no fix is counted twice. There are two approximations. P
+//! represents the whole distribution, as in any Kalman filter. And with GNSS, the map treats position errors as
+//! independent from step to step, although they persist over the memory of the Kalman filter.
 
 use crate::navigation::pinson::{STATES, StateMatrix, StateVector};
 use crate::navigation::position_fixes::StateFix;

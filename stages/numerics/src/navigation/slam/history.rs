@@ -1,22 +1,23 @@
 //! Paths of all particles, which share their past.
 //!
-//! A generation is the interval between two resamplings. It stores the displacement at each sample of every one of its
-//! particles with a living descendant, a *slot*. It also stores, for each present particle, the slot of its ancestor.
-//! Any earlier position of a particle therefore takes two look-ups. Resampling maps the ancestors and drops the slots
-//! without descendants. The older of two neighbouring generations divides the present particles into coarser families
-//! than the younger; when the families are equal, the two are merged. There are therefore never more generations than
-//! particles. Where all particles have one ancestor, one displacement per sample remains.
+//! A generation is the interval between two resamplings. For each of its particles with a living descendant it stores
+//! the displacement at each sample; such a particle is a *slot*. It also stores, for each present particle, the slot of
+//! its ancestor. Any earlier position of a particle therefore takes two look-ups. Resampling maps the ancestors and
+//! drops the slots without descendants. Of two neighbouring generations, the older divides the present particles into
+//! coarser families than the younger; if the families are equal, the two are merged. The number of generations
+//! therefore never exceeds the number of particles. Where all particles have one ancestor, a single displacement per
+//! sample is stored.
 
 use std::ops::Range;
 
-/// Horizontal displacement from the INS, north and east, in m. Single precision is 1 mm at 10 km.
+/// Horizontal displacement from the INS, north and east, in m. Single precision resolves 1 mm at 10 km.
 pub type Displacement = [f32; 2];
 
 #[derive(Clone, Debug)]
 struct ParticleGeneration {
     /// Samples of the generation.
     samples: Range<usize>,
-    /// Number of its particles that have descendants.
+    /// Number of its particles with descendants.
     slots: usize,
     /// One displacement per sample and slot, by samples.
     displacements: Vec<Displacement>,
@@ -30,7 +31,7 @@ pub struct ParticleHistory {
     particles: usize,
     generations: Vec<ParticleGeneration>,
     samples: usize,
-    /// Whether the last generation accepts samples, because it has not been resampled.
+    /// Whether the last generation accepts samples: it has not been resampled.
     open: bool,
 }
 
@@ -110,7 +111,7 @@ impl ParticleHistory {
 }
 
 impl ParticleGeneration {
-    /// Maps the ancestors, and keeps the remaining slots, in the order of the particles.
+    /// Maps the ancestors, and keeps the remaining slots in the order of the particles.
     fn map_on(&mut self, parents: &[u32]) {
         const GONE: u32 = u32::MAX;
         let mut places = vec![GONE; self.slots];

@@ -2,8 +2,8 @@
 
 use std::collections::HashMap;
 
-/// Samples by cells of a square grid. A full cell accepts no more: another flight over it adds little to its map, and
-/// the cost of a look-up stays bounded.
+/// Samples by cells of a square grid. A full cell accepts no more samples: another flight over it adds little to its
+/// map, and the cost of a look-up remains bounded.
 #[derive(Clone, Debug)]
 pub struct SlamSampleIndex {
     cell_m: f64,

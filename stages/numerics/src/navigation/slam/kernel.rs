@@ -7,7 +7,7 @@ use params::{Rule, choice};
 pub const MOST_NEIGHBOURS: usize = 24;
 /// Rows of the bordered system: the samples, the predicted point, and the values.
 const ROWS: usize = MOST_NEIGHBOURS + 2;
-/// Standard deviation of the unknown mean about that of the samples, in standard deviations of the process.
+/// Standard deviation of the unknown mean about the mean of the samples, in standard deviations of the process.
 const MEAN_SIGMAS: f64 = 10.0;
 
 choice! {
@@ -73,9 +73,9 @@ impl AnomalyKernel {
         }
     }
 
-    /// Derivatives of the covariance with respect to the distance vector d of its points: the gradient is −`first` d,
-    /// the matrix of second derivatives `second` d dᵀ − `first` I, and the derivative by the logarithm of the length
-    /// `first` |d|².
+    /// Derivatives of the covariance with respect to the distance vector d of its points. The gradient is −`first` d,
+    /// the matrix of second derivatives is `second` d dᵀ − `first` I, and the derivative with respect to the logarithm
+    /// of the length is `first` |d|².
     #[inline(always)]
     pub(super) fn bends(&self, distance2_m2: f64) -> DistanceDerivatives {
         let (power, per_m2) = (self.sigma_se_nt * self.sigma_se_nt, 1.0 / (self.length_m * self.length_m));
@@ -100,11 +100,11 @@ impl AnomalyKernel {
         }
     }
 
-    /// Variance that a difference in height adds to a sample, in nT².
+    /// Variance of a sample due to a difference in height, in nT².
     ///
-    /// The anomaly is a potential field, so the spectrum of its vertical derivative has the factor |k|. Its variance is
-    /// E|k|² σ², minus the Laplacian of the covariance at zero distance: 2σ²/l² for the squared exponential, 10σ²/3l²
-    /// and 6σ²/l² for the two others.
+    /// The anomaly is a potential field, so its vertical derivative has the factor |k| in the spectrum. The variance of
+    /// the derivative is E|k|² σ², minus the Laplacian of the covariance at zero distance: 2σ²/l² for the squared
+    /// exponential, 10σ²/3l² and 6σ²/l² for the two others.
     pub fn height_nt2(&self, height_m: f64) -> f64 {
         let laplacian = match self.covariance {
             CovarianceFunction::SquaredExponential => 2.0,
@@ -139,9 +139,9 @@ pub struct KrigingPrediction {
     pub variance_nt2: f64,
 }
 
-/// Covariances of a few samples and a point, bordered by the samples' values. After eliminating the samples, the
+/// Covariances of a few samples and a point, bordered by the samples' values. After elimination of the samples, the
 /// diagonal holds the variance of the point, and the off-diagonal its negative mean. Only the lower triangle is used,
-/// by columns.
+/// stored by columns.
 pub struct BorderedCovariance {
     columns: [[f64; ROWS]; ROWS],
     samples: usize,
@@ -153,7 +153,7 @@ impl BorderedCovariance {
         Self { columns: [[0.0; ROWS]; ROWS], samples: samples.min(MOST_NEIGHBOURS) }
     }
 
-    /// Fills in the covariance of two samples. An index equal to the number of samples denotes the point.
+    /// Sets the covariances of all pairs of samples. An index equal to the number of samples denotes the point.
     pub fn fill(&mut self, covariance: impl Fn(usize, usize) -> f64, value: impl Fn(usize) -> f64) {
         let n = self.samples;
         for column in 0..=n {

@@ -13,8 +13,8 @@ use super::smoother::SlamSmootherReport;
 pub struct SlamReport {
     /// Hyper-parameters of the filter.
     pub kernel: AnomalyKernel,
-    /// Whether they were fitted. If a fit was requested, false means that the first part of the flight has too few or
-    /// constant measurements, and that the given hyper-parameters were used.
+    /// Whether the hyper-parameters were fitted. False after a requested fit means that the first part of the flight
+    /// has too few or constant measurements; the given hyper-parameters were then used.
     pub fitted: bool,
     /// Number of steps in which a particle revisited and all were weighted.
     pub revisits: usize,
@@ -25,15 +25,15 @@ pub struct SlamReport {
     /// Largest squared correction of the position over the covariance of the INS alone: chi-square of 2 degrees of
     /// freedom if filter and INS are consistent.
     pub largest_correction: f64,
-    /// Report on the smoother; `None` if it was not requested, or has no solution so that the filter's track is
+    /// Report on the smoother; `None` if it was not requested, or if it has no solution and the filter's track is
     /// returned.
     pub smoother: Option<SlamSmootherReport>,
 }
 
 /// Output of the filter on a line.
 ///
-/// In `navigation.report`, `off_map` counts the samples whose measurement had no separate weight: no particle had
-/// been nearby before, or the measurement was averaged into that of the step.
+/// In `navigation.report`, `off_map` counts the samples whose measurement had no separate weight: no particle had been
+/// nearby before, or the measurement was averaged into the step.
 #[derive(Clone, Debug)]
 pub struct SlamOutput {
     /// Estimate at each sample from the measurements up to it.
@@ -53,7 +53,7 @@ pub struct SlamOutput {
 /// Measurement at its position by the particles at the end of the flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathSample {
-    /// Row of the sample in the line: the last of its step.
+    /// Row of the sample in the line: the last row of its step.
     pub row: usize,
     /// Mean time, in s.
     pub tt_s: f64,
@@ -65,7 +65,7 @@ pub struct PathSample {
     pub alt_m: f64,
     /// Position north and east in the frame of the flight, in m.
     pub at_m: [f64; 2],
-    /// Root mean square distance of the particles from the position, in m.
+    /// Root mean square distance of the particles from the mean position, in m.
     pub spread_m: f64,
     /// Measured anomaly, in nT: the measurement minus the core field at this position.
     pub value_nt: f64,

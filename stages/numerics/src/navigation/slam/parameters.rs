@@ -11,13 +11,13 @@ choice! {
     #[derive(Default)]
     pub enum ExpectedMeasurement {
         /// Gaussian process of the anomaly, the temporal variation and the noise, conditioned on the nearest earlier
-        /// samples and on the most recent ones. Successive weights multiply to the likelihood of the whole flight
-        /// (Vecchia's approximation), because the most recent samples are conditioned on too. [Vecchia 1988; Datta et
+        /// samples and on the most recent ones. The product of successive weights is the likelihood of the whole flight
+        /// (Vecchia's approximation), because of the conditioning on the most recent samples. [Vecchia 1988; Datta et
         /// al. 2016]
         #[default]
         NearestNeighbour = "nearest_neighbour",
-        /// Gaussian-process regression on the earlier samples within a radius, whose mean is the prior mean. Successive
-        /// weights are assumed independent. [Lee 2019, (82)-(85)]
+        /// Gaussian-process regression on the earlier samples within a radius, with their mean as the prior mean.
+        /// Successive weights are assumed independent. [Lee 2019, (82)-(85)]
         Regression = "regression",
         /// Mean of the earlier samples within a radius, weighted by the inverse squared distance.
         InverseDistance = "inverse_distance",
@@ -31,7 +31,7 @@ choice! {
         /// Maximum likelihood on the first part of the flight. [Lee 2019, (53)]
         #[default]
         Fitted = "fitted",
-        /// From the spec.
+        /// Values from the spec.
         Fixed = "fixed",
     }
 }
@@ -43,7 +43,7 @@ pub struct SlamParameters {
     pub particles: usize,
     /// Seed of all random draws.
     pub seed: u64,
-    /// Minimum time between two updates of the particles, in s. Samples within it are averaged.
+    /// Minimum time between two updates of the particles, in s. Samples within this time are averaged.
     pub update_interval_s: f64,
     /// Prediction of a measurement from earlier ones.
     pub expected: ExpectedMeasurement,
@@ -51,19 +51,19 @@ pub struct SlamParameters {
     pub hyperparameters: HyperparameterSource,
     /// Gaussian process of the anomaly; if it is fitted, the start of the search.
     pub kernel: AnomalyKernel,
-    /// Length of the first part of the flight used by the fit, in s.
+    /// Length of the first part of the flight, which the fit uses, in s.
     pub fit_window_s: f64,
     /// Maximum number of earlier samples in a prediction.
     pub neighbours: usize,
     /// Number of most recent samples that a prediction by nearest neighbours also uses.
     pub recent: usize,
-    /// Time before a sample, in s, within which samples do not count as earlier samples; at least the time of flight
-    /// over two and a half radii.
+    /// Minimum age of earlier samples, in s; at least the time of flight over two and a half radii.
     pub ignore_s: f64,
-    /// A particle revisits by `regression` and `inverse_distance` when more than `trigger_points` earlier samples are
-    /// within this radius, in m; `None` is the larger of 18 m and 1.6 times the mean distance between samples.
+    /// Radius of a revisit for `regression` and `inverse_distance`, in m: a particle revisits if more than
+    /// `trigger_points` earlier samples are within it. `None` is the larger of 18 m and 1.6 times the mean distance
+    /// between samples.
     pub trigger_radius_m: Option<f64>,
-    /// See `trigger_radius_m`.
+    /// Number of samples; see `trigger_radius_m`.
     pub trigger_points: usize,
     /// Radius of the earlier samples in a prediction, in m; `None` is half a length of the kernel, but at most 0.4 of
     /// the distance flown in `ignore_s`.
@@ -81,7 +81,7 @@ pub struct SlamParameters {
     pub smoother: Option<SlamSmootherParameters>,
     /// Returns the error states of every sample.
     pub keep_states: bool,
-    /// Returns the covariance of every sample; a smoothed track has only that of its position.
+    /// Returns the covariance of every sample; for a smoothed track, only that of its position.
     pub keep_covariance: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Particles: horizontal position errors, with the other states of the error model linear given them.
+//! Particles of the horizontal position errors, with linear other states of the error model given these.
 
 use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, StateVector};
 use crate::navigation::transition::propagate_state;
@@ -8,17 +8,19 @@ use rayon::prelude::*;
 /// Number of particles per parallel task.
 pub(super) const PIECE: usize = 64;
 
-/// Fraction of its variance below which a second pivot is rounding: the two position errors are collinear.
+/// Fraction of its variance below which the second pivot is treated as rounding: the two position errors are then
+/// collinear.
 const DEPENDENT: f64 = 1e-14;
 
 /// Particles of the filter.
 ///
-/// `x` has both parts of the state of each particle: its own latitude and longitude, and the mean of the other 16
-/// states given its path. Their covariance given the path, `linear`, is common to all, because no matrix depends on the
-/// particle [Lee 2019, (20)]. Its rows and columns of latitude and longitude are zero once the positions are drawn.
+/// `x` contains both parts of the state of each particle: its own latitude and longitude, and the mean of the other 16
+/// states given its path. The covariance of the latter given the path, `linear`, is common to all particles, because no
+/// matrix depends on the particle [Lee 2019, (20)]. Its rows and columns of latitude and longitude are zero once the
+/// positions are drawn.
 #[derive(Clone, Debug)]
 pub struct SlamParticles {
-    /// States, rad, m, m/s, …, truth minus INS.
+    /// States, truth minus INS, in rad, m, m/s and so on.
     pub x: Vec<StateVector>,
     /// Weights, which add up to 1.
     pub weights: Vec<f64>,
@@ -49,8 +51,8 @@ impl SlamMoments {
 /// states given these two.
 ///
 /// With C = Φ P Φᵀ + Q this is the time update of the marginalised filter with every cross-covariance of the noise. The
-/// upper two rows of the factor times its transpose are N of (28c), the lower ones times the draw are L (z − A x) of
-/// (28a), and the rest is (28b). [Lee 2019, (27)-(29)]
+/// upper two rows of the factor times its transpose are N of (28c). The lower rows times the draw are L (z − A x) of
+/// (28a). The remainder is (28b). [Lee 2019, (27)-(29)]
 fn known_positions(c: &StateMatrix) -> ([StateVector; 2], StateMatrix) {
     let mut factor = [[0.0; STATES]; 2];
     if c[LAT][LAT] > 0.0 {
@@ -79,7 +81,7 @@ fn known_positions(c: &StateMatrix) -> ([StateVector; 2], StateMatrix) {
     (factor, left)
 }
 
-/// Source of normals of a particle at a step. Draws depend neither on threads nor on their order.
+/// Source of normals of a particle at a step. Draws are independent of the number and order of threads.
 fn normals_of(seed: u64, step: u64, particle: u64) -> NormalGenerator {
     NormalGenerator::new(key(seed, step).wrapping_add(particle.wrapping_mul(0xd134_2543_de82_ef95)))
 }
@@ -106,7 +108,7 @@ impl SlamParticles {
         self.spread(&c, |x| *x, step);
     }
 
-    /// Time update without a draw of the positions. [`advance`](Self::advance) is this followed by
+    /// Time update without a draw of the positions. [`advance`](Self::advance) equals this followed by
     /// [`draw`](Self::draw).
     pub fn shift(&mut self, phi: &StateMatrix, c: &StateMatrix) {
         self.x.par_chunks_mut(PIECE).for_each(|states| {
@@ -117,7 +119,8 @@ impl SlamParticles {
         self.linear = *c;
     }
 
-    /// Time update: `phi` of a step and C = Φ P Φᵀ + Q with the P of the linear states. Steps are counted from 1.
+    /// Time update with the `phi` of a step and C = Φ P Φᵀ + Q, where P is the covariance of the linear states. Steps
+    /// are counted from 1.
     pub fn advance(&mut self, phi: &StateMatrix, c: &StateMatrix, step: u64) {
         self.spread(c, |x| propagate_state(phi, x), step);
     }
@@ -139,13 +142,14 @@ impl SlamParticles {
         });
     }
 
-    /// Draws the particles after a resampling from a Gaussian kernel of `width` standard deviations of the covariance
-    /// `spread` about their earlier mean. [Musso, Oudjane & Le Gland 2001]
+    /// Draws the particles after a resampling from a Gaussian kernel. Its width is `width` standard deviations of the
+    /// covariance `spread` about the mean before the resampling. [Musso, Oudjane & Le Gland 2001]
     ///
     /// The positions are drawn and contracted by √(1 − width²), which preserves their covariance [West 1993]. The
-    /// linear states follow them by regression. The kernel's part of the covariance of `spread` given the positions is
-    /// added to the covariance given the path. Earlier paths do not change. A position therefore jumps by a fraction of
-    /// the particles' spread relative to its own past, like additional process noise.
+    /// linear states follow the positions by regression. The kernel's fraction of the conditional covariance of
+    /// `spread` given the positions is added to the covariance given the path. Earlier paths do not change. Relative to
+    /// its own past, a position therefore jumps by a fraction of the particles' spread, which acts like additional
+    /// process noise.
     pub fn regularise(&mut self, spread: &StateMatrix, mean: &StateVector, width: f64, step: u64) {
         let (factor, rest) = known_positions(spread);
         let over = |off: f64, root: f64| if root > 0.0 { off / root } else { 0.0 };
@@ -221,8 +225,8 @@ impl SlamParticles {
         sound
     }
 
-    /// Systematic resampling among the members: the parent of each particle. Afterwards members have equal weights and
-    /// are no longer active. [Lee 2019, section 5.3.2.4]
+    /// Systematic resampling among the members; returns the parent of each particle. Afterwards members have equal
+    /// weights and are no longer active. [Lee 2019, section 5.3.2.4]
     pub fn resample(&mut self, member: impl Fn(usize) -> bool, step: u64) -> Vec<u32> {
         let members: Vec<usize> = (0..self.x.len()).filter(|particle| member(*particle)).collect();
         let mut parents: Vec<u32> = (0..self.x.len() as u32).collect();

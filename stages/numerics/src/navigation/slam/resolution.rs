@@ -1,13 +1,14 @@
 //! Resampling: its kernel, and the variance that it removes.
 //!
-//! A resampling turns the fraction 1/N of the variance of N equal particles into an error of their mean, like genetic
-//! drift in a population. A later measurement would correct it, but without a map all measurements are relative to the
-//! particles' own paths, whose variance decreases in the same way. The lost variance is therefore stored, for the
-//! states now and at up to 64 samples of the flight. A resampling adds to each the covariance of the particles there
-//! times Σw²/(1 − Σw²). A revisit that removes the fraction κ of the particles' variance replaces the fraction κ of the
-//! present lost variance by that of the revisited samples. (1 − κ) A + κ B is at least the covariance of such a mixture
-//! of two errors of covariances A and B with any correlation. It is an expectation over seeds, not the loss of one run,
-//! and it excludes errors of the likelihood.
+//! A resampling converts the fraction 1/N of the variance of N equally weighted particles into an error of their mean,
+//! like genetic drift in a population. With a map, a later measurement would correct the error. Without a map, all
+//! measurements are relative to the particles' own paths, whose variance decreases in the same way. The lost variance
+//! is therefore stored, for the present states and at up to 64 samples of the flight. A resampling adds to each of
+//! these the local covariance of the particles times Σw²/(1 − Σw²). A revisit reduces the variance of the particles by
+//! a fraction κ. The same fraction of the present lost variance is then replaced by that of the revisited samples. (1 −
+//! κ) A + κ B is an upper bound for the covariance of such a mixture of two errors with covariances A and B and any
+//! correlation. The lost variance is an expectation over seeds, not the loss of one run, and it excludes errors of the
+//! likelihood.
 
 use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix};
 
@@ -15,9 +16,9 @@ use super::history::ParticleHistory;
 
 /// Maximum number of samples of the flight for which the lost variance is stored.
 const MOST_MARKS: usize = 64;
-/// Number of compared samples of the map for which the lost variance is looked up.
+/// Maximum number of compared map samples for which the lost variance is looked up.
 const LOOKED_AT: usize = 32;
-/// Widest kernel, in standard deviations, as for the marginalised filter with a map.
+/// Widest kernel, in standard deviations, as in the marginalised particle filter with a map.
 const WIDEST: f64 = 0.7;
 
 /// Optimal bandwidth of a Gaussian kernel in a plane, in standard deviations: N^(-1/6). [Silverman 1986, (4.14); Musso,
@@ -26,7 +27,7 @@ pub fn bandwidth(effective: f64) -> f64 {
     effective.max(1.0).powf(-1.0 / 6.0).min(WIDEST)
 }
 
-/// Maximum scale of the variance of one particle: if one particle has the whole weight, there is no variance to scale.
+/// Maximum relative excess: if one particle has the whole weight, there is no variance to scale.
 const LARGEST_EXCESS: f64 = 50.0;
 
 /// Excess of the unbiased covariance of weighted draws over the plain one, relative to the plain one: with s = Σw² it
@@ -76,8 +77,8 @@ impl LostVariance {
         }
     }
 
-    /// Adds, before a resampling, the part of the covariance of the particles, `spread`, and of their paths that it
-    /// will remove.
+    /// Adds the part of the covariance of the particles (`spread`) and of their paths that a resampling is about to
+    /// remove.
     pub fn bank(&mut self, weights: &[f64], spread: &StateMatrix, history: &ParticleHistory) {
         let part = excess(weights);
         for (lost, of) in self.now.as_flattened_mut().iter_mut().zip(spread.as_flattened()) {
@@ -108,14 +109,14 @@ impl LostVariance {
         });
     }
 
-    /// Resets the present lost variance after an aiding position, whose Kalman update includes it. That of the map
-    /// stays.
+    /// Resets the present lost variance after an aiding position, whose Kalman update includes it. The lost variance of
+    /// the map is unchanged.
     pub fn found(&mut self) {
         self.now = [[0.0; STATES]; STATES];
     }
 
-    /// Replaces the part `gain` of the present lost variance by that of the map, after a measurement that compared the
-    /// present with earlier samples and reduced the particles' variance by `gain`.
+    /// Replaces the part `gain` of the present lost variance by that of the map. Called after a measurement that
+    /// compared the present with earlier samples and reduced the particles' variance by `gain`.
     pub fn revisit(&mut self, samples: &[u32], gain: f64) {
         let stride = samples.len().div_ceil(LOOKED_AT).max(1);
         let (mut sums, mut count) = ([0.0; 3], 0.0);

@@ -20,7 +20,7 @@ pub struct SlamLine<'a> {
     /// Standard deviation of the white noise of each measurement, in nT. A measurement with a value that is not above 0
     /// counts as missing.
     pub sigma_nt: &'a [f64],
-    /// Core field. It only removes the slope of the field, so that the process fits the anomaly better.
+    /// Core field. It only removes the slope of the field, so that the process is a better model of the anomaly.
     pub core: Option<&'a Arc<CoreField>>,
     /// Aiding positions, each used before the measurement of its sample.
     pub fixes: Option<&'a PositionFixes>,
@@ -60,11 +60,11 @@ impl SlamLine<'_> {
     }
 }
 
-/// Metres north and east about the first sample, at the scales of its latitude.
+/// Frame of metres north and east of the first sample, with the scales of its latitude.
 ///
-/// The coordinates are the same smooth function of latitude and longitude everywhere, so two visits of a position have
-/// equal coordinates. Eastern distances have the relative error of the change of the cosine of the latitude along the
-/// flight (1 % in 60 km at 45°).
+/// The coordinates are the same smooth function of latitude and longitude everywhere, so two visits to one position
+/// have equal coordinates. The relative error of eastern distances is the change of the cosine of the latitude along
+/// the flight (1 % in 60 km at 45°).
 #[derive(Clone, Copy, Debug)]
 pub struct LocalFrame {
     lat_deg: f64,

@@ -1,17 +1,17 @@
-//! Smoother after the filter: the most probable track of the whole flight given all its measurements.
+//! Smoother that follows the filter: the most probable track of the whole flight given all its measurements.
 //!
 //! | Module | Contents |
 //! |:--|:--|
 //! | [`motion`] | the error of the INS over the line in a basis of few functions of time |
-//! | [`thin`] | the selected measurements |
+//! | [`thin`] | selection of the measurements |
 //! | [`likelihood`] | their likelihood given the path, and its derivatives |
 //! | [`search`] | the most probable path, and the kernel of maximum likelihood |
-//! | [`evidence`](mod@evidence) | whether the measurements of two visits agree |
+//! | [`evidence`](mod@evidence) | the test whether the measurements of two visits agree |
 //!
 //! # Equations
 //!
 //! The position error over the line is Gaussian, with the covariance of all steps, x ← Φ x + w. It is written as δ = B
-//! u with u ~ N(0, I) ([`motion::PositionErrorBasis`]). The map is not a state: given the path p = p_ins + B u the
+//! u with u ~ N(0, I) ([`motion::PositionErrorBasis`]). The map is not a state: given the path p = p_ins + B u, the
 //! measurements are jointly Gaussian [Lawrence 2003],
 //!
 //! ```text
@@ -25,28 +25,29 @@
 //! ```
 //!
 //! Since the map is integrated out, J depends only on the relative positions of the parts of the flight. Errors that no
-//! revisit observes therefore keep the covariance of the INS. A map linearised about an estimate, f + g·δ, would fix a
-//! common shift of all positions. Gradient and matrix of second derivatives are exact. The step is Newton's, without
-//! the negative curvatures of the likelihood, halved until J does not rise. The covariance of u is the inverse of the
-//! matrix at the optimum (Laplace), with the slopes of this field instead of those that the kernel predicts. If the
-//! hyper-parameters are fitted, each pass begins with a Fisher-scoring step for them by the same likelihood.
+//! revisit observes therefore have the covariance of the INS. In contrast, a map linearised about an estimate, f + g·δ,
+//! would fix a common shift of all positions. Gradient and matrix of second derivatives are exact. The step is a Newton
+//! step without the negative curvatures of the likelihood, halved until J does not rise. The covariance of u is the
+//! inverse of the matrix at the optimum (Laplace approximation), computed with the slopes of this field instead of
+//! those expected from the kernel. If the hyper-parameters are fitted, each pass begins with a Fisher-scoring step for
+//! them by the same likelihood.
 //!
-//! Aiding positions are measurements of δ and add a quadratic form in u. With a gate, the measurements that the filter
-//! rejected are skipped, and, once, the outliers of the leave-one-out residuals.
+//! Aiding positions are measurements of δ, which add a quadratic form in u. With a gate, the measurements that the
+//! filter rejected are skipped; outliers of the leave-one-out residuals are also removed, once.
 //!
-//! J may have several optima. Three searches with half of the measurements look for the deepest one. The first starts
-//! from the path of the filter (the mean of the particles' histories). The second starts there with a large white part
-//! of the kernel, which widens the valleys and is reduced during the fit. The third starts from the INS where it is
-//! exact at first, and adds the flight part by part, so that each part is predicted from the earlier ones. If the
-//! measurements of revisits contradict each other on the best track ([`evidence`](mod@evidence)), four more searches
-//! add smaller parts or widen the valleys. The best search continues with all measurements. Its result is used only if
-//! it is more probable than the path of the filter.
+//! J may have several optima. Three searches with half of the measurements are compared for the lowest J. The first
+//! starts from the path of the filter (the mean of the particles' histories). The second starts from the same path with
+//! a large white part of the kernel, which widens the valleys of J and is reduced during the fit. The third starts from
+//! the INS, which is initially exact, and adds the flight part by part, so that each part is predicted from the earlier
+//! ones. If the measurements of revisits contradict each other on the best track ([`evidence`](mod@evidence)), four
+//! more searches are made with smaller parts or wider valleys. The best search is continued with all measurements. Its
+//! result is used only if it is more probable than the path of the filter.
 //!
 //! # Cost
 //!
-//! With n measurements a pass takes about 15 n³ multiplications on all threads and 70 n² bytes of memory. Functions and
-//! states take 5 kB and 16 bytes per function for each step. About ten passes are made; those of the first searches
-//! take an eighth of that work each. 1000 measurements take about 20 s of one core.
+//! With n measurements a pass takes about 15 n³ multiplications on all threads and 70 n² bytes of memory. Each step
+//! takes 5 kB for the states and 16 bytes per function. About ten passes are needed; each pass of the first searches
+//! takes an eighth of that time. 1000 measurements take about 20 s on one core.
 
 pub mod evidence;
 pub mod likelihood;
@@ -71,23 +72,23 @@ use params::Rule;
 use search::{SlamSearch, SlamSearchParameters, SlamWeightPrior};
 use thin::thinned;
 
-/// Standard deviation of the position error that the functions of the motion may omit, in m.
+/// Standard deviation of the position error that the basis of the motion may omit, in m.
 const LACKING_M: f64 = 0.05;
-/// Standard deviation of the deviation from the path of the filter at the start, in m.
+/// Standard deviation of the initial deviation from the path of the filter, in m.
 const START_M: f64 = 5.0;
-/// White part of the kernel for a start with a wide valley, in standard deviations of the anomaly.
+/// White part of the kernel, in standard deviations of the anomaly, for a start with a wide valley.
 const WIDE: f64 = 0.3;
-/// Number of parts of the flight in a start that adds them one after the other.
+/// Number of parts of the flight for a start that adds them one by one.
 const PARTS: usize = 10;
-/// Number of starts for every flight; the others are used only if these give a poor result.
+/// Number of starts for every flight; further starts are used only if these give a poor result.
 const USUAL_STARTS: usize = 3;
-/// [`SlamSmootherReport::agreement`] below which a track is not plausible.
+/// [`SlamSmootherReport::agreement`] below which a track is implausible.
 pub const CONTRADICTED: f64 = 0.5;
 /// Agreement below which more starts are tried.
 const DOUBTFUL: f64 = 0.9;
 /// Minimum number of measurements for comparing starts.
 const FEWEST: usize = 100;
-/// Maximum length of a fitted kernel, in lengths of the path.
+/// Maximum length of a fitted kernel, as a fraction of the path.
 const LONGEST: f64 = 0.5;
 
 /// Parameters of the smoother.
@@ -113,7 +114,8 @@ impl SlamSmootherParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for numbers of measurements not between 2 and 5000, no pass, and a factor or tolerance not above 0.
+    /// Fails for a number of measurements that is not between 2 and 5000, for zero passes, and for a factor or
+    /// tolerance that is not above 0.
     pub fn check(&self) -> Result<(), ParameterError> {
         require("measurements", self.measurements as f64, Rule::Between(2.0, 5000.0))?;
         require("noise_factor", self.noise_factor, Rule::Positive)?;
@@ -143,7 +145,7 @@ pub struct SlamSmootherReport {
     pub agreement: f64,
     /// Final J, up to a constant of the flight.
     pub cost: f64,
-    /// Decrease of J from the path of the filter.
+    /// Decrease of J relative to the path of the filter.
     pub fall: f64,
 }
 
@@ -158,7 +160,7 @@ pub(super) struct SlamFilterResult<'a> {
     pub(super) fits: bool,
     /// Largest squared leave-one-out residual of a measurement over its variance; larger ones are rejected.
     pub(super) gate_nis: Option<f64>,
-    /// Samples, each with whether it is used.
+    /// Samples, each with a flag whether it is used.
     pub(super) samples: &'a [(SlamSample, bool)],
 }
 
@@ -174,7 +176,7 @@ struct SlamTrack {
 
 /// Replaces track and path of a filter's output by the smoothed ones; the innovations remain those of the filter.
 /// Returns false without changes if there is no smoothed track: fewer than two measurements, or a covariance that is
-/// not positive in floating point.
+/// numerically not positive.
 ///
 /// # Errors
 /// [`NavigationError::Diverged`] if the covariance of the INS is not finite.
@@ -215,7 +217,8 @@ impl SlamTrack {
         Ok(Some(Self { weights, motion, functions, root, report }))
     }
 
-    /// Position covariances at a step: functions times the factor, north and east.
+    /// Factors of the position covariance at a step, north and east: functions times the factor of the weights'
+    /// covariance.
     fn factors(&self, step: usize) -> [Vec<f64>; 2] {
         [0, 1].map(|axis| {
             let b = self.functions.at(step, axis);
@@ -271,7 +274,7 @@ impl SlamTrack {
         }
         let square = |step: usize| {
             let ([a, c, b], x) = (self.motion.alone_m2(step), &states[step]);
-            // At the start an INS may have an exact position.
+            // The position of an INS may be exact at the start.
             let [a, c] = [a, c].map(|variance| variance + LACKING_M * LACKING_M);
             let (north, east) = (x[LAT] * per[0], x[LON] * per[1]);
             (c * north * north - 2.0 * b * north * east + a * east * east) / (a * c - b * b)
@@ -282,7 +285,7 @@ impl SlamTrack {
     }
 }
 
-/// Measurement with its displacement by the filter, north and east, in m.
+/// Measurement with its displacement according to the filter, north and east, in m.
 type DisplacedMeasurement = (SlamMeasurement, [f64; 2]);
 
 /// Initial weights and kernel of a search.
@@ -321,8 +324,8 @@ impl<'a> SlamSmootherContext<'a> {
         problem_of(thin, self.motion, self.functions, self.of)
     }
 
-    /// Best of several starts, by their optima with half of the measurements. If visits contradict each other on it,
-    /// more starts are tried.
+    /// Best of several starts, by their optima with half of the measurements. If visits contradict each other at that
+    /// optimum, more starts are tried.
     fn best_start(&self, used: &[(SlamSample, [f64; 2])], thin: &[DisplacedMeasurement]) -> Option<SlamSearchStart> {
         if thin.len() < 2 || self.functions.count == 0 {
             return None;
@@ -364,7 +367,7 @@ impl<'a> SlamSmootherContext<'a> {
         Some(found.unwrap_or(SlamSearchStart { weights: filtered, kernel: narrow, filtered_cost }))
     }
 
-    /// Search from a start to its optimum. If the kernel is not fitted, a kernel other than the given one is used only
+    /// Search from a start to its optimum. If the kernel is not fitted, another kernel than the given one is used only
     /// in the first search.
     fn settled<'p>(
         &'p self,
@@ -387,8 +390,8 @@ impl<'a> SlamSmootherContext<'a> {
         Some(evidence(problem, self.prior, self.rules(problem), search)?.agreement())
     }
 
-    /// Weights from a search that starts with the measurements of the first part of the flight, and adds the next part
-    /// after convergence. The most probable weights of one part predict the path of the next.
+    /// Weights from a search that starts with the measurements of the first part of the flight and adds the next part
+    /// after each convergence. The most probable weights of one part predict the path of the next.
     fn grown(&self, measured: &[DisplacedMeasurement], parts: usize, kernel: AnomalyKernel) -> Option<Vec<f64>> {
         let mut weights = solved(&self.prior.information, &self.prior.force)?;
         for part in 1..=parts {
@@ -451,7 +454,7 @@ impl<'a> SlamSmootherContext<'a> {
     }
 }
 
-/// Removes measurements whose square is above the gate; false if there are none.
+/// Removes measurements whose squared residual exceeds the gate; false if there are none.
 fn without_outliers(thin: &mut Vec<DisplacedMeasurement>, squares: &[f64], gate: f64) -> bool {
     let before = thin.len();
     let mut squares = squares.iter();
@@ -499,7 +502,7 @@ fn prior_of(motion: &InsErrorTransitions, functions: &PositionErrorBasis, line: 
     SlamWeightPrior { information, force }
 }
 
-/// Weights whose displacements are near the given ones.
+/// Weights whose displacements approximate the given ones.
 fn near(problem: &SlamProblem, prior: &SlamWeightPrior, moved: &[[f64; 2]]) -> Option<Vec<f64>> {
     let weight = 1.0 / (START_M * START_M);
     let flat: Vec<f64> = moved.iter().flatten().copied().collect();

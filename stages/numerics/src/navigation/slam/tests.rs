@@ -46,7 +46,8 @@ fn law_few_particles_are_not_overconfident() {
         sum += nees.0 / 5.0;
         largest = largest.max(nees.1);
     }
-    // 1 is consistent. The errors within a flight are correlated, so a flight's mean varies like that of a few draws.
+    // The expected value is 1. The errors within a flight are correlated, so the mean of a flight varies like that of a
+    // few independent draws.
     assert!((0.2..5.0).contains(&sum) && largest < 50.0, "{sum} {largest}");
 }
 
@@ -57,8 +58,8 @@ fn law_each_method_of_expectation_limits_the_drift() {
         let output = filtered(&flight, &SlamParameters { particles: 500, expected, ..SlamParameters::default() });
         let (ins, slam) = (flight.drms_m(None), flight.drms_m(Some(&output)));
         println!("{expected:?}: INS {ins:.0} m, SLAM {slam:.1} m");
-        // These methods double-count errors that neighbouring measurements share, so they are only required to reduce
-        // the error.
+        // These methods count errors that neighbouring measurements share more than once, so they are only required to
+        // reduce the error.
         assert!(slam < 0.6 * ins, "{ins} {slam}");
     }
 }
@@ -77,7 +78,8 @@ fn law_the_track_without_a_revisit_equals_that_of_the_ins() {
         let phi = transition_matrix(&f, 1.0);
         p = step_covariance(&p, &f, &phi, &flight.model.noise_density(), 1.0, flight.model.noise);
         if row % 100 == 99 {
-            // A variance from 1000 particles has a standard deviation of 4.5 %, a mean of 3.2 %; limits of 4 of them.
+            // A variance from 1000 particles has a standard deviation of 4.5 %, and a mean one of 3.2 %; the limits are
+            // four standard deviations.
             for state in [LAT, LON] {
                 let ratio = output.navigation.p[row][state][state] / p[state][state];
                 assert!((ratio - 1.0).abs() < 0.18, "{row} {ratio}");
@@ -127,8 +129,9 @@ fn law_the_core_field_and_a_constant_change_nothing() {
         errors: flight.model,
     };
     let with = run(&quick(), &line).unwrap();
-    // At the particles, the core field is subtracted to first order, 0.01 nT. Until the first resampling, which turns a
-    // rounding error into another particle, weights and tracks agree except for that.
+    // At the particles, the core field is subtracted to first order, with an error of 0.01 nT. Until the first
+    // resampling, weights and tracks agree except for this error; a resampling turns a rounding error into another
+    // particle.
     let resampled = |row: &usize| plain.effective[*row] < 50.0;
     let until = (0..flight.errors.len()).find(resampled).unwrap();
     assert!(plain.navigation.nis[..until].iter().any(|nis| nis.is_finite()));

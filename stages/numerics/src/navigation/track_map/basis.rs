@@ -4,13 +4,13 @@ use std::f64::consts::PI;
 
 use crate::navigation::slam::{AnomalyKernel, CovarianceFunction};
 
-/// Fraction of the variance that the basis omits, if the maximum number of functions permits.
+/// Target fraction of the variance that the basis omits, within the maximum number of functions.
 const LACKING: f64 = 1e-4;
-/// Distance of the boundary from the outermost sample, in lengths of the kernel. The field is zero at the boundary,
-/// which lowers its variance at the outermost sample by k(4 l)/k(0), 0.5 % with the Matérn covariance of 5/2.
+/// Distance from the outermost sample to the boundary, in lengths of the kernel. The field is zero at the boundary,
+/// which reduces its variance at the outermost sample by k(4 l)/k(0), 0.5 % for the Matérn covariance of 5/2.
 const MARGIN: f64 = 2.0;
 
-/// Function of the basis: its half waves eastward and northward, from 1 on.
+/// Function of the basis: the numbers of half waves eastward and northward, from 1 on.
 pub type HalfWaves = [usize; 2];
 
 /// Basis on the rectangle around the samples.
@@ -24,7 +24,7 @@ pub struct LaplacianBasis {
     pub middle_m: [f64; 2],
     /// Half of its sides, in m.
     pub half_m: [f64; 2],
-    /// Functions, by the half waves eastward and then northward.
+    /// Functions, ordered by the half waves eastward, then northward.
     pub functions: Vec<HalfWaves>,
     /// Standard deviation of the weight of each function, times √(1/L₁L₂), in nT.
     pub scales_nt: Vec<f64>,
@@ -76,7 +76,7 @@ impl LaplacianBasis {
     }
 }
 
-/// cos(j θ) for j from 0 on, and sin(j θ) for j from 1 on, at the index j − 1.
+/// Computes cos(j θ) for j from 0 on, and sin(j θ) for j from 1 on (at the index j − 1).
 pub fn waves(theta: f64, cosines: &mut [f64], sines: &mut [f64]) {
     for (j, cosine) in cosines.iter_mut().enumerate() {
         *cosine = (j as f64 * theta).cos();
@@ -86,7 +86,7 @@ pub fn waves(theta: f64, cosines: &mut [f64], sines: &mut [f64]) {
     }
 }
 
-/// Index of the Matérn covariances; `None` for the squared exponential.
+/// Order ν of the Matérn covariances; `None` for the squared exponential.
 fn index(covariance: CovarianceFunction) -> Option<f64> {
     match covariance {
         CovarianceFunction::Matern52 => Some(2.5),
@@ -103,7 +103,7 @@ pub fn density(kernel: &AnomalyKernel, wavenumber: f64) -> f64 {
         None => power * 2.0 * PI * length2 * (-0.5 * length2 * wavenumber * wavenumber).exp(),
         Some(nu) => {
             let corner = 2.0 * nu / length2;
-            // 4πν (2ν)^ν/l^2ν (2ν/l² + k²)^−(ν+1), written so that no power overflows.
+            // 4πν (2ν)^ν/l^2ν (2ν/l² + k²)^−(ν+1), in a form without overflow.
             power * 4.0 * PI * nu / corner * (1.0 + wavenumber * wavenumber / corner).powf(-(nu + 1.0))
         }
     }
@@ -142,7 +142,7 @@ mod tests {
     fn law_the_density_is_the_transform_of_the_kernel() {
         for covariance in ALL {
             let kernel = kernel(covariance);
-            // The Hankel transform of order 0 by the mean over directions, k(r) = ∫ S(k) J₀(kr) k dk/2π.
+            // Hankel transform of order 0, computed as a mean over directions, k(r) = ∫ S(k) J₀(kr) k dk/2π.
             let j0 = |x: f64| (0..64).map(|i| (x * (PI * (f64::from(i) + 0.5) / 64.0).cos()).cos()).sum::<f64>() / 64.0;
             for r in [0.0, 200.0, 700.0] {
                 let step = 2e-5;
@@ -151,7 +151,8 @@ mod tests {
                     .map(|k| density(&kernel, k) * j0(k * r) * k * step / (2.0 * PI))
                     .sum();
                 let expected = kernel.anomaly_nt2(r * r);
-                // The rougher Matérn has 2e-6 of its variance, and its transform more, beyond the last wavenumber.
+                // The rougher Matérn covariance has 2e-6 of its variance above the last wavenumber, and its transform
+                // more.
                 assert!((sum - expected).abs() < 2e-3 * 900.0, "{covariance:?} {r}: {sum} {expected}");
             }
         }

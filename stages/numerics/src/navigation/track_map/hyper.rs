@@ -9,16 +9,16 @@ use crate::navigation::slam::fit::{FEWEST, LONGEST, minimum, standard_deviation}
 
 /// Maximum number of samples of a piece: computing time grows with its third power.
 const MOST: usize = 100;
-/// Maximum number of pieces of either kind.
+/// Maximum number of pieces of each of the two kinds.
 const PIECES: usize = 5;
-/// Step of the samples in the longer pieces.
+/// Sample step in the longer pieces.
 const COARSE: usize = 4;
 
 /// Pieces of a track, whose likelihoods are multiplied.
 ///
-/// A piece belongs to one line, so a slow position error or a constant of the line is common to it and does not count
-/// as noise. Half of the pieces have neighbouring samples, the others every fourth sample, which determine the longer
-/// lengths. [Stein, Chi & Welty 2004: the likelihood of blocks]
+/// A piece belongs to a single line, so a slow position error or a constant of the line is common to the piece and is
+/// not attributed to noise. Half of the pieces consist of neighbouring samples; the others use every fourth sample and
+/// determine the longer lengths. [Stein, Chi & Welty 2004: the likelihood of blocks]
 pub struct TrackPieces<'a> {
     pieces: Vec<Vec<&'a TrackSample>>,
     /// Mean distance of neighbouring samples, in m.
@@ -38,13 +38,13 @@ impl<'a> TrackPieces<'a> {
         Self { pieces, spacing_m }
     }
 
-    /// Logarithm of the likelihood of a kernel, each piece with its most likely mean.
+    /// Logarithm of the likelihood of a kernel, with the most likely mean of each piece.
     fn log_likelihood(&self, kernel: &AnomalyKernel, temporal: (f64, f64)) -> f64 {
         let each: Vec<f64> = self.pieces.par_iter().map(|piece| of_piece(piece, kernel, temporal)).collect();
         each.iter().sum()
     }
 
-    /// Kernel of maximum likelihood, searched from `start`; `None` if no piece is long enough, or all are constant.
+    /// Kernel of maximum likelihood, searched from `start`; `None` if no piece is long enough, or if all are constant.
     pub fn fitted(&self, start: &AnomalyKernel, temporal: (f64, f64)) -> Option<AnomalyKernel> {
         let spread = |piece: &Vec<&TrackSample>| {
             standard_deviation(&piece.iter().map(|sample| sample.value_nt).collect::<Vec<f64>>())
@@ -63,7 +63,7 @@ impl<'a> TrackPieces<'a> {
             AnomalyKernel { covariance: start.covariance, sigma_se_nt, length_m, sigma_n_nt }
         };
         let cost = |logs: [f64; 3]| {
-            // A penalty where the clamp would make the likelihood constant.
+            // The penalty prevents a constant likelihood beyond the clamp.
             let outside = (logs[1] - kernel_of(logs).length_m.ln()).abs();
             -self.log_likelihood(&kernel_of(logs), temporal) + 10.0 * outside
         };

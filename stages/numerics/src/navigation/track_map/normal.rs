@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::basis::{LaplacianBasis, waves};
 
-/// Number of samples whose waves are in memory at a time.
+/// Number of samples whose waves are in memory at the same time.
 const CHUNK: usize = 2048;
 
 /// Row of the normal equations for one sample.
@@ -22,16 +22,16 @@ pub struct TrackMapRow {
     pub beside: Vec<(usize, f64)>,
 }
 
-/// Sums over the samples that determine the equations; their size does not grow with the number of samples.
+/// Sums over the samples that determine the equations; their size is independent of the number of samples.
 ///
-/// A product of two sines is a difference of two cosines. ΦᵀWΦ therefore has only as many different entries as there
-/// are sums and differences of half waves: four per function, instead of one per pair. [Viset, Kullberg, Wesel & Solin
+/// A product of two sines is a difference of two cosines. The number of different entries in ΦᵀWΦ is therefore that of
+/// the sums and differences of half waves: four per function, instead of one per pair. [Viset, Kullberg, Wesel & Solin
 /// 2024]
 #[derive(Clone, Debug)]
 pub struct TrackMapSums {
     /// Σ w cos(p θ₁) cos(q θ₂), by p and then q, each up to twice the maximum number of half waves.
     cosines: Vec<f64>,
-    /// Σ w h sin(j₁ θ₁) sin(j₂ θ₂) for each additional column and, last, for the values; by j₁, column, j₂.
+    /// Σ w h sin(j₁ θ₁) sin(j₂ θ₂) for each additional column and, last, for the values; ordered by j₁, column, j₂.
     sines: Vec<f64>,
     /// Σ w h hᵀ of the additional columns and of the values.
     beside: Vec<f64>,
@@ -119,8 +119,8 @@ pub struct TrackMapSolution {
 }
 
 impl TrackMapSolution {
-    /// Solves (Λ⁻¹ + AᵀWA) x = AᵀWy, where A holds the functions and the additional columns, and `prior` is the inverse
-    /// covariance of the latter by rows. `None` if the matrix is not positive.
+    /// Solves (Λ⁻¹ + AᵀWA) x = AᵀWy. A holds the functions and the additional columns; `prior` is the inverse
+    /// covariance of the additional columns, by rows. `None` if the matrix is not positive.
     pub fn solve(basis: &LaplacianBasis, sums: &TrackMapSums, prior: &[f64]) -> Option<Self> {
         let (m, columns) = (basis.functions.len(), sums.columns);
         let (all, scales) = (columns + 1, &basis.scales_nt);

@@ -36,7 +36,7 @@ impl Field {
             let heavy = if freedom > 0 { (f64::from(freedom) / chi2).sqrt() } else { 1.0 };
             let mut k = || normals.draw() * heavy / kernel.length_m;
             let (east, north) = (k(), k());
-            // Amplitudes of sine and cosine make a Gaussian field for any number of waves.
+            // Amplitudes of sine and cosine give a Gaussian field for any number of waves.
             let amplitude = kernel.sigma_se_nt / f64::from(count).sqrt();
             [east, north, amplitude * normals.draw(), amplitude * normals.draw()]
         };
@@ -52,7 +52,7 @@ impl Field {
     }
 }
 
-/// Parallel lines eastward in a square of this side, `apart_m` apart, with a sample every `step_m`.
+/// Parallel eastward lines in a square of this side, `apart_m` apart, with a sample every `step_m`.
 fn lines(side_m: f64, apart_m: f64, step_m: f64) -> Vec<TrackSample> {
     let (count, of_line) = ((side_m / apart_m) as usize + 1, (side_m / step_m) as usize + 1);
     let sample = |place: usize| {
@@ -76,7 +76,7 @@ fn axis(first: f64, step: f64, len: usize) -> EvenAxis {
     EvenAxis { first, step, len }
 }
 
-/// Mean and variance of the field and level at some positions, by all pairs of samples.
+/// Mean and variance of the field and level at some positions, from all pairs of samples.
 fn dense(kernel: &AnomalyKernel, samples: &[TrackSample], at: &[[f64; 2]]) -> Vec<(f64, f64)> {
     let n = samples.len();
     let apart2 = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
@@ -111,8 +111,8 @@ fn law_the_map_equals_the_regression_on_all_pairs() {
         let nodes = map.on(east, north);
         let at: Vec<[f64; 2]> =
             north.coordinates().iter().flat_map(|n| east.coordinates().into_iter().map(|e| [e, *n])).collect();
-        // In theory the mean has an error from the omitted waves, √lacking of the variance where nothing is measured,
-        // and from the boundary, k(4 l) at the outermost samples.
+        // The theoretical error of the mean has two contributions: the omitted waves, √lacking of the variance where
+        // nothing is measured, and the boundary, k(4 l) at the outermost samples.
         let tolerance = 3.0 * map.report.lacking.sqrt() * 40.0 + 0.15;
         let (mut worst, mut worst_sd) = (0.0_f64, 0.0_f64);
         for (node, (value, variance)) in nodes.iter().zip(dense(&kernel, &samples, &at)) {
@@ -121,8 +121,8 @@ fn law_the_map_equals_the_regression_on_all_pairs() {
         }
         println!("{covariance:?}: {} functions, {worst} {worst_sd} {tolerance}", map.report.functions);
         assert!(worst < tolerance && worst_sd < tolerance, "{covariance:?}: {worst} {worst_sd} {tolerance}");
-        // The variance that the basis omits counts as noise. It is not added where the basis omits little of the lines'
-        // variance.
+        // The variance that the basis omits is treated as noise. It is not added if the basis omits little of the
+        // lines' variance.
         assert!((0.3..1.1).contains(&map.report.misfit), "{}", map.report.misfit);
     }
 }
@@ -150,7 +150,7 @@ fn law_the_standard_deviation_is_consistent_with_the_error() {
     }
     let (part, rms) = (within as f64 / f64::from(count), (squares / f64::from(count)).sqrt());
     println!("within 1.96 sd: {part:.4}, rms of the standardised error {rms:.3}");
-    // 11616 nodes, whose errors are correlated within some hundred metres: about 500 independent ones.
+    // 11616 nodes, whose errors are correlated over some hundred metres: about 500 independent ones.
     assert!((part - 0.95).abs() < 0.03 && (rms - 1.0).abs() < 0.1, "{part} {rms}");
 }
 
@@ -227,7 +227,7 @@ fn law_constants_of_lines_and_the_temporal_variation_are_removed() {
                 .map(|(i, node)| node.value_nt - field.at([east.at((i % 20) as f64), north.at((i / 20) as f64)]))
                 .collect();
             let mean = errors.iter().sum::<f64>() / errors.len() as f64;
-            // A constant common to all is not observable.
+            // A constant that all lines share is not observable.
             (errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / errors.len() as f64).sqrt()
         };
         let plain = rms(fixed(kernel));

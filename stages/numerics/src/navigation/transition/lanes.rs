@@ -1,8 +1,8 @@
-//! Step of several filters at once, one per lane of a vector register.
+//! Simultaneous step of several filters, one per lane of a vector register.
 //!
 //! The filters share the transition matrix, except for the temporal variation, which decays independently and drives no
-//! other state. Every lane uses the same sums in the same order, and products and sums are not fused. The results of a
-//! filter are bit-identical in any lane, for any register width and independent of the other lanes.
+//! other state. Every lane computes the same sums in the same order, and products and sums are not fused. The results
+//! of a filter are bit-identical in any lane and for any register width, and are independent of the other lanes.
 
 use pulp::{Simd, bytemuck};
 
@@ -88,7 +88,7 @@ fn add_column<S: Simd, const PLACES: usize>(
     }
 }
 
-/// Decay factors of all Gauss-Markov states, in their order; that of the temporal variation by lane.
+/// Decay factors of all Gauss-Markov states, in order; the factor of the temporal variation is given by lane.
 #[inline(always)]
 fn decays<S: Simd>(simd: S, phi: &TransitionEntries, fogm_decay: S::f64s) -> [S::f64s; DECAYING.len()] {
     let mut decays = [fogm_decay; DECAYING.len()];
@@ -133,7 +133,7 @@ pub(crate) fn propagate_covariances<S: Simd>(
             y[state] = entry;
         }
     }
-    // Y Φᵀ up to the diagonal, in groups of rows with as many sums as the longest row of a group requires.
+    // Y Φᵀ up to the diagonal, in groups of rows; the longest row of a group determines its number of sums.
     for (place, y) in y.iter().enumerate() {
         match place {
             0..4 => fill(p, place, &coupled::<S, 4>(simd, phi, y)),

@@ -18,7 +18,7 @@ fn cases() -> [(&'static str, StateMatrix); 2] {
     ]
 }
 
-/// Spectral densities of the reference's process noise: MagNav.jl's defaults.
+/// Spectral densities of the reference's process noise: the defaults of MagNav.jl.
 fn density() -> StateVector {
     crate::navigation::ins_error::InsErrorModel::from_sources(crate::navigation::ins_error::InsErrors {
         vrw_sigma: 2.38e-4,
@@ -45,7 +45,7 @@ fn reference(case: &str, dt_s: f64, what: &str) -> StateMatrix {
     matrix
 }
 
-/// Largest difference in scaled states (metres, metres per 30 s ...).
+/// Largest difference in scaled states (metres, metres per 30 s and so on).
 fn scaled_difference(a: &StateMatrix, b: &StateMatrix) -> f64 {
     let mut worst = 0.0_f64;
     for row in 0..STATES {
@@ -62,7 +62,7 @@ fn val_scipy_matrix_exponential() {
     for (case, f) in cases() {
         for dt_s in [0.1, 1.0, 30.0] {
             let (ours, theirs) = (transition_matrix(&f, dt_s), reference(case, dt_s, "phi"));
-            // Both have a few rounding errors of entries of size 1 to 5 in scaled states.
+            // Both results have a few rounding errors of entries of 1 to 5 in scaled states.
             let worst = scaled_difference(&ours, &theirs);
             assert!(worst < 1e-14, "{case} {dt_s} {worst:e}");
             for row in 0..STATES {
@@ -155,7 +155,7 @@ fn law_sparse_products_equal_dense_ones_and_are_symmetric() {
                     assert_eq!(ours[row][column], ours[column][row]);
                     let size = SCALE[row] * SCALE[column];
                     let difference = (ours[row][column] - theirs[(row, column)]).abs() * size;
-                    // Entries of about 10 in scaled states, grown by up to 5² over 30 s.
+                    // Entries of about 10 in scaled states, which increase by up to 5² over 30 s.
                     assert!(difference < 1e-11, "{row} {column} {difference:e}");
                 }
             }
@@ -186,8 +186,8 @@ fn val_scipy_van_loan_noise() {
     for (case, f) in cases() {
         for dt_s in [0.1, 1.0, 30.0] {
             let (ours, theirs) = (van_loan(&f, &density(), dt_s), reference(case, dt_s, "noise"));
-            // Relative to the noise that the step adds, in every state; scipy's own rounding error in the smallest
-            // (position within 0.1 s) is 1e-7 of it.
+            // Relative to the noise that the step adds, in every state. In the smallest (position within 0.1 s),
+            // scipy's own rounding error is 1e-7 of this noise.
             let worst = correlation_difference(&ours, &theirs);
             assert!(worst < 1e-6, "{case} {dt_s} {worst:e}");
         }
@@ -196,7 +196,7 @@ fn val_scipy_van_loan_noise() {
 
 #[test]
 fn law_trapezoidal_noise_is_second_order_and_rectangular_first() {
-    // Velocity noise from tilt and biases within a step, relative to its size.
+    // Velocity noise from tilt and biases within a step, relative to the velocity noise.
     let (_, f) = cases()[1];
     let q = density();
     let error = |dt_s: f64, noise: NoiseDiscretisation| {

@@ -21,7 +21,7 @@ pub(super) struct CoordinateDescent<'a> {
     gradient: Vec<f64>,
 }
 
-/// Sweeps over the active terms between two checks of the others and of the gap.
+/// Number of sweeps over the active terms between two checks of the other terms and of the gap.
 const SWEEPS_BETWEEN: usize = 3;
 
 impl<'a> CoordinateDescent<'a> {
@@ -44,7 +44,7 @@ impl<'a> CoordinateDescent<'a> {
 
     /// Minimises ‖y − A b‖²/2 + l1 ‖b‖₁ + l2 ‖b‖²/2 from the last solution.
     ///
-    /// Sweeps activate terms; exact steps move active terms to their minimum or deactivate them.
+    /// Sweeps activate terms; exact steps move active terms to the minimum or deactivate them.
     pub(super) fn run(&mut self, l1: f64, l2: f64, tolerance: f64, most_sweeps: usize) -> DescentResult {
         let all: Vec<usize> = (0..self.b.len()).collect();
         let mut sweeps = 0;
@@ -88,9 +88,9 @@ impl<'a> CoordinateDescent<'a> {
         }
     }
 
-    /// Steps to the minimum over the active terms with fixed signs. A term that would change its sign on the way is
-    /// fixed at zero, and the step continues with the others. The objective falls with each step [Lee et al. 2007,
-    /// "Efficient sparse coding algorithms", the feature-sign search].
+    /// Steps to the minimum over the active terms with fixed signs. A term that would change its sign is fixed at zero,
+    /// and the step continues with the others. The objective decreases with each step [Lee et al. 2007, "Efficient
+    /// sparse coding algorithms", the feature-sign search].
     fn solve_active(&mut self, l1: f64, l2: f64) {
         loop {
             let active = self.active();
@@ -148,8 +148,8 @@ impl<'a> CoordinateDescent<'a> {
         let slope = self.gradient.iter().zip(&self.b).map(|(g, b)| (g - l2 * b).abs());
         let steepest = slope.fold(0.0, f64::max);
         if l1 == 0.0 {
-            // Without a first-order penalty the dual is unbounded: ‖slope‖²/(2 l2) bounds the distance; for plain least
-            // squares its decrement does.
+            // Without a first-order penalty the dual is unbounded. Then ‖slope‖²/(2 l2) bounds the distance; for plain
+            // least squares, the decrement bounds it.
             return self.smooth_gap(l2) / self.squares;
         }
         let shrink = if steepest > l1 { l1 / steepest } else { 1.0 };
@@ -158,7 +158,7 @@ impl<'a> CoordinateDescent<'a> {
         gap.max(0.0) / self.squares
     }
 
-    /// ‖slope‖²/2 in the metric of the inverse of the diagonal: the most that a sweep could gain.
+    /// ‖slope‖²/2 in the metric of the inverse diagonal: an upper bound on the decrease of the objective in one sweep.
     fn smooth_gap(&self, l2: f64) -> f64 {
         let p = self.b.len();
         let gain = |j: usize| {

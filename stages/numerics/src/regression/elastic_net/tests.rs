@@ -25,7 +25,7 @@ fn val_fits_equal_scikit_learn() {
             ..ElasticNetOptions::default()
         };
         let fit = &net.path(&all, 0, &[alpha]).unwrap()[0];
-        // scikit-learn ends at a gap of 1e-14 of ‖y‖², so its coefficients are accurate to some 1e-6.
+        // scikit-learn stops at a gap of 1e-14 of ‖y‖², so its coefficients are accurate to some 1e-6.
         for (ours, name) in fit.fit.coefficients.iter().zip(TERMS) {
             near(*ours, table[name][row], 2e-6, 1e-3);
         }
@@ -79,8 +79,8 @@ fn val_scores_of_omitted_lines_equal_scikit_learn() {
 
 #[test]
 fn law_the_conditions_of_a_minimum_hold() {
-    // The gradient of the squared residuals by a coefficient equals its penalty. Where the coefficient is zero, it is
-    // smaller.
+    // For each nonzero coefficient, the gradient of the squared residuals equals its penalty. For a zero coefficient,
+    // the gradient is smaller.
     let all = RegressionMoments::merged(&lines()).unwrap();
     let net = ElasticNetOptions { l1_ratio: 0.6, tolerance: 1e-14, ..ElasticNetOptions::default() };
     let prepared = all.prepare(net.scaling, true).unwrap();
@@ -96,7 +96,7 @@ fn law_the_conditions_of_a_minimum_hold() {
                 zeros += 1;
                 assert!(slope.abs() <= l1 * (1.0 + 1e-6));
             } else {
-                // Active terms are solved for exactly.
+                // The active terms are solved exactly.
                 near(slope, l1.copysign(*b), 1e-9, 1e-9);
             }
         }
@@ -123,7 +123,7 @@ fn law_without_a_first_order_penalty_the_fit_is_ridge() {
 
 #[test]
 fn unit_badly_conditioned_terms_are_solved_in_few_sweeps() {
-    // Thirty terms with relative differences of 1e-5: plain descent needs some 1e10 sweeps.
+    // Thirty terms with relative differences of 1e-5: descent without exact steps requires some 1e10 sweeps.
     let (rows, p) = (400, 30);
     let mut normals = NormalGenerator::new(4);
     let mut row = || {

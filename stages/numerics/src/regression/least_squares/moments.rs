@@ -1,8 +1,8 @@
-//! The sufficient statistics of a line for a sweep of linear models: the factor of [1 | A | Y], without its rows.
+//! Sufficient statistics of a line for many linear models: the factor of [1 | A | Y], without its rows.
 //!
 //! A [`RegressionMoments`] is small (p x p). It can be merged with others in the order of the lines, removed from them,
-//! reduced to some of its terms and targets, and evaluated with any coefficients: no row is read again. With the
-//! columns scaled it becomes a [`ScaledFactor`], from which every model is computed.
+//! reduced to some of its terms and targets, and evaluated with any coefficients, without reading a row again. Scaling
+//! its columns gives a [`ScaledFactor`], from which every model is computed.
 
 use rayon::prelude::*;
 
@@ -27,7 +27,7 @@ impl MomentsAccumulator {
         }
     }
 
-    /// Folds in rows, as [`QrAccumulator::push`]: `a` row-major, one slice per target.
+    /// Folds in rows as [`QrAccumulator::push`] does: `a` row-major, one slice per target.
     ///
     /// # Errors
     /// Fails as [`QrAccumulator::push`].
@@ -57,7 +57,7 @@ impl MomentsAccumulator {
     }
 }
 
-/// The triangle and the residuals of its carried columns.
+/// The triangle, and the residuals of its carried columns.
 fn taken(mut triangle: QrTriangle) -> (Vec<f64>, Vec<f64>) {
     triangle.flush();
     let squares = triangle.squares().to_vec();
@@ -71,7 +71,7 @@ pub struct RegressionMoments {
     rows: usize,
     terms: usize,
     targets: usize,
-    /// 1 + terms rows of 1 + terms + targets.
+    /// Row-major; 1 + terms rows of 1 + terms + targets columns.
     upper: Vec<f64>,
     unexplained: Vec<f64>,
     least: Vec<f64>,
@@ -83,7 +83,7 @@ pub struct RegressionMoments {
 pub struct LinearFit {
     /// One coefficient per term: unit of the target over unit of the term.
     pub coefficients: Vec<f64>,
-    /// The constant that is added to the terms' sum, in the unit of the target.
+    /// Constant added to the sum of the terms, in the unit of the target.
     pub intercept: f64,
 }
 
@@ -121,8 +121,8 @@ impl RegressionMoments {
         MomentsAccumulator::new(self.terms, self.targets).finish()
     }
 
-    /// The moments of the rows of both. The result depends on the order in its last bits: merge in
-    /// the order of the lines.
+    /// Moments of the rows of both. The last bits of the result depend on the order of merging: merge in the order of
+    /// the lines.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::Shape`] for moments of another number of terms or targets.
@@ -159,14 +159,14 @@ impl RegressionMoments {
         rest.iter().try_fold(first.clone(), |sum, line| sum.merge(line))
     }
 
-    /// For each line, the moments of all others: some three merges a line for any number of lines.
+    /// For each line, the moments of all other lines, with about three merges per line.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::TooFewLines`] for fewer than two lines, and as [`Self::merge`].
     pub fn leave_one_out(lines: &[Self]) -> Result<Vec<Self>, LeastSquaresError> {
         let first = lines.first().filter(|_| lines.len() > 1);
         let first = first.ok_or(LeastSquaresError::TooFewLines { given: lines.len() })?;
-        // The moments after each line, then those before it as the loop advances.
+        // The moments after each line are computed first, then those before it within the loop.
         let mut behind = vec![first.none_like()];
         for line in lines.iter().skip(1).rev() {
             let next = line.merge(&behind[behind.len() - 1])?;
@@ -215,12 +215,13 @@ impl RegressionMoments {
         })
     }
 
-    /// The moments of other columns that are sums of these: column c is Σⱼ `weights`\[c\]\[j\] term j, less
-    /// `offsets`\[c\]; the targets stay. The new columns' extremes are not known, so no scaling by them has an effect.
+    /// Moments of other columns that are linear combinations of these: column c is Σⱼ `weights`\[c\]\[j\] term j, minus
+    /// `offsets`\[c\]; the targets are unchanged. The extremes of the new columns are unknown, so scaling by extremes
+    /// has no effect.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::Shape`] when the offsets are not as many as the new columns, or the weights of
-    /// a column not as many as the terms.
+    /// Fails with [`LeastSquaresError::Shape`] if the numbers of offsets and new columns differ, or if the number of
+    /// weights of a column differs from the number of terms.
     pub fn combined(&self, weights: &[Vec<f64>], offsets: &[f64]) -> Result<Self, LeastSquaresError> {
         expect("the list of offsets", offsets.len(), weights.len())?;
         for column in weights {
@@ -252,7 +253,7 @@ impl RegressionMoments {
     /// The moments of the same rows with each term multiplied by its factor, above 0.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::Shape`] when the factors are not as many as the terms.
+    /// Fails with [`LeastSquaresError::Shape`] if the numbers of factors and terms differ.
     pub fn scaled(&self, factors: &[f64]) -> Result<Self, LeastSquaresError> {
         expect("the list of factors", factors.len(), self.terms)?;
         let all: Vec<f64> =
@@ -308,10 +309,10 @@ impl RegressionMoments {
         self.upper.chunks_exact(self.width()).skip(1).map(|row| row[column] * row[column]).sum()
     }
 
-    /// The residual of `fit` for one target over these rows, (3.26), without reading a row.
+    /// Residual statistics of `fit` for one target over these rows, (3.26), without reading a row.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::Shape`] when the coefficients are not as many as the terms, and with
+    /// Fails with [`LeastSquaresError::Shape`] if the numbers of coefficients and terms differ, and with
     /// [`LeastSquaresError::NoSuch`] for an unknown target.
     pub fn residuals(&self, target: usize, fit: &LinearFit) -> Result<ResidualStatistics, LeastSquaresError> {
         expect("the list of coefficients", fit.coefficients.len(), self.terms)?;
@@ -335,8 +336,8 @@ impl RegressionMoments {
 
     /// The scaled columns, from which models are computed.
     ///
-    /// With `intercept` the means of terms and targets are subtracted. Without, columns are divided
-    /// by their scale but not shifted.
+    /// With `intercept`, the means of terms and targets are subtracted. Without it, columns are divided by their scale
+    /// but not shifted.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::NoRows`] without rows.
@@ -397,8 +398,7 @@ pub enum LineScoreMeasure {
     /// The mean squared error.
     #[default]
     MeanSquare,
-    /// The variance (with n) of the error: an offset of the line does not count, as in the error
-    /// that Gnadt 2022 reports.
+    /// The variance (with n) of the error: a bias of the line is ignored, as in the error that Gnadt 2022 reports.
     Variance,
 }
 
@@ -411,9 +411,9 @@ pub struct LineScores {
     pub mean: Vec<f64>,
     /// For each candidate, the standard deviation of the scores (n − 1) over the root of their number.
     pub standard_error: Vec<f64>,
-    /// The candidate with the least mean, the first of ties.
+    /// Index of the candidate with the smallest mean; the first of ties.
     pub best: usize,
-    /// The first candidate within the best's standard error of the best.
+    /// Index of the first candidate whose mean is within one standard error of the best.
     pub within_one_error: usize,
 }
 
@@ -433,10 +433,10 @@ impl LineScores {
     }
 }
 
-/// Scores a list of candidates by leaving each line out once: `fits` computes the candidates from the
-/// moments of all other lines, always as many and from the simplest to the most complex.
+/// Scores a list of candidates by omitting each line once. `fits` computes the candidates from the moments of all other
+/// lines, always the same number and from the simplest to the most complex.
 ///
-/// Runs on rayon's threads, one line each; the result does not depend on their number.
+/// Runs in parallel (rayon), one line per task; the result does not depend on the number of threads.
 ///
 /// # Errors
 /// Fails with [`LeastSquaresError::EmptyLine`] for a line without rows, as [`RegressionMoments::leave_one_out`], as

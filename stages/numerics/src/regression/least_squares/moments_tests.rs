@@ -35,7 +35,7 @@ fn val_scaled_ridge_equals_scikit_learn() {
             [table["scaling"][row] as usize - 1];
         let path = all.prepare(scaling, true).unwrap().ridge(&[table["lambda"][row]], &TERMS).unwrap();
         let theirs: Vec<f64> = TERMS.iter().map(|name| table[*name][row]).collect();
-        // The condition number is some 1e3 once scaled: rounding is 1e-12 on either side.
+        // After scaling, the condition number is some 1e3, so rounding is 1e-12 on either side.
         near(&path.solutions[0].coefficients[0], &theirs, 1e-10);
         near(&path.solutions[0].intercepts[..1], &[table["intercept"][row]], 1e-10);
     }
@@ -87,7 +87,7 @@ fn law_omitting_a_line_equals_the_fit_of_the_others() {
         let again = RegressionMoments::merged(&kept).unwrap();
         assert_eq!(others.rows(), again.rows());
         near(&ridge(others, 1.0).coefficients[1], &ridge(&again, 1.0).coefficients[1], 1e-11);
-        // The extremes, from which max-abs is computed, are excluded too.
+        // The extremes, from which max-abs is computed, also exclude the omitted line.
         assert_eq!(
             others.prepare(ColumnScaling::MinMax, true).unwrap().scales(),
             again.prepare(ColumnScaling::MinMax, true).unwrap().scales()
@@ -114,7 +114,7 @@ fn law_covariance_does_not_depend_on_the_scaling_without_a_ridge() {
     let all = RegressionMoments::merged(&moments()).unwrap();
     let of = |scaling| all.prepare(scaling, true).unwrap().ridge(&[0.0], &TERMS).unwrap().covariance(0, 0).unwrap();
     let plain = of(ColumnScaling::None);
-    // Unscaled, the condition number is 1e5, squared in a covariance.
+    // Unscaled, the condition number is 1e5, and it is squared in a covariance.
     near(&of(ColumnScaling::Standardise), &plain, 1e-7);
     assert!(plain[0] > 1e-5);
 }

@@ -1,11 +1,11 @@
-//! The triangular factor of a tall matrix, a panel of rows at a time.
+//! Triangular factor of a tall matrix, processed one panel of rows at a time.
 //!
-//! Householder reflections eliminate a panel below the current triangle: QR of [R; panel]. The
-//! rows are the outer loop and the columns the inner one, eight to a cache line, so that every sum
-//! over the rows runs in row order on any processor, vector width and number of threads. Updating
-//! the panel by one reflection and forming the inner products of the next are one pass over it.
+//! Householder reflections eliminate a panel below the current triangle: the QR factorisation of [R; panel]. The outer
+//! loop runs over rows and the inner one over columns, eight to a cache line. Every sum over the rows is therefore in
+//! row order for any processor, vector width and number of threads. A single pass over the panel applies one reflection
+//! and forms the inner products of the next.
 
-/// Columns that are worked on together: one cache line.
+/// Number of columns that are processed together: one cache line.
 const LANES: usize = 8;
 
 /// Rows of a panel: with 24 columns it fills the first-level cache.
@@ -21,11 +21,11 @@ const ZERO: PanelLanes = PanelLanes([0.0; LANES]);
 #[derive(Debug, Clone)]
 pub(super) struct QrTriangle {
     width: usize,
-    /// The number of columns that are eliminated; those after them are only carried along.
+    /// Number of eliminated columns; the following columns are only carried.
     pivots: usize,
-    /// The residual sum of squares of each of the others.
+    /// Residual sum of squares of each carried column.
     squares: Vec<f64>,
-    /// `blocks` times [`PANEL`] rows of eight columns.
+    /// Panel of [`PANEL`] rows of `blocks` times eight columns, stored block by block.
     panel: Vec<PanelLanes>,
     filled: usize,
     /// `pivots` rows of `blocks` times eight columns.
@@ -37,9 +37,9 @@ pub(super) struct QrTriangle {
 }
 
 impl QrTriangle {
-    /// The triangle of a matrix of `pivots` columns, with `carried` more next to them, and no rows.
+    /// Creates the triangle of a matrix of `pivots` columns with `carried` further columns, without rows.
     ///
-    /// The result for a carried column is bit-independent of the others.
+    /// The result for a carried column is bit-identical for any other carried columns.
     pub(super) fn new(pivots: usize, carried: usize) -> Self {
         let width = pivots + carried;
         let blocks = width.div_ceil(LANES);
@@ -57,7 +57,7 @@ impl QrTriangle {
         }
     }
 
-    /// Adds one row of `width` entries, or of [`padded`](Self::padded) padded with zeros.
+    /// Adds one row of `width` entries, or of [`padded`](Self::padded) entries padded with zeros.
     #[inline]
     pub(super) fn push(&mut self, row: &[f64]) {
         let (whole, rest) = row.as_chunks::<LANES>();
@@ -73,7 +73,7 @@ impl QrTriangle {
         }
     }
 
-    /// The width up to whole cache lines.
+    /// The width rounded up to whole cache lines.
     pub(super) fn padded(&self) -> usize {
         self.dots.len() * LANES
     }
@@ -96,7 +96,7 @@ impl QrTriangle {
         self.squares.iter_mut().zip(squares).for_each(|(sum, more)| *sum += more);
     }
 
-    /// The same with only the carried columns in `chosen`, in that order.
+    /// The same triangle with only the carried columns in `chosen`, in that order.
     pub(super) fn select(mut self, chosen: &[usize]) -> Self {
         self.flush();
         let mut out = Self::new(self.pivots, chosen.len());
@@ -112,7 +112,7 @@ impl QrTriangle {
         out
     }
 
-    /// The triangle and what it carries, row-major `pivots` by `width`, zeros below the diagonal.
+    /// Triangle and carried columns, row-major `pivots` by `width`, with zeros below the diagonal.
     pub(super) fn upper(mut self) -> Vec<f64> {
         self.flush();
         let blocks = self.dots.len();
@@ -163,8 +163,8 @@ fn first_dots(t: &mut QrTriangle) {
     }
 }
 
-/// Applies the reflection of `column` to its row of the triangle, and computes the multiple of the reflector by which
-/// each later column of the panel changes.
+/// Applies the reflection of `column` to its row of the triangle. Computes the multiple of the reflector that is
+/// subtracted from each later column of the panel.
 #[inline(always)]
 fn reflect_top(t: &mut QrTriangle, column: usize) {
     let blocks = t.dots.len();
@@ -208,7 +208,7 @@ fn reflect_panel(t: &mut QrTriangle, column: usize) {
 /// Subtracts `v` times `steps` from eight columns, and returns their inner products with `next`.
 #[inline(always)]
 fn update(rows: &mut [PanelLanes], v: &[f64], steps: &PanelLanes, next: &[f64]) -> PanelLanes {
-    // Two sums, of the even and the odd rows, keep the adders busy; their order is fixed.
+    // Two sums, over even and odd rows, keep the adders busy; their order is fixed.
     let mut sums = [ZERO, ZERO];
     let mut pairs = rows.chunks_exact_mut(2);
     let (mut vs, mut nexts) = (v.chunks_exact(2), next.chunks_exact(2));

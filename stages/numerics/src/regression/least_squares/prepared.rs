@@ -15,19 +15,19 @@ pub enum ColumnScaling {
     Standardise,
     /// Their largest absolute value.
     MaxAbs,
-    /// Their largest less their smallest value.
+    /// Their largest minus their smallest value.
     MinMax,
 }
 
 /// The triangular factor of centred (optionally) and scaled columns, with their targets.
 ///
-/// Sufficient for a penalised fit: ‖y − A β‖² = ‖z − R b‖² + unexplained, with b in scaled
-/// units. Coefficients are converted to the columns' own units by [`original`](Self::original).
+/// Sufficient for a penalised fit: ‖y − A β‖² = ‖z − R b‖² + unexplained, with b in scaled units.
+/// [`original`](Self::original) converts coefficients to the columns' own units.
 #[derive(Debug, Clone)]
 pub struct ScaledFactor {
     rows: usize,
     terms: usize,
-    /// Row-major, `terms` by `terms`.
+    /// Factor R, row-major, `terms` by `terms`.
     r: Vec<f64>,
     /// For each target, its component along the factor's rows.
     z: Vec<Vec<f64>>,
@@ -64,7 +64,7 @@ impl ScaledFactor {
     ) -> Self {
         let terms = scales.len();
         let width = terms + targets;
-        // A constant is only rounding after subtracting its mean.
+        // After subtraction of its mean, a constant column contains only rounding.
         let entry = |i: usize, j: usize| {
             if constant[j] && intercept { 0.0 } else { upper[i * width + j] / scales[j] }
         };
@@ -103,7 +103,7 @@ impl ScaledFactor {
         &self.r
     }
 
-    /// The part z of a target that terms could explain, or an error for an unknown index.
+    /// The part z of a target that the terms can explain.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::NoSuch`] for an unknown target.
@@ -118,7 +118,7 @@ impl ScaledFactor {
         self.unexplained.get(target).copied().unwrap_or(f64::NAN)
     }
 
-    /// The sum of squares of a target (about its mean, where means were subtracted).
+    /// Sum of squares of a target (about its mean, if means were subtracted).
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::NoSuch`] for an unknown target.
@@ -140,7 +140,7 @@ impl ScaledFactor {
         gram
     }
 
-    /// z − R b for coefficients in scaled units.
+    /// Residual z − R b for coefficients in scaled units.
     pub fn left_of(&self, z: &[f64], scaled: &[f64]) -> Vec<f64> {
         let rows = self.r.chunks_exact(self.terms.max(1));
         let explained = rows.map(|row| row.iter().zip(scaled).map(|(r, b)| r * b).sum::<f64>());
@@ -159,7 +159,7 @@ impl ScaledFactor {
     /// The sum of squared residuals of coefficients in scaled units.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::Shape`] when the coefficients are not as many as the terms, and with
+    /// Fails with [`LeastSquaresError::Shape`] if the numbers of coefficients and terms differ, and with
     /// [`LeastSquaresError::NoSuch`] for an unknown target.
     pub fn residual_squares(&self, target: usize, scaled: &[f64]) -> Result<f64, LeastSquaresError> {
         expect("the list of coefficients", scaled.len(), self.terms)?;
@@ -167,7 +167,7 @@ impl ScaledFactor {
         Ok(left.iter().map(|r| r * r).sum::<f64>() + self.unexplained(target))
     }
 
-    /// Coefficients in scaled units as a model in the columns' own units.
+    /// Converts coefficients in scaled units to a model in the columns' own units.
     pub fn original(&self, target: usize, scaled: &[f64]) -> LinearFit {
         let coefficients: Vec<f64> = scaled.iter().zip(&self.scales).map(|(b, s)| b / s).collect();
         let mean: f64 = coefficients.iter().zip(&self.term_means).map(|(b, m)| b * m).sum();
@@ -180,7 +180,7 @@ impl ScaledFactor {
         coefficients.iter().zip(&self.scales).map(|(b, s)| b * s).collect()
     }
 
-    /// The singular value decomposition, once for all targets.
+    /// Singular value decomposition, shared by all targets.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::NoConvergence`] when the decomposition does not converge.
@@ -196,8 +196,8 @@ impl ScaledFactor {
         })
     }
 
-    /// Ridge fits of all targets for all lambdas: min ‖y − A β‖² + λ ‖b‖² with b the coefficients of
-    /// the scaled columns; van der Meer 2025 (2.31)-(2.32) and its column scaling β = b / s.
+    /// Ridge fits of all targets for all lambdas: min ‖y − A β‖² + λ ‖b‖², where b are the coefficients of the scaled
+    /// columns. See van der Meer 2025 (2.31)-(2.32) and its column scaling β = b / s.
     ///
     /// Coefficients, intercepts and covariances are in the columns' own units; singular values and
     /// condition number are those of the scaled matrix.

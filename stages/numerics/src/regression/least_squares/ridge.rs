@@ -1,15 +1,15 @@
-//! From the triangular factor to coefficients, for all targets and ridge parameters at once.
+//! Coefficients from the triangular factor, for all targets and ridge parameters together.
 
 use faer::Mat;
 
 use super::LeastSquaresError;
 
-/// Fraction of the largest singular value, with all columns scaled to the same length, below which a direction counts
-/// as not excited. A zero-phase filter over 50,000 nT leaves dependent columns independent by about 1e-13 through
-/// rounding alone; real calibration flights stay above 1e-6.
+/// Singular value, as a fraction of the largest, below which a direction is not excited; all columns are first scaled
+/// to the same length. Rounding in a zero-phase filter over 50,000 nT gives dependent columns singular values of about
+/// 1e-13; real calibration flights have more than 1e-6.
 pub const RANK_TOLERANCE: f64 = 1e-12;
 
-/// The smallest component that a term must have in a direction without excitation to be listed.
+/// Minimum component of a term in a direction without excitation for the term to be listed.
 const NAMED_FROM: f64 = 1e-4;
 
 /// The triangular factor of [A | Y] and statistics of its rows.
@@ -18,7 +18,7 @@ pub(super) struct RidgeFactor {
     pub(super) terms: usize,
     pub(super) targets: usize,
     pub(super) upper: Vec<f64>,
-    /// The unexplained sum of squares of each target: the part outside the span of the terms' columns.
+    /// Sum of squares of each target that the terms cannot explain.
     pub(super) unexplained: Vec<f64>,
     pub(super) means: Vec<f64>,
     pub(super) centred: bool,
@@ -37,13 +37,14 @@ pub struct RidgeSolution {
     pub lambda: f64,
     /// For each target, one coefficient per term: unit of the target over unit of the term.
     pub coefficients: Vec<Vec<f64>>,
-    /// For each target, the constant added to the terms' sum: 0 unless the fit subtracts means.
+    /// For each target, the constant added to the sum of the terms: 0 unless the fit subtracts means.
     pub intercepts: Vec<f64>,
     /// The effective number of fitted parameters, Σ s²/(s² + λ), with the intercept.
     pub degrees_of_freedom: f64,
     /// For each target, the sum of squared residuals.
     pub residual_squares: Vec<f64>,
-    /// For each target, that sum over rows less degrees of freedom; NaN without degrees of freedom.
+    /// For each target, the sum of squared residuals divided by (rows − degrees of freedom); NaN without degrees of
+    /// freedom.
     pub residual_variances: Vec<f64>,
 }
 
@@ -60,13 +61,13 @@ pub struct RidgePath {
     pub target_means: Vec<f64>,
     /// The singular values of the (optionally centred) matrix, largest first.
     pub singular_values: Vec<f64>,
-    /// The largest singular value over the smallest: infinite when a term is zero throughout.
+    /// Ratio of the largest singular value to the smallest; infinite if all values of a term are zero.
     pub condition: f64,
     /// The rank of the columns after scaling each to the same length.
     pub rank: usize,
-    /// Terms that are zero in every row (constant, where the fit subtracts means).
+    /// Terms that are zero in every row (or constant, if the fit subtracts means).
     pub unexcited: Vec<String>,
-    /// Terms that take part in a linear dependence.
+    /// Terms with a linear dependence on other terms.
     pub dependent: Vec<String>,
     /// One solution for each lambda, in the requested order.
     pub solutions: Vec<RidgeSolution>,
@@ -77,10 +78,10 @@ pub struct RidgePath {
 }
 
 impl RidgePath {
-    /// The covariance of a solution's coefficients for one target, row-major, one row per term:
-    /// σ² V diag(s²/(s² + λ)²) Vᵀ with σ² the residual variance. It is the sampling covariance for independent
-    /// residuals and excludes the bias of the ridge; see [`cross_spectra`](crate::regression::cross_spectra) for
-    /// others. `None` if there is no such solution or target.
+    /// Covariance of a solution's coefficients for one target, row-major, one row per term: σ² V diag(s²/(s² + λ)²) Vᵀ
+    /// with the residual variance σ². It is the sampling covariance for independent residuals and excludes the bias of
+    /// the ridge. For correlated residuals, see [`cross_spectra`](crate::regression::cross_spectra). `None` if the
+    /// solution or target does not exist.
     pub fn covariance(&self, solution: usize, target: usize) -> Option<Vec<f64>> {
         let solution = self.solutions.get(solution)?;
         let variance = *solution.residual_variances.get(target)?;
@@ -90,7 +91,7 @@ impl RidgePath {
     }
 
     /// The matrix G of a solution b = G Aᵀ y, row-major: V diag(1/(s² + λ)) Vᵀ, in the units of the columns. `None` if
-    /// there is no such solution.
+    /// the solution does not exist.
     pub fn gain(&self, solution: usize) -> Option<Vec<f64>> {
         let lambda = self.solutions.get(solution)?.lambda;
         let weights: Vec<f64> = self
@@ -215,16 +216,16 @@ struct TermRank {
     dependent: Vec<String>,
 }
 
-/// The rank of the columns scaled to one length, and the terms that reduce it.
+/// Rank of the columns scaled to one length, and the terms that reduce the rank.
 ///
-/// A term's component in the directions without excitation is the diagonal of the projector onto them,
-/// which does not depend on the basis of the decomposition.
+/// The component of a term in the directions without excitation is the diagonal of the projector onto them, which is
+/// independent of the basis of the decomposition.
 fn excitation(factor: &RidgeFactor, names: &[String]) -> Result<TermRank, LeastSquaresError> {
     let p = factor.terms;
     let length = |j: usize| (0..=j).map(|i| factor.at(i, j).powi(2)).sum::<f64>().sqrt();
     let lengths: Vec<f64> = (0..p).map(length).collect();
     let longest = lengths.iter().copied().fold(0.0, f64::max);
-    // With means subtracted, a constant term is rounding of its own mean.
+    // After subtraction of its mean, a constant term contains only rounding.
     let roots = (factor.rows as f64).sqrt();
     let zero = |j: usize| {
         let mean = if factor.centred { factor.means[j].abs() } else { 0.0 };
@@ -245,7 +246,7 @@ fn excitation(factor: &RidgeFactor, names: &[String]) -> Result<TermRank, LeastS
     })
 }
 
-/// The message of a fit without a unique solution.
+/// Message for a fit without a unique solution.
 pub(super) fn deficient(rank: usize, terms: usize, rows: usize, unexcited: &[String], dependent: &[String]) -> String {
     let quoted = |names: &[String]| {
         let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
@@ -260,7 +261,7 @@ pub(super) fn deficient(rank: usize, terms: usize, rows: usize, unexcited: &[Str
     }
     format!(
         "with lambda = 0 the solution is not unique: {rows} rows contain only {rank} independent \
-         combinations of {terms} terms; {}. Use lambda > 0, leave a term out, or fit over more manoeuvres",
+         combinations of {terms} terms; {}. Use lambda > 0, omit a term, or fit over more manoeuvres",
         why.join(" and ")
     )
 }

@@ -42,7 +42,7 @@ fn val_coefficients_and_residuals_equal_scikit_learn() {
         let (solution, target) = (&path.solutions[lambda], table["target"][row] as usize);
         for (j, ours) in solution.coefficients[target].iter().enumerate() {
             let theirs = table[format!("b{j}").as_str()][row];
-            // The condition number of these terms is 1e5, so that rounding is 1e-11.
+            // The condition number of these terms is 1e5, so rounding is 1e-11.
             assert!((ours - theirs).abs() <= 1e-9 * theirs.abs(), "row {row}, term {j}: {ours} {theirs}");
         }
         let near = |ours: f64, theirs: f64| (ours - theirs).abs() <= 1e-10 * (1.0 + theirs.abs());
@@ -128,8 +128,8 @@ fn law_means_and_centred_fits_are_those_of_centred_data() {
 
 #[test]
 fn law_covariance_is_that_of_repeated_fits() {
-    // 400 fits of the same terms to fresh noise, for which a ridge has no bias. The scatter of the coefficients equals
-    // the covariance within its own uncertainty of √(2/400) = 7 %.
+    // 400 fits of the same terms to new noise; for a target of noise alone, the ridge has no bias. The scatter of the
+    // coefficients equals the covariance within the uncertainty √(2/400) = 7 %.
     let (rows, draws, lambda) = (300, 400, 10.0);
     let a = noise(rows * 2, 8).chunks(2).flat_map(|x| [x[0], x[0] + 0.5 * x[1]]).collect::<Vec<_>>();
     let y: Vec<Vec<f64>> = noise(rows * draws, 9).chunks(rows).map(<[f64]>::to_vec).collect();
@@ -146,7 +146,7 @@ fn law_covariance_is_that_of_repeated_fits() {
             let told = told.iter().map(|c| c[ij]).sum::<f64>() / draws as f64;
             assert!((scatter(ij / 2, ij % 2) / told - 1.0).abs() < 0.2, "{k} {ij}");
         }
-        // Noise of −½ to ½ has the variance 1/12.
+        // Uniform noise from −½ to ½ has the variance 1/12.
         let variances = solution.residual_variances.iter().sum::<f64>() / draws as f64;
         assert!((variances * 12.0 - 1.0).abs() < 0.01, "{variances}");
     }
@@ -188,12 +188,12 @@ fn unit_badly_scaled_terms_are_not_reported_as_dependent() {
     let path = QrAccumulator::from_matrix(&a, 2, &[&y]).unwrap().solve(&[0.0], &["a", "b"]).unwrap();
     assert_eq!(path.rank, 2);
     assert!((path.solutions[0].coefficients[0][1] / 1e9 - 1.0).abs() < 1e-6);
-    // The last scale at which a term still counts. Its singular value is below the tolerance, so the columns are first
-    // scaled to one length.
+    // The smallest scale at which the rank still includes a term. The singular value of the unscaled term is below the
+    // tolerance, so the columns are first scaled to one length.
     let faint: Vec<f64> = a.chunks(2).flat_map(|x| [x[0], 3e-4 * x[1]]).collect();
     let factor = QrAccumulator::from_matrix(&faint, 2, &[&y]).unwrap();
     assert_eq!(factor.solve(&[0.0], &["a", "b"]).unwrap().rank, 2);
-    // A constant is excited unless means are subtracted.
+    // A constant is excited only if means are not subtracted.
     let with_bias: Vec<f64> = a.chunks(2).flat_map(|x| [x[0], 50_000.1]).collect();
     let factor = QrAccumulator::from_matrix(&with_bias, 2, &[&y]).unwrap();
     assert_eq!(factor.solve(&[0.0], &["a", "bias"]).unwrap().rank, 2);

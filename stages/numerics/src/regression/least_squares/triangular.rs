@@ -1,8 +1,8 @@
-//! A small triangular system, for models that solve repeatedly over a few terms.
+//! Small triangular system, for models that are solved repeatedly for a few terms.
 
 use super::panel::QrTriangle;
 
-/// The triangular factor R of [A | y], for solving small systems Rᵀ R x = b.
+/// Triangular factor R of [A | y], for the solution of small systems Rᵀ R x = b.
 #[derive(Debug, Clone)]
 pub(crate) struct TriangularSystem {
     terms: usize,
@@ -19,17 +19,17 @@ impl TriangularSystem {
         self.triangle.push(row);
     }
 
-    /// The solution of Rᵀ R x = Rᵀ z + `pull`; `None` where R is singular.
+    /// Solution of Rᵀ R x = Rᵀ z + `pull`; `None` if R is singular.
     pub(crate) fn solve_with(self, pull: &[f64]) -> Option<Vec<f64>> {
         let (p, width) = (self.terms, self.terms + 1);
         let r = self.triangle.upper();
-        // Rᵀ w = pull, forward.
+        // Rᵀ w = pull, by forward substitution.
         let mut x = pull.to_vec();
         for i in 0..p {
             let known: f64 = (0..i).map(|k| r[k * width + i] * x[k]).sum();
             x[i] = divided(x[i] - known, r[i * width + i])?;
         }
-        // R x = z + w, backward.
+        // R x = z + w, by back substitution.
         for i in (0..p).rev() {
             let known: f64 = (i + 1..p).map(|k| r[i * width + k] * x[k]).sum();
             x[i] = divided(x[i] + r[i * width + p] - known, r[i * width + i])?;

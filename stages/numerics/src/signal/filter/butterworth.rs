@@ -9,17 +9,17 @@ use super::FilterError;
 /// The pass band of a filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FilterBand {
-    /// Low-pass: all below `high_hz`.
+    /// Low-pass: all frequencies below `high_hz`.
     Low {
         /// The corner, Hz.
         high_hz: f64,
     },
-    /// High-pass: all above `low_hz`.
+    /// High-pass: all frequencies above `low_hz`.
     High {
         /// The corner, Hz.
         low_hz: f64,
     },
-    /// Band-pass: all between `low_hz` and `high_hz`.
+    /// Band-pass: all frequencies between `low_hz` and `high_hz`.
     Band {
         /// The lower corner, Hz.
         low_hz: f64,
@@ -31,8 +31,8 @@ pub enum FilterBand {
 impl FilterBand {
     /// Pass band between two corners, either of which may be `None`.
     ///
-    /// MagNav.jl drops an edge whose frequency is at or below zero or not below Nyquist. Here only `None` drops an
-    /// edge, and such a frequency is an error of the design.
+    /// MagNav.jl drops an edge whose frequency is zero, negative or not below Nyquist. Here only `None` drops an edge;
+    /// the design rejects such a frequency.
     ///
     /// # Errors
     /// Fails with [`FilterError::NoCorner`] when both are `None`.
@@ -70,7 +70,7 @@ pub struct BiquadSection {
 }
 
 impl BiquadSection {
-    /// The section that passes everything unchanged.
+    /// Section that leaves its input unchanged.
     pub(super) const PASS: Self = Self { b1: 0.0, b2: 0.0, a1: 0.0, a2: 0.0 };
 
     /// Whether the numerator is that of a band-pass, 1 − z⁻².
@@ -78,13 +78,13 @@ impl BiquadSection {
         self.b1 == 0.0 && self.b2 == -1.0
     }
 
-    /// The response to a constant of one.
+    /// Response to a constant of one.
     pub(super) fn constant_gain(&self) -> f64 {
         (1.0 + self.b1 + self.b2) / (1.0 + self.a1 + self.a2)
     }
 }
 
-/// The square root with a real part of at least zero, without the angle that the general one takes.
+/// Square root with a real part of at least zero, computed without the angle.
 fn square_root(z: Complex64) -> Complex64 {
     let norm = z.norm();
     let re = ((norm + z.re) / 2.0).max(0.0).sqrt();
@@ -92,17 +92,17 @@ fn square_root(z: Complex64) -> Complex64 {
     Complex64::new(re, im.copysign(z.im))
 }
 
-/// Analogue poles that form one section: a conjugate pair by its upper member, or real ones.
+/// Analogue poles of one section: a conjugate pair, represented by its upper member, or real poles.
 enum SectionPoles {
     Pair(Complex64),
     Real(f64, f64),
     Single(f64),
 }
 
-/// Gain and sections of a Butterworth filter, poles nearest the origin first.
+/// Gain and sections of a Butterworth filter, with the poles nearest the origin first.
 pub(super) fn design(band: FilterBand, rate_hz: f64, order: usize) -> Result<(f64, Vec<BiquadSection>), FilterError> {
     check(band, rate_hz, order)?;
-    // The bilinear transform s = 2 f (z - 1)/(z + 1) with f = 1/2, so that frequencies are tan(π f / rate).
+    // Bilinear transform s = 2 f (z - 1)/(z + 1) with f = 1/2, so that frequencies are tan(π f / rate).
     let warp = |corner_hz: f64| (PI * corner_hz / rate_hz).tan();
     let poles = match band {
         FilterBand::Low { high_hz } => low_pass(order, warp(high_hz)),
@@ -147,7 +147,7 @@ fn check(band: FilterBand, rate_hz: f64, order: usize) -> Result<(), FilterError
     }
 }
 
-/// The poles of the prototype with its corner at one: exp(iπ(2k + n + 1)/2n), upper half plane.
+/// Poles of the prototype with its corner at one: exp(iπ(2k + n + 1)/2n), in the upper half plane.
 fn prototype(order: usize) -> impl Iterator<Item = Complex64> {
     (0..order / 2).map(move |k| {
         let angle = PI * (2 * k + order + 1) as f64 / (2 * order) as f64;
@@ -167,7 +167,7 @@ fn high_pass(order: usize, corner: f64) -> Vec<SectionPoles> {
     pairs.chain(single).collect()
 }
 
-/// Each prototype pole p becomes the two roots of s² − p w s + c² with w = high − low, c² = low·high.
+/// Each prototype pole p becomes the two roots of s² − p w s + c² with w = high − low and c² = low·high.
 fn band_pass(order: usize, low: f64, high: f64) -> Vec<SectionPoles> {
     let (half, square) = ((high - low) / 2.0, low * high);
     let mut poles = Vec::with_capacity(order);
@@ -188,14 +188,14 @@ fn band_pass(order: usize, low: f64, high: f64) -> Vec<SectionPoles> {
     poles
 }
 
-/// The digital section of analogue poles s (z = (1 + s)/(1 − s)), and its factor 1/Π(1 − s).
+/// Digital section of analogue poles s (z = (1 + s)/(1 − s)), and its factor 1/Π(1 − s).
 fn section(poles: &SectionPoles, band: FilterBand) -> (f64, BiquadSection) {
     let (b1, b2) = match (band, poles) {
         (FilterBand::Low { .. }, SectionPoles::Single(_)) => (1.0, 0.0),
         (FilterBand::High { .. }, SectionPoles::Single(_)) => (-1.0, 0.0),
         (FilterBand::Low { .. }, _) => (2.0, 1.0),
         (FilterBand::High { .. }, _) => (-2.0, 1.0),
-        // One zero at 0 Hz and one at Nyquist each: a constant is removed by the first section.
+        // Each section has one zero at 0 Hz and one at Nyquist, so the first section removes a constant.
         (FilterBand::Band { .. }, _) => (0.0, -1.0),
     };
     let (factor, a1, a2) = match *poles {
@@ -212,7 +212,7 @@ fn quadratic(sum: f64, product: f64) -> (f64, f64, f64) {
     (1.0 / denominator, -2.0 * (1.0 - product) / denominator, (1.0 + sum + product) / denominator)
 }
 
-/// The gain without the factor Π 1/(1 − s): the analogue gain times Π(1 − zeros).
+/// Gain without the factor Π 1/(1 − s): the analogue gain times Π(1 − zeros).
 fn analogue_gain(band: FilterBand, order: usize, warp: &impl Fn(f64) -> f64) -> f64 {
     let width = match band {
         FilterBand::Low { high_hz } => warp(high_hz),

@@ -1,20 +1,19 @@
 //! Second-order sections run over the columns of a row-major matrix, forwards and backwards.
 //!
-//! Time is the outer loop and the columns are the inner one: the columns fill the vector registers,
-//! where a single recursive filter cannot be vectorised at all. Each column's arithmetic is the
-//! same sequence of additions and fused multiplications on any processor and next to any other
-//! column, so that the result does not depend on either.
+//! The outer loop runs over time and the inner one over columns. The columns fill the vector registers, whereas a
+//! single recursive filter cannot be vectorised. The arithmetic of each column is the same sequence of additions and
+//! fused multiplications on any processor and for any other columns, so the result depends on neither.
 
 use super::BiquadSection;
 
-/// Columns that are filtered together: one cache line.
+/// Number of columns that are filtered together: one cache line.
 const LANES: usize = 8;
 
-/// Sections that share one pass over the samples: their state fits the registers.
+/// Number of sections that share one pass over the samples: their state fits the registers.
 const PER_PASS: usize = 4;
 
-/// Values of a matrix that are filtered before the next ones are touched: they fit the second-level
-/// cache, through which groups of columns then pass one after the other.
+/// Number of values of a matrix that are filtered before the next ones are read. They fit the second-level cache, from
+/// which the groups of columns are processed one after the other.
 const PER_CHUNK: usize = 16_384;
 
 /// A gain, the sections of one pass, and their steady state for an input of one.
@@ -25,8 +24,8 @@ pub(super) struct BiquadCascade {
     steady: Vec<[f64; 2]>,
 }
 
-/// The state of a section for up to eight columns: y = x − w0, w0 ← w1 − b1 x + a1 y,
-/// w1 ← a2 y − b2 x (transposed direct form II with the signs turned).
+/// State of a section for up to eight columns: y = x − w0, w0 ← w1 − b1 x + a1 y, w1 ← a2 y − b2 x (transposed direct
+/// form II with inverted signs).
 type BiquadState = [[f64; LANES]; 2];
 
 impl BiquadCascade {
@@ -111,7 +110,7 @@ impl<const BACKWARDS: bool> pulp::NullaryFnOnce for CascadeSweep<'_, BACKWARDS> 
     }
 }
 
-/// Runs all sections over some rows, by eight columns at a time, the remaining ones by four, two and one.
+/// Runs all sections over some rows, eight columns at a time, and the remaining columns by four, two and one.
 #[inline(always)]
 fn filter_chunk<const BACKWARDS: bool>(
     cascade: &BiquadCascade,
@@ -213,8 +212,8 @@ fn run<const BACKWARDS: bool, const BAND: bool, const W: usize, const K: usize>(
     }
 }
 
-/// One sample through `K` sections. With `BAND`, b1 = 0 and b2 = −1 in all of them, for which
-/// three operations replace five, with the same bits.
+/// Passes one sample through `K` sections. With `BAND`, b1 = 0 and b2 = −1 in all sections; three operations then
+/// replace five, with bit-identical results.
 #[inline(always)]
 fn step<const BAND: bool, const W: usize, const K: usize>(
     row: &mut [f64],

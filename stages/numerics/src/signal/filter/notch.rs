@@ -13,21 +13,22 @@ pub fn alias_hz(frequency_hz: f64, rate_hz: f64) -> f64 {
 impl ZeroPhaseFilter {
     /// One second-order notch at each of `frequencies_hz` for samples at `rate_hz`, run forwards and backwards.
     ///
-    /// The gain is 0 at a notch frequency, 1/2 at `width_hz`/2 to either side, and 1 for a constant. The poles have the
-    /// radius of those of scipy's `iirnotch(f, f / width_hz)`: [Orfanidis 1995, "Introduction to signal processing",
-    /// section 11.3]
+    /// The gain is 0 at a notch frequency, 1/2 at a distance of `width_hz`/2, and 1 for a constant. The poles have the
+    /// same radius as those of scipy's `iirnotch(f, f / width_hz)`: [Orfanidis 1995, "Introduction to signal
+    /// processing", section 11.3]
     ///
     /// ```text
     /// H(z) = g (1 - 2 cos(w) z^-1 + z^-2) / (1 - 2 g cos(w) z^-1 + (2 g - 1) z^-2)
     /// w = 2 pi f / rate,    g = 1 / (1 + tan(pi width / rate))
     /// ```
     ///
-    /// The padding is the longer of six samples a section and one over the width. A notch rings for about that long, so
-    /// part of the sinusoid remains within it of each end.
+    /// The padding is the longer of six samples per section and one over the width. A notch rings for about one over
+    /// the width, so within this time of each end part of the sinusoid remains.
     ///
     /// # Errors
-    /// Fails for a sample rate or width that is not a finite number above 0, with [`FilterError::NoCorner`] without
-    /// frequencies, and for one that is not more than half of the width away from 0 Hz and from half of the rate.
+    /// Fails for a sample rate or width that is not a finite number above 0, and with [`FilterError::NoCorner`] without
+    /// frequencies. Also fails for a frequency that is not more than half of the width away from 0 Hz and from half of
+    /// the rate.
     pub fn notches(frequencies_hz: &[f64], width_hz: f64, rate_hz: f64) -> Result<Self, FilterError> {
         if !(rate_hz > 0.0 && rate_hz.is_finite()) {
             return Err(FilterError::Rate { rate_hz });
@@ -82,7 +83,7 @@ mod tests {
     fn law_the_gain_is_zero_at_the_frequency_half_at_half_of_the_width_and_one_for_a_constant() {
         let (rate_hz, width_hz) = (160.0, 2.0);
         let filter = ZeroPhaseFilter::notches(&[50.0], width_hz, rate_hz).unwrap();
-        // The bilinear transform keeps the width between the points of half amplitude, not their exact frequencies.
+        // The bilinear transform preserves the width between the points of half amplitude, not their exact frequencies.
         let left = |hz: f64| {
             let wave = |k: i32| 10.0 * (TAU * hz * f64::from(k) / rate_hz).cos();
             let x: Vec<f64> = (-4000..=4000).map(|k| 50_000.0 + wave(k)).collect();

@@ -34,8 +34,8 @@ fn val_zero_phase_filters_equal_scipy() {
         let filter = ZeroPhaseFilter::new(band, 10.0, order).unwrap();
         let ours = filter.apply(&table["x"]).unwrap();
         let worst = largest_difference(&ours, &table[name]);
-        // Both round a field of 50,000 nT (7e-12) in every section and sample. A low corner amplifies this up to some
-        // hundred times.
+        // Both round a field of 50,000 nT (7e-12 nT) in every section and sample. A low corner amplifies this up to
+        // some hundred times.
         assert!(worst < 3e-9, "{name}: {worst:e} nT");
     }
 }
@@ -56,7 +56,7 @@ fn val_default_low_and_high_pass_equal_magnav() {
     }
 }
 
-/// The sections that MagNav.jl and scipy print for the default band-pass, to the digits printed.
+/// The sections that MagNav.jl and scipy print for the default band-pass, to the printed digits.
 #[test]
 fn val_sections_of_the_default_band_pass() {
     let filter = ZeroPhaseFilter::new(band(0.1, 0.9), 10.0, 4).unwrap();
@@ -75,7 +75,7 @@ fn val_sections_of_the_default_band_pass() {
     assert_eq!((filter.padding(), filter.least_rows()), (24, 25));
 }
 
-/// |H(f)|² of one pass of the sections.
+/// |H(f)|² of one pass through the sections.
 fn squared_gain(filter: &ZeroPhaseFilter, frequency: f64) -> f64 {
     let angle = std::f64::consts::TAU * frequency;
     let square = |c1: f64, c2: f64| {
@@ -88,7 +88,7 @@ fn squared_gain(filter: &ZeroPhaseFilter, frequency: f64) -> f64 {
     gain * filter.gain() * filter.gain()
 }
 
-/// Butterworth: |H|² = 1/(1 + W^2n) with W the warped frequency of the low-pass prototype.
+/// Butterworth: |H|² = 1/(1 + W^2n), where W is the warped frequency of the low-pass prototype.
 #[test]
 fn law_every_order_and_band_has_butterworth_gain() {
     let tan = |f: f64| (std::f64::consts::PI * f).tan();
@@ -108,7 +108,7 @@ fn law_every_order_and_band_has_butterworth_gain() {
                 };
                 let expected = 1.0 / (1.0 + w.powi(2 * order as i32));
                 let ratio = squared_gain(&filter, f) / expected;
-                // Zeros of high order near f lose digits in the factors of the test itself.
+                // Zeros of high order near f reduce the precision of the factors in the test itself.
                 assert!((ratio - 1.0).abs() < 1e-8, "order {order}, {band}, {f}: {ratio}");
             }
         }
@@ -199,7 +199,7 @@ fn unit_invalid_series_are_rejected() {
         assert_eq!(error, FilterError::NotFinite { row, column: 2 });
     }
     let error = filter.apply_matrix(&mut [1.0; 7], 2, ConstantColumns::Filter).unwrap_err();
-    assert_eq!(error.to_string(), "7 values cannot be rows of 2 columns");
+    assert_eq!(error.to_string(), "7 values are not a whole number of rows of 2 columns");
 }
 
 #[test]

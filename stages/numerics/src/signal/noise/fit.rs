@@ -12,18 +12,18 @@ const TAUS: usize = 48;
 const ROUNDS: usize = 4;
 /// Minimum number of samples of a record.
 const LEAST_SAMPLES: usize = 64;
-/// Minimum duration of all runs together, and of the longest, in correlation times.
+/// Minimum duration of all runs together, and of the longest run, in correlation times.
 const LEAST_TAUS: [f64; 2] = [20.0, 8.0];
 /// Minimum reduction of the deviance for a significant correlated part: three parameters, at 0.5 %.
 const LEAST_GAIN: f64 = 12.0;
 
 choice! {
-    /// Statistic of a record that is fitted.
+    /// Statistic of a record to which the noise is fitted.
     pub enum NoiseFitStatistic {
-        /// Its autocorrelation, as half the mean square of the change over a lag. That is the variance less the
-        /// autocovariance, and independent of the mean, which a short record does not determine.
+        /// Autocorrelation, as half the mean square of the change over a lag. It equals the variance minus the
+        /// autocovariance, and is independent of the mean, which a short record does not determine.
         Autocorrelation = "autocorrelation",
-        /// Its Allan variance.
+        /// Allan variance.
         Allan = "allan",
     }
 }
@@ -36,7 +36,7 @@ pub enum NoiseFitError {
         "the noise fit requires a run of at least {LEAST_SAMPLES} samples without a gap, but the longest has {longest}"
     )]
     TooShort {
-        /// The samples of the longest run.
+        /// Number of samples of the longest run.
         longest: usize,
     },
     /// The record does not change.
@@ -44,11 +44,11 @@ pub enum NoiseFitError {
     Constant,
     /// The correlation time is too long for the record.
     #[error(
-        "the record is too short for its correlation time of about {tau_s:.0} s: it lasts {total_s:.0} s, its \
-         longest run {longest_s:.0} s, but 20 and 8 correlation times are required"
+        "the record is too short for its correlation time of about {tau_s:.0} s: all runs last \
+         {total_s:.0} s and the longest {longest_s:.0} s, but 20 and 8 correlation times are required"
     )]
     Unresolved {
-        /// The correlation time that fits best, s.
+        /// Correlation time of the best fit, s.
         tau_s: f64,
         /// The duration of all runs, s.
         total_s: f64,
@@ -61,9 +61,9 @@ pub enum NoiseFitError {
 struct NoiseFitPoint {
     /// Statistic of white noise of variance 1.
     white: f64,
-    /// The time over which it is taken, s.
+    /// Lag or interval of the statistic, s.
     span_s: f64,
-    /// Whether the statistic is of single samples a lag apart, and not of means over neighbouring spans.
+    /// Whether the statistic is of single samples at a lag instead of means over neighbouring intervals.
     sampled: bool,
     value: f64,
     /// Number of independent squares.
@@ -80,20 +80,20 @@ impl NoiseFitPoint {
     }
 }
 
-/// White and first-order Gauss-Markov noise that fit the `runs` of a record best, evenly sampled at `rate_hz` within a
-/// run, in nT. The mean of each run is assumed unknown. The white part is at least 0.01 nT, since a filter cannot use a
-/// measurement without noise.
+/// Best fit of white and first-order Gauss-Markov noise to the `runs` of a record, in nT, evenly sampled at `rate_hz`
+/// within a run. The mean of each run is assumed unknown. The white part is at least 0.01 nT, because a filter cannot
+/// use a measurement without noise.
 ///
-/// The statistics of each lag or span are fitted by maximum likelihood as if they were independent gamma variates with
-/// as many degrees of freedom as there are separate pairs in the record. If the correlated part is not significant, its
-/// standard deviation is 0 and its correlation time the step between samples. For a record of duration T the relative
-/// error of the standard deviation is about √(τ/2T), that of the correlation time about √(4τ/T).
+/// The statistics of each lag or interval are fitted by maximum likelihood, as independent gamma variates. Their
+/// degrees of freedom are the number of separate pairs in the record. If the correlated part is not significant, its
+/// standard deviation is 0 and its correlation time is the step between samples. For a record of duration T, the
+/// relative error of the standard deviation is about √(τ/2T), and that of the correlation time about √(4τ/T).
 ///
-/// Unlike [`noise`](super::noise) it is a best fit and not a bound: noise with more than one time scale is missed in
-/// part. [Cressie 1993, section 2.6; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8]
+/// Unlike [`noise`](super::noise), the result is a best fit and not a bound: noise with more than one time scale is
+/// partly missed. [Cressie 1993, section 2.6; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8]
 ///
 /// # Errors
-/// Fails for a record that is constant or too short, also compared with its correlation time.
+/// Fails for a record that is constant, too short, or too short for its correlation time.
 pub fn fit(runs: &[&[f64]], rate_hz: f64, by: NoiseFitStatistic) -> Result<LineNoiseModel, NoiseFitError> {
     let longest = runs.iter().map(|run| run.len()).max().unwrap_or(0);
     if longest < LEAST_SAMPLES {
@@ -108,7 +108,7 @@ pub fn fit(runs: &[&[f64]], rate_hz: f64, by: NoiseFitStatistic) -> Result<LineN
     }
     let step_s = 1.0 / rate_hz;
     let [total_s, longest_s] = [runs.iter().map(|run| run.len()).sum(), longest].map(|n: usize| n as f64 * step_s);
-    // The number of independent squares of a lag depends on the noise: the second fit uses the noise of the first.
+    // The number of independent squares at a lag depends on the noise, so the second fit uses the noise of the first.
     let (tau_s, rough) = best(&points, 0.5 * step_s, longest_s);
     let points = match by {
         NoiseFitStatistic::Autocorrelation => weighed(points, &rough, tau_s, total_s, step_s),
@@ -152,10 +152,10 @@ fn structure(runs: &[&[f64]], rate_hz: f64, longest: usize) -> Vec<NoiseFitPoint
     points
 }
 
-/// The points with their number of independent squares for noise of these parts: the samples over the sum of the
-/// squared autocorrelations of the changes over a lag. Changes of white noise correlate only with the two that share a
-/// sample (1 + 2/4). Those of the correlated part overlap over the lag (2/3 of it, by their triangle), or last for the
-/// correlation time if that is shorter.
+/// Points with their number of independent squares for noise with these parts: the number of samples over the sum of
+/// the squared autocorrelations of the changes over a lag. For white noise, a change is correlated only with the two
+/// changes that share a sample (1 + 2/4). For the correlated part, changes are correlated over the lag (2/3 of it,
+/// because of the triangular shape), or over the correlation time if that is shorter.
 fn weighed(
     points: Vec<NoiseFitPoint>,
     parts: &NoiseFitVariances,
@@ -222,7 +222,7 @@ fn best(points: &[NoiseFitPoint], least_s: f64, most_s: f64) -> (f64, NoiseFitVa
 }
 
 /// Variances of the white part and of the part with the given response: least squares with the weights of the fit,
-/// which converge to the maximum of the gamma likelihood.
+/// which converges to the maximum of the gamma likelihood.
 fn parts(points: &[NoiseFitPoint], lasting: impl Fn(&NoiseFitPoint) -> f64) -> NoiseFitVariances {
     let rows: Vec<[f64; 4]> = points.iter().map(|p| [p.white, lasting(p), p.value, p.pairs]).collect();
     let mut fitted: Vec<f64> = rows.iter().map(|row| row[2]).collect();
@@ -240,7 +240,7 @@ fn parts(points: &[NoiseFitPoint], lasting: impl Fn(&NoiseFitPoint) -> f64) -> N
         }
         let determinant = aa * bb - ab * ab;
         (white, other) = ((bb * ay - ab * by) / determinant, (aa * by - ab * ay) / determinant);
-        // Neither variance is negative; a response equal to the white one is no separate part.
+        // Variances are not negative; a response equal to the white one is not a separate part.
         if determinant <= 1e-12 * aa * bb || other < 0.0 {
             (white, other) = (ay / aa, 0.0);
         } else if white < 0.0 {
@@ -291,8 +291,8 @@ mod tests {
                 let spread = [rms(&sigmas, process.sigma), rms(&taus, process.tau_s)];
                 let middle = [median(&mut whites), median(&mut sigmas), median(&mut taus)];
                 println!("{} {process:?} {white}: {middle:.3?}, rms errors {spread:.3?}", by.word());
-                // A record of T determines sigma to √(τ/2T) and tau to √(4τ/T), and the median of 40 has a fifth of
-                // that error. White noise below the correlated part increases it by at most half.
+                // A record of length T determines sigma to √(τ/2T) and tau to √(4τ/T); the median of 40 records has a
+                // fifth of that error. White noise below the correlated part increases it by at most half.
                 let [of_sigma, of_tau] = [0.5, 4.0].map(|x| (x * process.tau_s / seconds).sqrt());
                 assert!((middle[0] - white).abs() < 0.02 * white.max(process.sigma), "{middle:?}");
                 assert!((middle[1] / process.sigma - 1.0).abs() < 0.5 * of_sigma + 0.02, "{middle:?}");
@@ -308,7 +308,7 @@ mod tests {
         for by in BOTH {
             for seed in 0..20 {
                 let found = fit(&[&record(none, 2.0, 600.0, seed)], RATE_HZ, by).unwrap();
-                // 6000 samples: 0.9 % a sigma.
+                // 6000 samples: one standard deviation is 0.9 %.
                 assert!((found.white_nt / 2.0 - 1.0).abs() < 0.04 && found.lasting.sigma < 0.3, "{seed}: {found:?}");
             }
         }
@@ -325,7 +325,8 @@ mod tests {
             let n = refused.count();
             println!("{}: {n} of 40 records of three correlation times are refused", by.word());
             assert!(n >= 36, "{}: {n} of 40", by.word());
-            // Three correlation times do not determine tau. Ten lines of twenty each do together, to 14 % at one sigma.
+            // A record of three correlation times does not determine tau. Ten lines of twenty correlation times each
+            // determine it to 14 % (one standard deviation).
             let lines: Vec<Vec<f64>> = (0..10).map(|seed| record(slow, 0.5, 6000.0, seed)).collect();
             let found = fit(&lines.iter().map(Vec::as_slice).collect::<Vec<_>>(), RATE_HZ, by).unwrap();
             assert!((found.lasting.sigma / 5.0 - 1.0).abs() < 0.2, "{found:?}");

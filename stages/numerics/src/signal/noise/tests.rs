@@ -21,8 +21,8 @@ fn whole(x: &[f64]) -> BlockMeans {
 
 #[test]
 fn law_allan_variance_of_a_gauss_markov_process_is_the_integral_of_its_autocovariance() {
-    // Half the mean square of the difference of two neighbouring means is the mean covariance within a span less that
-    // across two spans; both by the midpoint rule.
+    // Half the mean square of the difference of two neighbouring means is the mean covariance within an interval minus
+    // that across two intervals; both are computed by the midpoint rule.
     let n = 1000;
     for u in [0.02, 0.3, 1.0, 4.0, 30.0] {
         let dt = u / f64::from(n);
@@ -32,7 +32,7 @@ fn law_allan_variance_of_a_gauss_markov_process_is_the_integral_of_its_autocovar
         let across =
             (1..2 * n).map(|lag| decay(lag) * f64::from(n - (n - lag).abs())).sum::<f64>() / f64::from(n).powi(2);
         let expected = within - across;
-        // The midpoint rule errs by about dt/6 of the variance in the first of them.
+        // The midpoint rule has an error of about dt/6 of the variance in the first of them.
         let ours = gauss_markov_allan(u, 1.0);
         assert!((ours - expected).abs() < 0.4 * dt, "{u}: {ours} {expected}");
     }
@@ -48,7 +48,8 @@ fn law_allan_variance_of_noise_is_that_of_its_model() {
         let lasting =
             if p.span_s < 1.0 { 1.0 - (-p.span_s / 20.0_f64).exp() } else { gauss_markov_allan(p.span_s, 20.0) };
         let expected = 16.0 * lasting + 4.0 * 0.1 / p.span_s;
-        // The relative deviation of an estimate from n independent squares is sqrt(2/n); 4 of them.
+        // The relative standard deviation of an estimate from n independent squares is sqrt(2/n); the limit is 4 of
+        // these.
         assert!((p.variance_nt2 / expected - 1.0).abs() < 4.0 * (2.0 / p.pairs).sqrt(), "{p:?} {expected}");
     }
 }
@@ -72,12 +73,13 @@ fn law_known_noise_is_recovered() {
     let (white, sigma, tau) = (median(&|n| n.white_nt), median(&|n| n.lasting.sigma), median(&|n| n.lasting.tau_s));
     let growth = median(&|n| n.lasting.noise_density()) / process.noise_density();
     println!("white {white:.2} nT, lasting {sigma:.2} nT for {tau:.1} s, growth {growth:.2} of the true one");
-    // 2100 s are 70 correlation times: sigma is accurate to 12 %, tau to 25 %; a bound is on the large side.
+    // 2100 s are 70 correlation times: sigma is accurate to 12 % and tau to 25 %; a bound is on average too large.
     assert!((white / white_nt - 1.0).abs() < 0.1);
     assert!((0.9..1.3).contains(&(sigma / process.sigma)));
     assert!((0.7..1.5).contains(&(tau / process.tau_s)));
     assert!((0.8..1.5).contains(&growth));
-    // Rarely much too small: half of the true sigma would make a filter overconfident by a factor of four.
+    // The result is rarely much too small: half of the true sigma would make a filter overconfident by a factor of
+    // four.
     assert!(found.iter().all(|n| n.lasting.sigma > 0.6 * process.sigma));
 }
 
@@ -98,7 +100,7 @@ fn law_noise_of_two_time_scales_is_bounded_at_every_span() {
             9.0 * gauss_markov_allan(span_s, 4.0) + 100.0 * gauss_markov_allan(span_s, 200.0) + 0.25 * 0.1 / span_s;
         let model = found.lasting.sigma.powi(2) * gauss_markov_allan(span_s, found.lasting.tau_s)
             + found.white_nt.powi(2) * 0.1 / span_s;
-        // One sigma of the estimate may be missing: 12800 s over 128 s leave some 90 squares, 15 %.
+        // The estimate may be too small by one standard deviation: 12800 s over 128 s leave some 90 squares, 15 %.
         assert!(model > 0.75 * truth && model < 4.0 * truth, "{span_s} s: {model} {truth} {found:?}");
     }
 }

@@ -2,8 +2,8 @@
 
 use super::SamplePosition;
 
-/// Interpolates `x` at the times `tt` for each position; each part between gaps longer than
-/// `max_gap_s` has its own curve.
+/// Interpolates `x` at the times `tt` for each position; each part between gaps longer than `max_gap_s` has a separate
+/// curve.
 pub(super) fn interpolate(tt: &[f64], x: &[f64], places: &[SamplePosition], max_gap_s: f64) -> Vec<f64> {
     let slopes = slopes(tt, x, max_gap_s);
     let value = |place: &SamplePosition| {
@@ -34,8 +34,8 @@ fn slopes(tt: &[f64], x: &[f64], max_gap_s: f64) -> Vec<f64> {
     slopes
 }
 
-/// Slopes of one part: the chords around a sample, each weighted by how little the two on the other
-/// side differ; two chords are added at each end in arithmetic progression.
+/// Slopes of one part. The two chords next to a sample are averaged; the weight of each is the difference between the
+/// two chords on the other side. Two chords are added at each end in arithmetic progression.
 fn part_slopes(tt: &[f64], x: &[f64]) -> Vec<f64> {
     let chord = |k: usize| (x[k + 1] - x[k]) / (tt[k + 1] - tt[k]);
     let inner: Vec<f64> = (0..x.len() - 1).map(chord).collect();

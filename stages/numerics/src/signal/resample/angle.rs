@@ -1,8 +1,8 @@
-//! The range of a column of angles.
+//! Range of a column of angles.
 
 use crate::angle::wrap_deg;
 
-/// The range of a column of angles: one of the two usual ones.
+/// One of the two common ranges of a column of angles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AngleRange {
     /// Range from −180 to 180, 180 included.
@@ -19,13 +19,13 @@ impl AngleRange {
         if above && !negative { Self::Full } else { Self::Signed }
     }
 
-    /// The same angle inside the range.
+    /// Equivalent angle within the range.
     pub fn wrap(self, degrees: f64) -> f64 {
         match self {
             Self::Signed if degrees > -180.0 && degrees <= 180.0 => degrees,
             Self::Full if (0.0..360.0).contains(&degrees) => degrees,
             Self::Signed => -wrap_deg(-degrees),
-            // The remainder of a tiny negative angle rounds up to 360.
+            // The remainder of a small negative angle rounds up to 360.
             Self::Full => match degrees.rem_euclid(360.0) {
                 whole if whole >= 360.0 => 0.0,
                 angle => angle,

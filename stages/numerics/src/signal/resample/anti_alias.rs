@@ -3,10 +3,10 @@
 use crate::signal::filter::{FilterBand, FilterError, ZeroPhaseFilter};
 use crate::signal::segments::{GapFilterReport, RowMask, STEP_TOLERANCE, TimeError, filter_column, sample_rate};
 
-/// The corner of the low-pass as a fraction of half of the new rate.
+/// Corner of the low-pass as a fraction of half of the new rate.
 pub const ANTI_ALIAS_FRACTION: f64 = 0.8;
 
-/// The order of the low-pass: with both passes it attenuates by 31 dB at half of the new rate.
+/// Order of the low-pass: both passes together attenuate by 31 dB at half of the new rate.
 pub const ANTI_ALIAS_ORDER: usize = 8;
 
 /// Error of an anti-alias filter.
@@ -20,12 +20,12 @@ pub enum AntiAliasError {
     Filter(#[from] FilterError),
 }
 
-/// Removes the components of `x` that resampling to `rate_hz` would alias to lower frequencies: a zero-phase low-pass
-/// at 0.8 of half of the new rate, on the evenly spaced samples at times `tt`.
+/// Removes the components of `x` that resampling to `rate_hz` would alias to lower frequencies. Applies a zero-phase
+/// low-pass at 0.8 of half of the new rate to the evenly spaced samples at times `tt`.
 ///
 /// Each run between gaps (NaN, or missing samples) is filtered separately. A run shorter than the filter's padding
 /// becomes NaN and is counted. If the corner is not below half of the present rate, nothing is removed and the report
-/// counts no rows. Angles must be unwrapped first.
+/// contains no rows. Angles must be unwrapped first.
 ///
 /// # Errors
 /// Fails with [`TimeError::Lengths`] for columns of different lengths, as [`sample_rate`], and as

@@ -11,7 +11,7 @@ fn times(rows: usize, first: f64, step: f64) -> Vec<f64> {
 
 #[test]
 fn unit_a_series_on_the_grid_is_returned_bit_by_bit() {
-    // Times made by adding, by multiplying and by dividing differ in their last bits.
+    // Times computed by addition, multiplication and division differ in their last bits.
     let mut added = vec![50_000.7];
     (1..500).for_each(|k| added.push(added[k - 1] + 0.1));
     let divided: Vec<f64> = (0..500).map(|k| f64::from(500_007 + k) / 10.0).collect();
@@ -45,7 +45,7 @@ fn law_a_straight_line_is_preserved() {
     let plan = ResamplePlan::new(&tt, 20.0, 1.0).unwrap();
     for method in [SampleInterpolation::Linear, SampleInterpolation::Cubic] {
         for (tt, x) in plan.grid().iter().zip(plan.column(&x, method).unwrap()) {
-            // Values of up to 80 are rounded a few times.
+            // Values of up to 80, rounded several times.
             assert!((x - (5.0 - 3.0 * tt)).abs() < 1e-13, "{method:?} at {tt}");
         }
     }
@@ -68,7 +68,7 @@ fn val_linear_and_akima_equal_scipy() {
 
 #[test]
 fn unit_gaps_longer_than_the_longest_are_nan_and_shorter_ones_bridged() {
-    // One second is missing after 1.0, exactly as long as may be bridged; then 1.1 s after 3.0.
+    // One second is missing after 1.0 s, exactly the allowed gap; then 1.1 s after 3.0 s.
     let tt = [0.8, 0.9, 1.0, 2.0, 2.9, 3.0, 4.1, 4.2];
     let x = [8.0, 9.0, 10.0, 20.0, 29.0, 30.0, 41.0, 42.0];
     let plan = ResamplePlan::new(&tt, 10.0, 1.0).unwrap();
@@ -85,7 +85,7 @@ fn unit_gaps_longer_than_the_longest_are_nan_and_shorter_ones_bridged() {
     }
     let rows = plan.nearest_rows();
     assert_eq!(rows.iter().filter(|row| row.is_none()).count(), 10);
-    // 1.5 s lies as near to the sample at 1.0 s as to that at 2.0 s, and 1.6 s nearer to the later.
+    // 1.5 s is equally far from the samples at 1.0 s and 2.0 s; 1.6 s is nearer to the later one.
     assert_eq!((rows[7], rows[8]), (Some(2), Some(3)));
 }
 
@@ -146,7 +146,7 @@ fn law_wrapping_keeps_the_angle_and_the_range() {
 fn law_anti_aliasing_removes_aliased_frequencies_and_keeps_others() {
     let tt = times(4000, 100.0, 0.01);
     let tone = |hz: f64| -> Vec<f64> { tt.iter().map(|tt| (std::f64::consts::TAU * hz * tt).sin()).collect() };
-    // To 10 Hz the corner lies at 4 Hz. 1 Hz passes to (1/4)^16, 7 Hz is reduced to (7/4)^-16 = 1.3e-4.
+    // For 10 Hz the corner is at 4 Hz. 1 Hz is attenuated by (1/4)^16, and 7 Hz reduced to (7/4)^-16 = 1.3e-4.
     let inner = |x: &[f64]| x[400..3600].iter().fold(0.0f64, |a, x| a.max(x.abs()));
     let (slow, report) = anti_alias(&tt, &tone(1.0), 10.0).unwrap();
     assert_eq!((report.rows, report.left_out()), (4000, 0));

@@ -31,8 +31,8 @@ fn val_densities_equal_scipy() {
 
 #[test]
 fn law_the_integral_is_the_variance() {
-    // Noise without a mean, so that the taper does not matter. Parseval holds on average over many segments, to 2 %
-    // over 100 of them.
+    // Zero-mean noise, so that the taper does not matter. Parseval's theorem holds on average over many segments, to 2
+    // % over 100 of them.
     let mut state = 1u64;
     let mut noise = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);

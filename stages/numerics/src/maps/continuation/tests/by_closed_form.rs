@@ -27,7 +27,7 @@ fn law_upward_is_exact_to_one_percent_away_from_the_edges() {
 
 #[test]
 fn law_the_error_at_the_edges_is_no_worse_than_harmonicas_and_magnavs() {
-    // The field outside is unknown, so single scenes vary; over several scenes our error must not be larger.
+    // The field outside the map is unknown, so single scenes vary; over several scenes our error must not be larger.
     for scene in SCENES {
         for up_m in [200.0, 500.0] {
             let mut sums = [0.0; 4];
@@ -48,7 +48,7 @@ fn law_the_error_at_the_edges_is_no_worse_than_harmonicas_and_magnavs() {
             assert!(ours <= harmonica, "{scene:?} {up_m} m: {ours} and {harmonica}");
             // The rotated image continues the slope, which matters near the edge.
             assert!(up_m > 300.0 || ours < 0.95 * plain, "{scene:?} {up_m} m: {ours} and {plain}");
-            // If edges are a large part of the map, a few scenes separate the two only to some per cent.
+            // If edges are a large part of the map, a few scenes distinguish the two methods only to some per cent.
             assert!(ours <= 1.1 * magnav, "{scene:?} {up_m} m: {ours} and {magnav}");
         }
     }
@@ -120,7 +120,7 @@ fn law_components_are_those_of_the_field() {
     let spectrum = MapSpectrum::new(&map, 100.0, &Padding::default()).unwrap();
     let ours = spectrum.components(main_field().map(|c| 54_000.0 * c), 100.0, 0.0).unwrap();
     for (axis, ours) in [&ours.east, &ours.north, &ours.up].into_iter().enumerate() {
-        // The horizontal components fall more slowly outward than the anomaly that they are made from.
+        // The horizontal components decrease more slowly outward than the anomaly from which they are computed.
         assert_near_inside(ours, &field.on(|_| 100.0, |point| field.vector_at(point)[axis]), 0.05, &format!("{axis}"));
     }
     assert!(!ours.damped);
@@ -128,7 +128,7 @@ fn law_components_are_those_of_the_field() {
         |axis: usize| [&ours.east, &ours.north, &ours.up][axis].values.iter().map(move |v| v * main_field()[axis]);
     let sum: Vec<f64> = along(0).zip(along(1)).zip(along(2)).map(|((e, n), u)| e + n + u).collect();
     let up = upward(&map, 100.0, &Padding::default()).unwrap();
-    // A wave of two nodes has no slope, and so no component along the main field's horizontal.
+    // A two-node wave has no slope, and therefore no component along the horizontal direction of the core field.
     assert_near_inside(&map.with(sum), &up, 1e-3, "sum along the main field");
 }
 

@@ -1,4 +1,4 @@
-//! Maps of dipoles and prisms with their closed form at any point.
+//! Maps of dipoles and prisms with a closed form at any point.
 
 use crate::maps::magnetic_sources::*;
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
@@ -8,18 +8,18 @@ use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 pub(super) enum Scene {
     /// All well inside the map.
     Inside,
-    /// All over the map and as far again around it.
+    /// All over the map and an equally wide margin around it.
     Around,
     /// Around, with some deep and strong sources.
     Regional,
 }
 
-/// A main field of 69° inclination.
+/// A core field with an inclination of 69°.
 pub(super) fn main_field() -> EastNorthUp {
     direction(69.0, 6.0)
 }
 
-/// Sources magnetised along the main field, and the axes of the map above them.
+/// Sources magnetised along the core field, and the axes of the map above them.
 pub(super) struct Field {
     pub(super) sources: Vec<MagneticBody>,
     east_m: EvenAxis,
@@ -95,7 +95,7 @@ impl Field {
     }
 }
 
-/// A dipole or a prism that makes some 100 nT at height 0.
+/// A dipole or a prism that produces some 100 nT at height 0.
 fn source(at: EastNorthUp, strength: f64, random: &mut Random) -> MagneticBody {
     let depth = -at[2];
     let moment = main_field().map(|c| c * strength * 0.5 * depth.powi(3));

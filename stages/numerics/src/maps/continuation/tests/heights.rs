@@ -53,9 +53,9 @@ fn law_the_downward_error_is_the_amplified_noise_and_the_damped_field() {
                 println!(
                     "{scene:?} {seed}, {from_m} m down {down_m} m, noise {noise_nt} nT: error {truth:.2} nT, known {known:.2}, found {found:.2}"
                 );
-                // Noise that cannot be separated from the field past the edges is amplified fully: an upper bound.
+                // Noise that cannot be distinguished from the field past the edges is fully amplified: an upper bound.
                 assert!((0.5 * truth..2.5 * truth + 0.3).contains(&known) || noise_nt == 0.0, "{known} {truth}");
-                // Without noise, leakage from the padding counts as field, which makes the estimate too large.
+                // Without noise, leakage from the padding is treated as field, which makes the estimate too large.
                 let bounded = known < 2.5 * truth + 0.3 && found < 2.5 * truth + 4.0;
                 assert!(bounded || noise_nt == 0.0, "{known} {found} {truth}");
                 assert!(found > 0.5 * truth || noise_nt == 0.0, "{found} {truth}");

@@ -46,7 +46,7 @@ fn survey() -> OwnedSurveyPoints {
     points
 }
 
-/// The field over which `survey` flies, with eastings from 500 km and northings from 7000 km.
+/// The field of `survey`, with eastings from 500 km and northings from 7000 km.
 fn field([e, n, h]: [f64; 3]) -> [f64; 4] {
     let (one, two) = (dipole([e - 1430.0, n - 1970.0, h + 300.0]), dipole([e - 2730.0, n - 2290.0, h + 400.0]));
     std::array::from_fn(|k| one[k] - 0.5 * two[k])

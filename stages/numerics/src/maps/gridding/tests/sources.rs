@@ -46,7 +46,7 @@ fn jac_derivatives_are_those_of_the_predicted_field() {
         };
         let numeric = moved(1.0).iter().zip(moved(-1.0)).map(|(a, b)| 0.5 * (a - b)).collect::<Vec<f64>>();
         let error = rms(numeric.iter().zip(slope).map(|(a, b)| a - b)) / rms(slope.iter().copied());
-        // A step of 1 m in a field of 100 m and the far-field sums each err by some 1e-4.
+        // A step of 1 m in a field of 100 m and the far-field sums each have an error of some 1e-4.
         assert!(error < 1e-3, "axis {axis}: {error}");
     }
 }
@@ -84,7 +84,8 @@ fn val_equivalent_sources_continue_a_dipole_about_as_well_as_harmonica() {
     let inside = |k: &usize| ["easting_m", "northing_m"].iter().all(|a| (500.0..=3500.0).contains(&nodes[*a][*k]));
     let error = |values: &[f64]| rms((0..level.len()).filter(inside).map(|k| values[k] - nodes["exact_450_m"][k]));
     let (ours, harmonica) = (error(&values), error(&nodes["harmonica_450_m"]));
-    // harmonica's single layer was placed at the depth that suits this dipole; both err by 0.2 % of its 340 nT.
+    // harmonica's single layer was placed at the optimal depth for this dipole; both methods have an error of 0.2 % of
+    // its 340 nT.
     assert!(ours < 1.3 * harmonica, "{ours} {harmonica}");
 }
 

@@ -32,7 +32,7 @@ struct Linear {
 fn linear() -> Linear {
     let mut normals = NormalGenerator::new(5);
     let mut columns = manoeuvred(SAMPLES as u32, 1.0, 0.4).columns;
-    // Every fourth step is half as long again.
+    // Every fourth step is 1.5 times as long.
     (0..SAMPLES).for_each(|row| columns[0][row] += 0.5 * (row / 4) as f64);
     let axis = |middle: f64| [middle - 0.5, middle, middle + 0.5];
     let (lat, lon) = (axis(columns[1][0]), axis(columns[2][0]));
@@ -175,7 +175,7 @@ impl Joint {
         Self { mean, covariance, h, z, variance: linear.sigma[0].powi(2) }
     }
 
-    /// States of a sample given the measurements of the samples before `until`.
+    /// States of a sample given the measurements of all samples before `until`.
     fn given(&self, sample: usize, until: usize) -> (DVector<f64>, DMatrix<f64>) {
         let h = self.h.rows(0, 2 * until);
         let innovation = self.z.rows(0, 2 * until) - h * &self.mean;
@@ -220,8 +220,8 @@ impl Joint {
     }
 }
 
-// Position variances fall by 1e3 and coefficient variances by 1e5. Of 16 digits, the difference of a smoothed
-// covariance keeps more than 9, and the dense solution keeps as many.
+// The variances of positions decrease by 1e3 and those of coefficients by 1e5. Of 16 digits, the difference in a
+// smoothed covariance retains more than 9, as does the dense solution.
 const TOLERANCE: f64 = 1e-6;
 
 #[test]
@@ -237,7 +237,7 @@ fn law_one_window_equals_least_squares_of_all_states() {
     }
     let difference = joint.difference_of_coefficients(&output);
     assert!(difference < TOLERANCE, "{difference:e}");
-    // The minimum of the cost is half the squared innovations over their covariance.
+    // The minimum of the cost is half the sum of squared innovations over their covariance.
     let innovation = &joint.z - &joint.h * &joint.mean;
     let s = &joint.h * &joint.covariance * joint.h.transpose()
         + DMatrix::identity(2 * SAMPLES, 2 * SAMPLES) * joint.variance;
@@ -258,7 +258,7 @@ fn law_overlapping_windows_count_no_measurement_twice() {
         assert_eq!(output.windows.len(), (last_s / stride_s).floor() as usize + 1);
         for (sample, now_s) in tt_s.iter().enumerate() {
             let seen_s = now_s + lag_s;
-            // Last window that ends by then and contains the sample; otherwise the filter at the sample.
+            // The last window that contains the sample and ends in time; otherwise the filter at the sample.
             let ends = (1..=output.windows.len()).rev().map(|k| k as f64 * stride_s);
             let last = ends.into_iter().find(|end_s| end_s.min(last_s) <= seen_s + 1e-6 && *end_s > now_s + 1e-6);
             let seen = last.map_or(sample + 1, until);

@@ -15,7 +15,7 @@ use crate::navigation::gaussian::StateLayout;
 
 const EPOCHS: [usize; 5] = [300, 675, 1050, 1425, 1799];
 
-/// One third of the default number of windows.
+/// A third of the default number of windows.
 fn fewer() -> FixedLagParameters {
     FixedLagParameters { overlap: 0.85, ..FixedLagParameters::default() }
 }
@@ -25,8 +25,8 @@ fn smoothed(flight: &Flight) -> FixedLagOutput {
     flight.smoothed(&fewer(), flight.left)
 }
 
-/// Mean over flights and epochs of the position's NEES per degree of freedom, that of the coefficients at the end, and
-/// the NIS.
+/// Means over flights: the position's NEES per degree of freedom over all epochs, the coefficients' NEES per degree of
+/// freedom at the end, and the NIS.
 fn consistency(left: Left, flights: u64) -> (f64, f64, f64) {
     let of = |seed: u64| {
         let flight = fly(seed, 1800, 1.0, 1, left);
@@ -53,12 +53,12 @@ fn law_a_cold_start_is_consistent() {
     for left in [Left::White, Left::Drift] {
         let (position, coefficients, nis) = consistency(left, flights);
         println!("{left:?}: NEES a degree, position {position:.2}, coefficients {coefficients:.2}; NIS {nis:.3}");
-        // Mean of 100 chi-squares of one degree, from correlated neighbouring epochs: the 99.9 % band is 3.29 √(2/100)
-        // = 0.47 to either side.
+        // Mean of 100 chi-squares of one degree, from correlated neighbouring epochs: the 99.9 % band is ±3.29 √(2/100)
+        // = ±0.47.
         assert!((position - 1.0).abs() < 0.47, "{left:?} {position}");
-        // 190 values: 0.34.
+        // The band for 190 values is ±0.34.
         assert!((coefficients - 1.0).abs() < 0.34, "{left:?} {coefficients}");
-        // 18,000 values: 0.035, and half of that for the linearisation.
+        // The band for 18,000 values is ±0.035, plus half of that for the linearisation.
         assert!((nis - 1.0).abs() < 0.05, "{left:?} {nis}");
     }
 }
@@ -124,13 +124,14 @@ fn law_averages_over_a_second_equal_every_sample() {
     let mut largest: f64 = 0.0;
     for row in (600..3000).step_by(10).map(|row| row + 9) {
         let sd = every.navigation.sd_n_m[row];
-        // Averaging loses the information in the change of the terms within a second, which is small.
+        // Averaging loses only the information in the change of the terms within a second, which is small.
         assert!((navigation.sd_n_m[row] / sd - 1.0).abs() < 0.1, "{row} {} {sd}", navigation.sd_n_m[row]);
         let moved_m = (navigation.x[row][LAT] - every.navigation.x[row][LAT]) * 6.37e6;
         largest = largest.max(moved_m.abs() / sd);
     }
     println!("largest difference north {largest:.2} sd");
-    // A tenth of the information differs: a third of a standard deviation at one sigma, and at most three times that.
+    // A tenth of the information differs: one standard deviation of the difference is a third of a standard deviation,
+    // and the limit is three times that.
     assert!(largest < 1.0, "{largest}");
     // The aircraft field is known except for the temporal variation, 3 nT.
     let beta = &flight.truth[0];
@@ -169,7 +170,8 @@ fn law_the_jacobian_of_an_averaged_measurement_equals_differences() {
     (x[LAT], x[LON], x[ALT], x[S]) = (2e-5, -1e-5, 7.0, 4.0);
     let (_, row) = residual(&x);
     for state in 0..layout.dim() {
-        // About 30 m of position at the end of the second, over which the slope of the map changes by a few percent.
+        // The position error at the end of the second is about 30 m, over which the slope of the map changes by a few
+        // percent.
         let step = match state {
             LAT | LON => 1e-6,
             6..12 => 1e-2,

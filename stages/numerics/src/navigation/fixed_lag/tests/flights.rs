@@ -32,7 +32,7 @@ pub fn scene() -> &'static Scene {
     })
 }
 
-/// Residual of the linear model of the aircraft.
+/// Residual that the linear model of the aircraft leaves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Left {
     /// White noise alone.

@@ -43,8 +43,8 @@ fn law_a_robust_loss_limits_the_effect_of_outliers() {
     let unspoilt = drms(&clean, TrajectoryLoss::Cauchy);
     println!("DRMS m: clean {without:.1}, Cauchy {unspoilt:.1}");
     println!("with outliers: least squares {squares:.1}, Huber {huber:.1}, Cauchy {cauchy:.1}");
-    // A twentieth of the data is lost, and robust weights cost another twentieth, so the errors grow by far less than
-    // half.
+    // A twentieth of the data is lost, and robust weights lose another twentieth, so the errors increase by far less
+    // than half.
     assert!(cauchy < 1.5 * without && huber < 2.0 * without, "{without} {huber} {cauchy}");
     assert!(squares > 2.0 * cauchy, "{squares} {cauchy}");
     assert!(unspoilt < 1.2 * without, "{unspoilt} {without}");
@@ -92,7 +92,7 @@ fn unit_off_the_map_the_output_follows_the_ins() {
     let report = output.navigation.report;
     assert_eq!((report.updates, report.off_map), (220, 80));
     assert_eq!(output.usage[150], FixedLagUsage::OffMap);
-    // Never on the map.
+    // A line that is never on the map.
     flight.ins.columns[2].iter_mut().for_each(|lon| *lon += 30.0);
     let output = smoothed(&flight);
     assert_eq!(output.navigation.report.off_map, 300);
@@ -130,8 +130,8 @@ fn unit_collinear_regressors_share_according_to_their_prior() {
     let output = first(200, &regressors, &[1e6, 0.0, 0.0, 0.0, 4e6, 0.0, 0.0, 0.0, 9e4]).unwrap();
     assert!(is_sound(&output));
     let [a, b, c] = output.coefficients[..] else { panic!("{:?}", output.coefficients) };
-    // The sum is determined. Each bias has a share by its prior variance, to the digits that 1e6 over 10 leave of
-    // sixteen.
+    // The sum is determined. Each bias has a share proportional to its prior variance, with a precision of sixteen
+    // digits minus the digits of 1e6 over 10.
     assert!((b / a - 4.0).abs() < 1e-6, "{a} {b}");
     assert!(c.abs() < 1e-9, "{c}");
     let p = &output.coefficient_covariance;

@@ -1,4 +1,4 @@
-//! Aiding positions, compared to the Kalman filter of INS and positions.
+//! Aiding positions, compared with the Kalman filter of INS and positions.
 
 use super::*;
 use crate::navigation::ins_only;
@@ -47,8 +47,8 @@ fn exact(scene: &Scene, fixes: &PositionFixes) -> NavigationOutput {
     ins_only::run(&ins, &scene.errors, Some(fixes)).unwrap()
 }
 
-/// Rms distance to the Kalman filter in its standard deviations over the last rows, and the mean ratio of the standard
-/// deviations, north.
+/// Rms distance from the Kalman filter, in its standard deviations, over the last rows, and the mean ratio of the
+/// northward standard deviations.
 fn compared(scene: &Scene, fixes: &PositionFixes, particles: usize, resample_threshold: f64) -> (f64, f64) {
     const SEEDS: u64 = 12;
     let exact = exact(scene, fixes);
@@ -80,15 +80,16 @@ fn law_positions_without_the_field_give_the_kalman_filter() {
     let fixes = fixes(&scene, 5, [25.0, -18.0, 12.0], 15.0);
     let found = [500, 8000].map(|particles| compared(&scene, &fixes, particles, 0.5));
     println!("rms distance in sigmas, and ratio of sigmas, of 500 and 8000 particles: {found:.3?}");
-    // The mean of N particles has an error of 1/√N of a sigma, and again at each resampling.
+    // The mean of N particles has an error of 1/√N of a standard deviation, to which each resampling adds the same
+    // amount.
     assert!(found[1].0 < 0.1 && (found[1].1 - 1.0).abs() < 0.03, "{found:?}");
-    // With sixteen times the particles, the distance is a quarter, except for that of the kernels.
+    // With sixteen times as many particles, the distance is a quarter, except for the contribution of the kernels.
     assert!(found[1].0 < 0.7 * found[0].0, "{found:?}");
 }
 
 #[test]
 fn law_a_fix_of_metres_narrows_a_cloud_of_kilometres() {
-    // The cloud is 700 times as wide as the fix, which is one sigma off its middle.
+    // The cloud is 700 times as wide as the fix, which is one standard deviation from its middle.
     let sources = InsErrors { init_position_sigma_m: 1500.0, ..InsErrors::default() };
     let scene = blind(40, sources);
     let fixes = fixes(&scene, 4, [1100.0, -900.0, 0.0], 2.0);

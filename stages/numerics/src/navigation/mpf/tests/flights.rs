@@ -69,7 +69,7 @@ impl Flight {
     }
 }
 
-/// Quantile of chi-square with `freedom` degrees at `z` standard normals, by Wilson and Hilferty.
+/// Quantile of chi-square with `freedom` degrees at `z` standard normal deviates, by Wilson and Hilferty.
 fn chi_square(freedom: f64, z: f64) -> f64 {
     let spread = 2.0 / (9.0 * freedom);
     freedom * (1.0 - spread + z * spread.sqrt()).powi(3)
@@ -99,7 +99,7 @@ fn law_on_nominal_flights_it_is_consistent_and_equals_the_kalman_filter() {
     let (low, high) = (chi_square(2.0 * n, -1.96) / n, chi_square(2.0 * n, 1.96) / n);
     println!("NEES {nees:.2?}, band {low:.2}..{high:.2}; NIS {nis:.3}; {resamplings} resamplings");
     println!("DRMS {ours:.1} m, Kalman filter {ekf_mean:.1} m");
-    // One epoch of twenty is outside by chance.
+    // One epoch in twenty is outside by chance.
     assert!(nees.iter().filter(|nees| !(low..=high).contains(nees)).count() <= 1, "{nees:?}");
     let mean = nees.iter().sum::<f64>() / ROWS.len() as f64;
     let all = 2.0 * n * ROWS.len() as f64;
@@ -128,7 +128,7 @@ fn law_an_ins_lost_by_kilometres_is_recovered_where_the_kalman_filter_fails() {
     assert!(found >= 5 && by_ekf <= 3 && unaware == 0, "{found} {by_ekf} {unaware}");
 }
 
-/// Prints the time of a step in µs; run it by name, in an optimised build.
+/// Prints the time per step in µs; run it by name, in an optimised build.
 #[test]
 #[ignore = "a measurement of time"]
 fn unit_time_of_a_step() {

@@ -170,7 +170,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         }
     }
 
-    /// Step from the sample before `row` to it.
+    /// Propagates from the previous sample to `row`.
     #[inline(always)]
     fn propagate(&mut self, row: usize) {
         let LineModel { ins, errors, .. } = &self.line;
@@ -303,7 +303,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         if innovation.nis.is_nan() { sample.difference } else { innovation }
     }
 
-    /// Uses a further measurement.
+    /// Processes a further measurement.
     fn take(&mut self, linear: &LinearisedAid, sample: &mut SampleInnovations) -> MeasurementOutcome {
         let AugmentedBuffers { h, ph, gain, rest, .. } = &mut self.scratch;
         let h = &mut h[..self.p.stride()];
@@ -377,7 +377,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         MagnetometerResidual::Residual(nt - expected_nt, variance_nt2)
     }
 
-    /// Uses a measurement. Returns its NIS, and whether it passed the gate.
+    /// Processes a measurement. Returns its NIS, and whether it passed the gate.
     #[inline(always)]
     fn correct(
         &mut self,
@@ -399,7 +399,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
             );
             return Err(refused("prior", what).into());
         }
-        // Change of the prediction by the previous magnetometers, in the linearisation of this one.
+        // Change of the prediction by the previous magnetometers, according to the linearisation of this one.
         let moved_nt: f64 = h.iter().zip(&self.x).zip(&*before).map(|((h, x), before)| h * (x - before)).sum();
         let residual_nt = if magnetometer == 0 { before_nt } else { before_nt - moved_nt };
         let innovation_variance = predicted_nt2 + variance_nt2;

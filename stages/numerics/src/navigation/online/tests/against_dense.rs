@@ -11,7 +11,7 @@ fn of_rows(rows: &[[f64; STATES]; STATES]) -> DMatrix<f64> {
     DMatrix::from_fn(STATES, STATES, |row, column| rows[row][column])
 }
 
-/// Normal distribution of the states at a sample and of the measurements so far, from the dynamics alone.
+/// Normal distribution of the states at a sample and of all measurements so far, from the dynamics alone.
 struct Joint {
     states: DMatrix<f64>,
     /// Covariance of the states with each measurement's noiseless value.
@@ -114,8 +114,8 @@ fn law_on_a_linear_map_it_equals_least_squares_of_the_whole_line() {
         }
     }
     let (x, p) = joint.given(&measured_nt, &sigma_nt);
-    // The dense solution loses digits by the condition number of its covariance, about 1e5; an error of 1e-6 of a sigma
-    // remains.
+    // The precision of the dense solution is reduced by the condition number of its covariance, about 1e5; an error of
+    // 1e-6 of a standard deviation remains.
     for state in 0..STATES {
         let sd = p[(state, state)].sqrt();
         let (x_ours, p_ours) = (ours.navigation.x[rows - 1][state], &ours.navigation.p[rows - 1][state]);
@@ -159,8 +159,8 @@ fn only_coefficients(flight: &mut Flight) -> FieldMap {
     wavy(-74.85)
 }
 
-/// Least-squares solution of a line for its coefficients, by a QR of the prior's rows and the line's rows over their
-/// noise.
+/// Least-squares solution of a line for its coefficients, by QR of the rows of the prior and the line's rows divided by
+/// their noise.
 fn by_qr(flight: &Flight, prior_sigma: &[f64], residual_nt: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
     let (width, rows) = (flight.width, residual_nt.len());
     let entry = |row: usize, column: usize| match row.checked_sub(width) {
@@ -203,8 +203,8 @@ fn law_a_cold_start_loses_no_significant_digits() {
         let estimate = &ours.magnetometers[0];
         for c in 0..18 {
             let sd = p[(c, c)].sqrt();
-            // The first update leaves (1e4 nT)² 18 over (0.5 nT)² times 1e-16, which is 1e-6, of the variance of the
-            // measured sum. The position's 1e-30 per s add less.
+            // The first update leaves an error of (1e4 nT)² 18 / (0.5 nT)² times 1e-16, which is 1e-6, in the variance
+            // of the measured sum. The position's 1e-30 per s contribute less.
             let missed = (estimate.coefficients[c] - x[c]).abs() / sd;
             assert!(missed < 1e-4, "{straight} {c} {missed:e}");
             for d in 0..18 {

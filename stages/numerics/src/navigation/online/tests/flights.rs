@@ -96,7 +96,7 @@ impl Flight {
         flight
     }
 
-    /// Replaces terms and measurements, with coefficients of this standard deviation.
+    /// Replaces terms and measurements, using coefficients of this standard deviation.
     pub(crate) fn replace_terms(&mut self, map: &FieldMap, terms: &[f64], width: usize, sigma: f64) {
         self.width = width;
         self.terms = vec![terms.to_vec(); self.coefficients.len()];
@@ -114,7 +114,7 @@ impl Flight {
         }
     }
 
-    /// Line, whose INS lives as long as the test.
+    /// Line whose INS has the lifetime of the test.
     pub(crate) fn line<'a>(&self, map: &'a FieldMap) -> LineModel<'a> {
         let columns: &'static [Vec<f64>; 13] = Box::leak(Box::new(self.columns.clone()));
         let ins = Box::leak(Box::new(InsSeries::from_columns(columns.each_ref().map(Vec::as_slice))));

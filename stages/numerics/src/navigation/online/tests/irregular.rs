@@ -13,8 +13,8 @@ fn unit_a_magnetometer_without_a_value_is_skipped_and_the_others_are_used() {
         let magnetometers = [0, 1].map(|k| flight.magnetometer(k, &priors[k], &density));
         run(&flight.line(&map), &magnetometers, None, &ALL).unwrap()
     };
-    // Without any value of the second magnetometer, the result equals that without it, except for the random walk of
-    // its coefficients.
+    // If all values of the second magnetometer are missing, the result equals that without it, except for the random
+    // walk of its coefficients.
     let (mut by_term, mut by_value, mut by_sigma) = (flight.clone(), flight.clone(), flight.clone());
     for row in 0..ROWS {
         by_term.terms[1][18 * row + row % 18] = if row % 2 == 0 { f64::NAN } else { f64::INFINITY };
@@ -35,7 +35,7 @@ fn unit_a_magnetometer_without_a_value_is_skipped_and_the_others_are_used() {
         assert!((output.magnetometers[1].covariance[0] / grown - 1.0).abs() < 1e-12);
     }
     assert!(both(&by_term).magnetometers[1].track.aircraft_nt.iter().all(|nt| nt.is_nan()));
-    // Only the first lacks some samples. The residual of the track is then that of the second.
+    // Only the first magnetometer lacks some samples. There the residual of the track is that of the second.
     let mut gap = flight.clone();
     gap.terms[0][18 * 30 + 4] = f64::NAN;
     let output = both(&gap);
@@ -70,7 +70,7 @@ fn law_uneven_time_equals_missing_samples() {
     let mut thinned = Flight::turning(&map, 1);
     thinned.errors.noise = NoiseDiscretisation::VanLoan;
     let left_out = |row: &usize| row % 7 == 3 || (60..75).contains(row);
-    // Constant INS quantities, so that two short steps are one long one.
+    // INS quantities are constant, so two short steps equal one long step.
     for column in [1, 4, 5, 6, 7, 8, 10, 11, 12] {
         let first = thinned.columns[column][0];
         thinned.columns[column].fill(first);
@@ -97,7 +97,7 @@ fn law_uneven_time_equals_missing_samples() {
     };
     let (a, b) = (of(&thinned), of(&uneven));
     for ((one, other), sd) in a.coefficients.iter().zip(&b.coefficients).zip(a.sigma()) {
-        // Longitude drifts with the latitude, which both INS samples share; rounding is far smaller.
+        // The longitude drift depends on the latitude, which both INS samples share; rounding is far smaller.
         assert!((one - other).abs() < 1e-6 * sd, "{one} {other} {sd}");
     }
     assert!(a.covariance.iter().zip(&b.covariance).all(|(one, other)| (one - other).abs() < 1e-6 * 900.0));
@@ -213,7 +213,7 @@ fn unit_a_scalar_magnetometer_is_rejected_as_a_term() {
     let mut others = flight.terms[0].clone();
     others[18 * 50 + 2] *= 1.001;
     let words = refused(&good, OnlineMagnetometer { terms: &others, ..magnetometer });
-    assert_eq!(words, "the terms of magnetometer 0 are not those of the vector in row 50");
+    assert_eq!(words, "the terms of magnetometer 0 and the vector differ in row 50");
     others[18 * 50 + 2] = f64::NAN;
     assert!(refused(&good, OnlineMagnetometer { terms: &others, ..magnetometer }).contains("row 50"));
     assert!(

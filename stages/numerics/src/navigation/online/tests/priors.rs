@@ -29,8 +29,8 @@ fn law_the_prior_is_consistent_with_the_next_calibration() {
                 *square += (next[c] - prior.mean[c]).powi(2) / prior.covariance[5 * c] / trials as f64;
             }
         }
-        // With 6 calibrations the square has the variance of a squared Student's t of 5 degrees: 9 − 1. One standard
-        // deviation is sqrt(8/4000), 4.5 %; the limit is three of them.
+        // With 6 calibrations, the squared ratio has the variance of a squared Student's t of 5 degrees, 9 − 1. One
+        // standard deviation is sqrt(8/4000), 4.5 %; the limit is three of them.
         assert!(squares.iter().all(|square| (square - 1.0).abs() < 0.14), "{count} {squares:?}");
     }
 }
@@ -56,7 +56,7 @@ fn law_many_calibrations_are_not_shrunk() {
     for i in 0..4 {
         for j in 0..4 {
             let size = (expected[i][i] * expected[j][j]).sqrt();
-            // 1/sqrt(2000) is 2.2 %, for a variance sqrt(2) of that; the limit is four of them.
+            // 1/sqrt(2000) is 2.2 %, and sqrt(2) times that for a variance; the limit is four standard deviations.
             assert!((prior.covariance[4 * i + j] - expected[i][j]).abs() < 0.13 * size, "{i} {j}");
         }
     }
@@ -89,7 +89,7 @@ fn law_the_walk_density_is_estimated_from_calibrations() {
     }
     let tables: Vec<&[f64]> = all.iter().map(Vec::as_slice).collect();
     let density = walk_density(&tables, &times).unwrap();
-    // sqrt(2/4000) is 2.2 %, with uneven steps 2.7 %; the limit is four of them.
+    // sqrt(2/4000) is 2.2 %, with uneven steps 2.7 %; the limit is four standard deviations.
     assert!((density[0] / 0.04 - 1.0).abs() < 0.11 && (density[1] / 9.0 - 1.0).abs() < 0.11, "{density:?}");
     assert!(walk_density(&tables[..1], &times[..1]).is_err());
     assert!(walk_density(&tables[..2], &[1.0, 1.0]).is_err());

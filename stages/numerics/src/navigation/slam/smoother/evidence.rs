@@ -1,14 +1,14 @@
-//! Agreement of the measurements of revisits: the test of a track.
+//! Test of a track: agreement of the measurements of revisits.
 //!
-//! On a lost track the revisits contradict each other. The likelihood then prefers a kernel with a large white part
-//! that fits everything, so neither misfit nor covariance reveals it. A comparison with the same flight stretched to a
-//! straight line, which has no revisits, reveals it:
+//! On a lost track the revisits contradict each other. The likelihood then prefers a kernel with a large white part,
+//! which can explain any measurements, so neither misfit nor covariance indicates the contradiction. A comparison with
+//! the same flight stretched to a straight line, which has no revisits, does:
 //!
 //! ```text
 //! E = log p(z | path) − log p(z | the path drawn out)
 //! ```
 //!
-//! each with its own most probable kernel, if that is fitted. With noise of the assumed size, E is about
+//! each with its own most probable kernel, if that is fitted. If the noise equals the assumed noise, E is about
 //!
 //! ```text
 //! D = (log |C drawn out| − log |C|)/2
@@ -54,7 +54,7 @@ pub fn evidence(
     Some(RevisitEvidence { found: alone.likelihood_cost() - search.likelihood_cost(), expected: apart - together })
 }
 
-/// Problem with a straight path of the same length.
+/// Problem with the path stretched to a straight line of the same length.
 fn drawn_out(problem: &SlamProblem, weights: &[f64]) -> SlamProblem {
     let mut along_m = 0.0;
     let mut before = None::<[f64; 2]>;
@@ -84,7 +84,7 @@ mod tests {
             variance_nt2: 1.0,
             core_nt_per_m: [0.1, 0.2],
         });
-        // One function that moves the second position 30 m back north.
+        // One function that moves the second position 30 m back to the north.
         let functions = Mat::from_fn(6, 1, |row, _| if row == 2 { -30.0 } else { 0.0 });
         let (measured, temporal) = (measured.to_vec(), (0.0, 1.0));
         let problem = SlamProblem { measured, functions, temporal, mean_nt2: 1.0, centre_nt: 0.0 };

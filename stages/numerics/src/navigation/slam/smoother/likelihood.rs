@@ -25,12 +25,12 @@ pub struct SlamMeasurement {
     pub core_nt_per_m: [f64; 2],
 }
 
-/// Measurements of a line with the quantities that do not depend on the path.
+/// Measurements of a line, and the quantities that do not depend on the path.
 pub struct SlamProblem {
     /// Measurements, by time.
     pub measured: Vec<SlamMeasurement>,
-    /// Functions whose product with the weights is the displacement of each measurement, in m: 2 rows per measurement,
-    /// north and east.
+    /// Basis functions at the measurements, with 2 rows per measurement, north and east; their product with the weights
+    /// is the displacement in m.
     pub functions: Mat<f64>,
     /// Standard deviation (nT) and time constant (s) of the temporal variation.
     pub temporal: (f64, f64),
@@ -53,13 +53,14 @@ pub struct PathCovarianceFactor {
 
 /// Derivatives of the cost.
 pub struct CostDerivatives {
-    /// Gradient by the weights.
+    /// Gradient with respect to the weights.
     pub gradient: Vec<f64>,
-    /// Second derivatives by the weights.
+    /// Second derivatives with respect to the weights.
     pub hessian: Mat<f64>,
 }
 
-/// Derivatives by the logarithms of the kernel's standard deviation, length and noise, and their Fisher information.
+/// Derivatives with respect to the logarithms of the kernel's standard deviation, length and noise, and their Fisher
+/// information.
 pub struct KernelDerivatives {
     /// First derivatives.
     pub gradient: [f64; 3],
@@ -129,14 +130,14 @@ impl PathCovarianceFactor {
         alpha.iter().enumerate().map(|(i, a)| a * a / inverse[(i, i)]).collect()
     }
 
-    /// Derivatives by the weights of the functions.
+    /// Derivatives with respect to the weights of the functions.
     pub fn derivatives(&self, problem: &SlamProblem, kernel: &AnomalyKernel) -> CostDerivatives {
         let n = self.positions_m.len();
         let (inverse, alpha) = self.inverse();
         let apart = |i: usize, j: usize| -> [f64; 2] {
             [0, 1].map(|axis: usize| self.positions_m[i][axis] - self.positions_m[j][axis])
         };
-        // Derivative of the covariance of i and j by the position of i.
+        // Derivative of the covariance of i and j with respect to the position of i.
         let slopes = [0, 1].map(|axis: usize| {
             by_columns(n, |j, column| {
                 for (i, to) in column.iter_mut().enumerate() {
@@ -165,7 +166,7 @@ impl PathCovarianceFactor {
         }
         let part = |axis: usize| Mat::from_fn(n, count, |i, k| problem.functions[(2 * i + axis, k)]);
         let parts = [part(0), part(1)];
-        // Part of the second derivative by one position, from all covariances with it.
+        // Part of the second derivative with respect to one position, from all its covariances.
         let own: Vec<[f64; 3]> = (0..n)
             .into_par_iter()
             .map(|i| {
@@ -219,7 +220,7 @@ impl PathCovarianceFactor {
         CostDerivatives { gradient, hessian }
     }
 
-    /// Derivatives by the parameters of the kernel.
+    /// Derivatives with respect to the parameters of the kernel.
     pub fn by_kernel(&self, kernel: &AnomalyKernel) -> KernelDerivatives {
         let n = self.positions_m.len();
         let (inverse, alpha) = self.inverse();
@@ -230,7 +231,7 @@ impl PathCovarianceFactor {
                 *to = 2.0 * kernel.anomaly_nt2(distance2(i, j));
             }
         });
-        // k is a function of the distance over the length.
+        // k is a function of the ratio of distance to length.
         let by_length = by_columns(n, |j, column| {
             for (i, to) in column.iter_mut().enumerate() {
                 let squared = distance2(i, j);
@@ -269,7 +270,7 @@ impl PathCovarianceFactor {
 /// North and north, north and east, east and east.
 const PAIRS: [(usize, usize); 3] = [(0, 0), (0, 1), (1, 1)];
 
-/// Second derivative of the covariance by the axes a and b of one of two positions with this separation.
+/// Second derivative of the covariance along the axes a and b of one of two positions with this separation.
 fn bend(kernel: &AnomalyKernel, apart: [f64; 2], a: usize, b: usize) -> f64 {
     let bends = kernel.bends(apart[0].powi(2) + apart[1].powi(2));
     bends.second * apart[a] * apart[b] - if a == b { bends.first } else { 0.0 }
@@ -279,7 +280,7 @@ fn distance2(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
 }
 
-/// Square matrix by its columns, which are filled on all threads.
+/// Square matrix assembled by columns on all threads.
 fn by_columns(n: usize, fill: impl Fn(usize, &mut [f64]) + Sync) -> Mat<f64> {
     let mut all = vec![0.0; n * n];
     all.par_chunks_mut(n.max(1)).enumerate().for_each(|(j, column)| fill(j, column));

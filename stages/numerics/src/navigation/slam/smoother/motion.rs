@@ -1,4 +1,4 @@
-//! Error of the INS over a whole line in a basis of few functions of time, with independent unit weights.
+//! Error of the INS over a whole line in a basis of a few functions of time, with independent unit weights.
 
 use crate::navigation::NavigationError;
 use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, StateVector, pinson_matrix};
@@ -10,7 +10,7 @@ use crate::navigation::transition::{identity, propagate_state, step_covariance, 
 /// Maximum number of functions.
 const MOST_FUNCTIONS: usize = 500;
 
-/// Error states from step to step: x ← Φ x + w, with the covariance P of x. Axis 0 is north, 1 is east.
+/// Error states from step to step: x ← Φ x + w, where P is the covariance of x. Axis 0 is north, 1 is east.
 pub struct InsErrorTransitions {
     phi: Vec<StateMatrix>,
     p: Vec<StateMatrix>,
@@ -21,12 +21,12 @@ pub struct InsErrorTransitions {
 
 /// Position error at the steps of a line, δ = B u with u ~ N(0, I), and its remaining variance.
 ///
-/// The columns of B are those of the pivoted Cholesky factor of the covariance of all δ: a weight is the part of one
+/// The columns of B are those of the pivoted Cholesky factor of the covariance of all δ. A weight is the part of one
 /// pivot's error that the previous pivots do not determine. [Harbrecht, Peters & Schneider 2012]
 pub struct PositionErrorBasis {
     /// Number of functions.
     pub count: usize,
-    /// B, by steps, each north and then east.
+    /// B, by steps; in each step north, then east.
     rows: Vec<f64>,
     /// Omitted variance north and east, in m².
     pub lacking_m2: Vec<[f64; 2]>,
@@ -34,7 +34,7 @@ pub struct PositionErrorBasis {
     pivots: Vec<(usize, usize)>,
 }
 
-/// Time between two steps: the first step, and the fraction of the way to the second.
+/// Time between two steps: the first step, and the fraction of the interval to the second.
 #[derive(Clone, Copy, Debug)]
 pub struct StepInterpolation {
     /// First step.
@@ -86,7 +86,7 @@ impl InsErrorTransitions {
         Ok(Self { phi, p, m_per_rad: frame.m_per_rad, tt_s })
     }
 
-    /// Covariance of the position at each step with one coordinate at one step, in m².
+    /// Covariance, in m², of the position at each step with one coordinate at one step.
     fn column(&self, (pivot, axis): (usize, usize)) -> Vec<[f64; 2]> {
         let [north, east] = self.m_per_rad;
         let in_m = |x: &StateVector| [x[LAT] * north, x[LON] * east];
@@ -110,7 +110,7 @@ impl InsErrorTransitions {
         out
     }
 
-    /// Functions that omit less than a standard deviation in m of any position.
+    /// Basis functions that omit less than this standard deviation, in m, of any position.
     pub fn functions(&self, tolerance_m: f64) -> PositionErrorBasis {
         let steps = self.p.len();
         let [north, east] = self.m_per_rad;
@@ -156,7 +156,7 @@ impl InsErrorTransitions {
     /// Expected error states at the steps given the weights of the functions.
     pub fn states(&self, functions: &PositionErrorBasis, weights: &[f64]) -> Vec<StateVector> {
         let steps = self.p.len();
-        // K_JJ = L Lᵀ with the pivots' own rows L, so that E x = K_xJ L⁻ᵀ u.
+        // K_JJ = L Lᵀ, where L are the pivots' own rows, so that E x = K_xJ L⁻ᵀ u.
         let mut forces = weights.to_vec();
         for j in (0..functions.count).rev() {
             let row = |k: usize| -> f64 {
@@ -205,7 +205,7 @@ impl InsErrorTransitions {
         }
     }
 
-    /// Variance of a position by the INS alone, in m²: north, east, and their covariance.
+    /// Position covariance of the INS alone at a step, in m²: north, east, and their covariance.
     pub fn alone_m2(&self, step: usize) -> [f64; 3] {
         let ([north, east], p) = (self.m_per_rad, &self.p[step]);
         [north * north * p[LAT][LAT], east * east * p[LON][LON], north * east * p[LAT][LON]]

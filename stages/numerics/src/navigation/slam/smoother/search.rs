@@ -10,14 +10,14 @@ use crate::navigation::slam::kernel::AnomalyKernel;
 const MOST_HALVINGS: usize = 10;
 /// Largest step of the logarithm of a hyper-parameter.
 const LARGEST_LOG: f64 = 1.0;
-/// Damping added to the information of the logarithms. A logarithm without influence stays constant.
+/// Damping added to the information on the logarithms. A logarithm without influence remains constant.
 const DAMPING: f64 = 0.1;
-/// Largest change of the logarithms at which the hyper-parameters have converged.
+/// Change of the logarithms at or below which the hyper-parameters have converged.
 const STILL_LOG: f64 = 0.02;
 /// Fraction of the measurement noise below which the white part of the kernel is negligible.
 const LEAST_NOISE: f64 = 0.1;
 
-/// Prior of the weights without the field: minus the logarithm of the density is uᵀ M u/2 − fᵀ u.
+/// Prior of the weights without the field. The negative log-density is uᵀ M u/2 − fᵀ u.
 pub struct SlamWeightPrior {
     /// M.
     pub information: Mat<f64>,
@@ -44,7 +44,7 @@ pub struct SlamSearchParameters {
     pub passes: usize,
     /// Position change of a measurement, in m, below which the search ends.
     pub tolerance_m: f64,
-    /// Whether the kernel is fitted too.
+    /// Whether the kernel is also fitted.
     pub fits: bool,
     /// Smallest and largest length of a fitted kernel, in m.
     pub lengths_m: (f64, f64),
@@ -82,17 +82,17 @@ impl<'a> SlamSearch<'a> {
         Some(Self { problem, prior, rules, weights, kernel, factored, passes: 0, last_step_m, converged: false })
     }
 
-    /// Minus the logarithm of the density of path and measurements, up to a constant.
+    /// Negative log-density of path and measurements, up to a constant.
     pub fn cost(&self) -> f64 {
         self.factored.cost + self.prior.cost(&self.weights)
     }
 
-    /// Minus the logarithm of the likelihood of the measurements, up to a constant.
+    /// Negative log-likelihood of the measurements, up to a constant.
     pub fn likelihood_cost(&self) -> f64 {
         self.factored.cost
     }
 
-    /// Mean squared residual of the measurements over its variance.
+    /// Mean of the squared residuals of the measurements over their variance.
     pub fn misfit(&self) -> f64 {
         self.factored.square / self.problem.measured.len() as f64
     }
@@ -102,7 +102,7 @@ impl<'a> SlamSearch<'a> {
         self.factored.left_out()
     }
 
-    /// Fits the most probable kernel for the present path, if it is fitted.
+    /// Fits the most probable kernel for the present path, if the kernel is to be fitted.
     pub fn settle_kernel(&mut self) {
         let mut passes = if self.rules.fits { self.rules.passes } else { 0 };
         while passes > 0 && !self.fit() {
@@ -134,7 +134,7 @@ impl<'a> SlamSearch<'a> {
 
     /// Factor of the information of the weights, and the gradient of the cost.
     ///
-    /// Far from the optimum the likelihood may have negative curvature along some weights, which then have the
+    /// Far from the optimum, the likelihood may have negative curvature along some weights; these then have only the
     /// information of the prior.
     fn curvature(&self) -> (Option<Llt<f64>>, Vec<f64>) {
         let found = self.factored.derivatives(self.problem, &self.kernel);
@@ -153,7 +153,7 @@ impl<'a> SlamSearch<'a> {
         (information.llt(Side::Lower).ok(), gradient)
     }
 
-    /// Step to the optimum of the quadratic.
+    /// Step to the minimum of the quadratic approximation.
     fn step(&self) -> Option<Vec<f64>> {
         let (factor, gradient) = self.curvature();
         let solved = factor?.solve(&MatRef::from_column_major_slice(&gradient, gradient.len(), 1));
@@ -211,7 +211,7 @@ impl<'a> SlamSearch<'a> {
         true
     }
 
-    /// Kernel after steps of the logarithms of its standard deviation, length and noise, within its bounds.
+    /// Kernel after steps in the logarithms of its standard deviation, length and noise, within its bounds.
     fn moved_kernel(&self, [sigma, length, noise]: [f64; 3]) -> AnomalyKernel {
         let measured = &self.problem.measured;
         let mean_nt2 = measured.iter().map(|of| of.variance_nt2).sum::<f64>() / measured.len() as f64;

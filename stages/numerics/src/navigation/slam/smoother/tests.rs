@@ -9,7 +9,7 @@ use crate::navigation::slam::tests::flights::{Flight, M_PER_DEG, ROUGH_DEG, loit
 use crate::navigation::slam::{CovarianceFunction, HyperparameterSource, SlamParameters, run};
 use crate::random::NormalGenerator;
 
-/// Random path of `n` measurements, and random functions of it.
+/// Random path of `n` measurements, and random functions along it.
 fn problem(n: usize, count: usize, seed: u64) -> (SlamProblem, Vec<f64>) {
     let mut normals = NormalGenerator::new(seed);
     let mut at_m = [0.0; 2];
@@ -75,7 +75,7 @@ fn law_derivatives_equal_finite_differences() {
     }
 }
 
-/// The mean of (∂J/∂θᵢ)(∂J/∂θⱼ) over measurements drawn from the model is the Fisher information.
+/// The expected value of (∂J/∂θᵢ)(∂J/∂θⱼ) over measurements drawn from the model is the Fisher information.
 #[test]
 fn law_the_information_of_the_kernel_is_the_covariance_of_its_gradient() {
     let (mut problem, weights) = problem(40, 3, 8);
@@ -116,7 +116,7 @@ fn law_the_information_of_the_kernel_is_the_covariance_of_its_gradient() {
     for i in 0..3 {
         for j in 0..3 {
             let scale = (information[i][i] * information[j][j]).sqrt();
-            // The standard deviation of a mean of 1500 products is 0.04 of the scale; their tails are long.
+            // The mean of 1500 products has a standard deviation of 0.04 of the scale; the products have long tails.
             assert!((sums[i][j] - information[i][j]).abs() < 0.2 * scale, "{i} {j} {sums:?} {information:?}");
         }
     }
@@ -157,8 +157,8 @@ fn law_the_functions_have_the_covariance_of_simulated_errors() {
     for (i, a) in places.iter().enumerate() {
         for (j, b) in places.iter().enumerate() {
             let (found, scale) = (covariance(*a, *b), (covariance(*a, *a) * covariance(*b, *b)).sqrt());
-            // A mean of 600 products has a standard deviation of at most √(2/600) of the scale; the limit is four of
-            // it.
+            // A mean of 600 products has a standard deviation of at most √(2/600) of the scale; the limit is four
+            // standard deviations.
             assert!((found - sums[i][j]).abs() < 0.23 * scale, "{i} {j} {found} {}", sums[i][j]);
         }
         let whole = motion.alone_m2(a.0)[a.1];
@@ -176,7 +176,7 @@ fn law_the_functions_have_the_covariance_of_simulated_errors() {
             assert!((found - expected).abs() < 1e-6 * expected.abs().max(1.0), "{step} {axis} {found} {expected}");
         }
     }
-    // Velocity is the derivative of the position, within the change by an acceleration of about 0.1 m/s² in 2 s.
+    // Velocity is the derivative of the position, except for the change by an acceleration of about 0.1 m/s² in 2 s.
     for step in 20..last - 1 {
         for (axis, state) in [(0, VN), (1, VE)] {
             let at = |step: usize| states[step][[LAT, LON][axis]] * frame.m_per_rad[axis];
@@ -291,7 +291,7 @@ fn law_without_information_from_the_field_the_end_of_the_track_equals_the_kalman
     let apart_m = ((out.lat_deg[row] - exact.lat_deg[row]) * M_PER_DEG.0)
         .hypot((out.lon_deg[row] - exact.lon_deg[row]) * M_PER_DEG.1);
     println!("{apart_m} m of {} m", exact.sd_n_m[row]);
-    // The error of the basis functions.
+    // Error of the basis functions.
     assert!(apart_m < 0.1, "{apart_m}");
     assert!((out.sd_n_m[row] / exact.sd_n_m[row] - 1.0).abs() < 0.01);
     assert!((out.sd_e_m[row] / exact.sd_e_m[row] - 1.0).abs() < 0.01);
@@ -317,11 +317,11 @@ fn law_loiters_are_accurate_to_metres_and_consistent() {
         nees += of / FLIGHTS as f64;
     }
     assert!(smoother < 0.1 * filter, "{filter} {smoother}");
-    // 1 is consistent. Errors are correlated, so a flight has only a few independent ones.
+    // The expected value is 1. Errors are correlated, so a flight has only a few independent ones.
     assert!((0.2..3.0).contains(&nees), "{nees}");
 }
 
-/// Field that changes after half of the flight: on no path do the visits agree.
+/// A field that changes after half of the flight, so that the visits agree on no path.
 #[test]
 fn law_contradicting_visits_are_evidence_against_the_track() {
     let flight = |field: u64| {
@@ -344,8 +344,8 @@ fn law_a_track_without_a_revisit_keeps_the_covariance_of_the_ins() {
     let ins = flight.ins.series();
     let alone = ins_only::run(&ins, &flight.model, None).unwrap();
     for row in [100, 200, 299] {
-        // Across the line the data give no information. Along it they show that the roughness of the field does not
-        // change.
+        // Across the line, the data contain no information. Along the line, they show that the roughness of the field
+        // does not change.
         let ratio = both.navigation.sd_e_m[row] / alone.sd_e_m[row];
         println!("{row}: {ratio} across, {} along", both.navigation.sd_n_m[row] / alone.sd_n_m[row]);
         assert!((0.9..1.02).contains(&ratio), "{row} {ratio}");
@@ -414,7 +414,7 @@ fn unit_groups_are_averaged_near_their_middle() {
     let samples: Vec<_> = (0..20).map(|k| (sample(k), [k as f64, 0.0])).collect();
     let kernel = AnomalyKernel { length_m: 700.0, ..AnomalyKernel::default() };
     assert_eq!([20, 21, 19].map(|most| thinned(&samples, &kernel, most).len()), [20, 20, 19]);
-    // Groups of 5, of which the three within 35 m of the middle count.
+    // Groups of 5, in each of which the three samples within 35 m of the middle are used.
     let thin = thinned(&samples, &kernel, 4);
     assert_eq!(thin.len(), 4);
     let (second, moved) = thin[1];

@@ -5,7 +5,7 @@ use crate::navigation::position_fixes::PositionFixes;
 
 use super::*;
 
-/// GNSS positions of a flight with noise of `sigma_m`, at every `every`-th row where `there` is true.
+/// GNSS positions of a flight with noise of `sigma_m`, at every `every`-th row for which `there` is true.
 fn gnss(flight: &Flight, sigma_m: f64, every: usize, there: impl Fn(usize) -> bool) -> PositionFixes {
     let (mut normals, truth) = (crate::random::NormalGenerator::new(77), &flight.truth.columns);
     let mut of = |column: usize, m_per_unit: f64| -> Vec<f64> {
@@ -33,7 +33,7 @@ fn aided(flight: &Flight, parameters: &SlamParameters, fixes: Option<&PositionFi
 
 #[test]
 fn law_positions_without_the_field_give_the_kalman_filter() {
-    // Rows of 0.5 s in steps of 1 s, so that fixes lie on and between the draws. GNSS is lost from 100 to 200 s, and
+    // Rows of 0.5 s in steps of 1 s, so that fixes occur at and between the draws. GNSS is lost from 100 to 200 s, and
     // returns when the position error of the INS alone is tens of metres.
     let mut flight = Flight::tactical(loiter(ROUGH_DEG, 600, 0.5), 3);
     flight.measured_nt.fill(f64::NAN);
@@ -56,7 +56,7 @@ fn law_positions_without_the_field_give_the_kalman_filter() {
 
 #[test]
 fn law_positions_of_particles_are_draws_of_the_kalman_filter() {
-    // The field exists and is steep, but no position is revisited, so that every position of the map is a draw.
+    // The field exists and is steep, but no position is revisited, so every position of the map is a draw.
     let flight = Flight::tactical(loiter(ROUGH_DEG, 50, 1.0), 3);
     let fixes = gnss(&flight, 5.0, 1, |_| true);
     let particles = 2000;
@@ -69,7 +69,7 @@ fn law_positions_of_particles_are_draws_of_the_kalman_filter() {
     let apart_m = ((last.lat_deg - exact.lat_deg[49]) * flights::M_PER_DEG.0)
         .hypot((last.lon_deg - exact.lon_deg[49]) * flights::M_PER_DEG.1);
     println!("{apart_m} {sd_m} {} {}", last.spread_m, output.effective[49]);
-    // Four standard errors of the mean of these effective draws, and of their standard deviation.
+    // Four standard errors of the mean, and of the standard deviation, of this effective number of draws.
     let of_mean = 1.0 / output.effective[49].sqrt();
     assert!(apart_m < 4.0 * sd_m * of_mean && (last.spread_m / sd_m - 1.0).abs() < 4.0 * of_mean);
 }

@@ -1,4 +1,4 @@
-//! Flights over the Osborne map with their INS and magnetometer output.
+//! Flights over the Osborne map, with the output of INS and magnetometer.
 
 use std::sync::OnceLock;
 
@@ -11,8 +11,7 @@ use crate::random::NormalGenerator;
 
 use super::super::SlamOutput;
 
-/// Middle of a part of the map, 9 km by 8 km, with a gradient of 0.25 nT/m everywhere, as for the flights of the
-/// thesis.
+/// Middle of a 9 km by 8 km part of the map with a gradient of 0.25 nT/m everywhere, as for the flights of the thesis.
 pub const ROUGH_DEG: (f64, f64) = (-21.846, 140.581);
 /// Middle of the map, where the gradient is 0.03 nT/m.
 pub const SMOOTH_DEG: (f64, f64) = (-21.958, 140.6675);
@@ -27,10 +26,10 @@ pub fn map() -> &'static MapSurface {
 pub type Leg = (f64, f64);
 
 const SPEED_MPS: f64 = 65.0;
-/// Positions per second of the paths before sampling.
+/// Number of positions per second of the paths before sampling.
 const FINE: f64 = 20.0;
 
-/// Path of straight legs and turns of 700 m radius, 20 positions per second, north and east in m.
+/// Path of straight legs and turns with a radius of 700 m, with 20 positions per second, north and east in m.
 fn flown(legs: impl Iterator<Item = Leg>, from_m: [f64; 2], count: usize) -> Vec<[f64; 2]> {
     const RADIUS: f64 = 700.0;
     let (mut at, mut heading, ds) = (from_m, 0.0_f64, SPEED_MPS / FINE);
@@ -98,7 +97,7 @@ pub fn loiter(middle_deg: (f64, f64), samples: usize, dt_s: f64) -> Line {
     line(&along(curve, fine_count(samples, dt_s)), middle_deg, dt_s, samples)
 }
 
-/// Survey of 6 km by 6 km: five lines, five tie lines, and again 400 m to the west, 20 minutes each time.
+/// Survey of 6 km by 6 km: five lines, five tie lines, and the same again 400 m to the west, 20 minutes each.
 pub fn survey(samples: usize, dt_s: f64) -> Line {
     const LEGS: [Leg; 11] = [
         (6000.0, 180.0),

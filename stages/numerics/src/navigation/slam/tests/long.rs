@@ -1,4 +1,4 @@
-//! Long flights with printed results.
+//! Long flights that print their results.
 
 use std::time::Instant;
 
@@ -55,7 +55,7 @@ fn step_s(hours: usize) -> f64 {
         fixes: None,
         errors: flight.model,
     };
-    // A tenth of the particles: only the growth matters, which is the same for each.
+    // A tenth of the particles is enough, because only the increase matters, which is the same for each particle.
     let parameters = SlamParameters { particles: 100, ..SlamParameters::default() };
     let mut filter = SlamFilter::new(&parameters, &line);
     let mut start = Instant::now();
@@ -117,7 +117,8 @@ fn law_the_filter_is_consistent_if_its_model_is_correct() {
     }
     println!("NEES per degree of freedom {nees:.2?}, NIS {:.3}", nis / count);
     assert!((nis / count - 1.0).abs() < 0.15);
-    // A mean of chi-square of 40 degrees is within 0.56 and 1.58 at 95 %. Particle depletion adds to it.
+    // The mean of a chi-square of 40 degrees is between 0.56 and 1.58 with a probability of 95 %. Particle depletion
+    // widens this range.
     assert!(nees.iter().all(|nees| (0.3..3.0).contains(nees)));
 }
 
@@ -161,7 +162,7 @@ fn law_a_second_aircraft_navigates_on_the_map_of_the_first() {
         second.drms_m(None),
         drms(&truth, 6.0)
     );
-    // The map has the position error of the first aircraft, which the second cannot observe.
+    // The map has the position error of the first aircraft, which the second aircraft cannot observe.
     assert!(on_drawn < first.drms_m(Some(&slam)) + 2.0 * drms(&truth, 6.0));
 }
 

@@ -105,7 +105,7 @@ fn track(kernel: &AnomalyKernel, temporal: (f64, f64), n: usize, seed: u64) -> T
 fn law_the_likelihood_equals_that_of_the_normal_distribution() {
     let (kernel, temporal, n) = (kernel(CovarianceFunction::Matern52), (3.0, 600.0), 30);
     let track = track(&kernel, temporal, n, 3);
-    // Density as the product of the conditional ones, each by its own system, at the most likely mean.
+    // Density as the product of the conditional densities, each from a separate system, at the most likely mean.
     let of = |row: usize, column: usize| {
         let apart = track.distance_m[row] - track.distance_m[column];
         let white = if row == column { 1.0 + kernel.sigma_n_nt.powi(2) } else { 0.0 };
@@ -151,7 +151,8 @@ fn law_the_fit_is_the_maximum_and_near_the_truth() {
             }
         }
     }
-    // The likelihood of the truth is below the maximum by half a chi-square of three degrees: 99.9 % are below 16.3/2.
+    // The log-likelihood of the truth is below the maximum by half a chi-square of three degrees; 99.9 % are below
+    // 16.3/2.
     let below = best - track.log_likelihood(&truth, temporal);
     assert!((0.0..8.2).contains(&below), "{below}");
 }
@@ -181,7 +182,7 @@ fn unit_the_tree_has_the_same_paths_as_copying() {
         for (copy, now) in copies.iter_mut().zip(&now) {
             copy.push(*now);
         }
-        // Sometimes twice in a row, and of all or some of the particles.
+        // Sometimes twice in succession, and of all or only some particles.
         for again in 0..2 {
             if bits.draw() % 5 == 0 {
                 let parent = |p: usize, draw: u64| {
@@ -199,7 +200,7 @@ fn unit_the_tree_has_the_same_paths_as_copying() {
                     assert_eq!(history.at(sample).unwrap().displacement(particle), at.map(f64::from));
                 }
             }
-            // A partition that gets finer with time has at most N different stages.
+            // A partition that becomes finer with time has at most N different stages.
             let (generations, stored) = history.size();
             assert!(generations <= N + 1, "{generations}");
             // Old samples have one displacement each.
@@ -250,7 +251,7 @@ fn law_without_measurements_the_particles_have_the_covariance_of_the_ins() {
     let moments = particles.moments();
     for a in [LAT, LON, VN, VN + 1, TILT_N, TILT_N + 1, ACC, ACC + 1, GYRO, GYRO + 1, S] {
         for b in [LAT, LON, VN, VN + 1, TILT_N, ACC] {
-            // Mean of N products of normals: 4.5 standard deviations, because 66 entries are compared.
+            // Mean of N products of normals; the limit is 4.5 standard deviations, because 66 entries are compared.
             let scale = (p[a][a] * p[b][b]).sqrt();
             let off = (moments.p[a][b] - p[a][b]).abs() / scale;
             assert!(off < 4.5 * (2.0 / N as f64).sqrt(), "{a} {b} {off}");
