@@ -1,11 +1,11 @@
 //! The two products of a layer, for a block of rows: its sums, and the gradient of its weights.
 //!
-//! Units lie along the vector, in panels of eight or four, so that no sum is across lanes. Each sum is over inputs or
-//! rows in order, by fused multiply-add. The bits do not depend on the vector width.
+//! The lanes of a SIMD vector hold different units, in panels of eight or four, so that no sum is across lanes. Each
+//! sum is over inputs or rows in order, by fused multiply-add. The bits do not depend on the vector width.
 
 use pulp::{Simd, WithSimd};
 
-/// Units of a panel, unless at most half as many remain.
+/// Number of units of a panel. If at most half as many remain, a small panel is used.
 const PANEL: usize = 8;
 /// Units of a small panel.
 const SMALL: usize = 4;

@@ -39,8 +39,9 @@ pub fn train(
     alone(TrainingJob::new(shape, start, training, *samples, validation.copied(), Box::new(each))?)
 }
 
-/// Trains a network over windows, as [`train`]. An epoch predicts every sample of the runs once, with its window. The
-/// sparse group lasso applies to the input weights of the memory, and dropout also to the features.
+/// Trains a network over windows, as [`train`]. Each epoch predicts every sample of the runs once, from the window that
+/// ends at the sample. The sparse group lasso applies to the input weights of the memory, and dropout also to the
+/// features.
 ///
 /// # Errors
 /// Fails in the cases of [`train`], and if the lengths of the runs do not add up to the number of samples.
@@ -73,7 +74,7 @@ pub fn train_together(
 fn run(jobs: &mut [&mut TrainingJob<'_>]) {
     let mut pass = GradientPass::default();
     loop {
-        // Jobs with fewer epochs run first, so that networks stopped at different epochs align.
+        // Jobs with fewer completed epochs run first, so that interrupted trainings reach the same epoch.
         let going = jobs.iter().enumerate().filter(|(_, job)| job.ended.is_none());
         let Some((first, next)) = going.min_by_key(|(_, job)| job.state.epoch) else { return };
         let together =
@@ -156,7 +157,7 @@ impl<'a> TrainingJob<'a> {
         Ok(Self { model, training, samples, validation, layers, objective, state, gradient, each, ended })
     }
 
-    /// Its request for the means over a batch.
+    /// Request for the mean over a batch and its gradient.
     fn part(&mut self, batch: usize) -> GradientRequest<'_, 'a> {
         let (training, state) = (self.training, &self.state);
         let numbers = [NetworkRandomStream::Dropout as u64, state.epoch as u64, batch as u64];
@@ -179,7 +180,7 @@ impl<'a> TrainingJob<'a> {
         gathers && alike(self) == alike(other) && std::ptr::eq(self.samples.x, other.samples.x)
     }
 
-    /// Work after the steps of an epoch.
+    /// Completes an epoch: computes the losses and records them in the state.
     fn conclude(&mut self, train_loss: f64, learning_rate: f64) {
         let (training, state) = (self.training, &mut self.state);
         state.epoch += 1;

@@ -9,7 +9,7 @@ use super::{
     bins::{BINS, ColumnBins, TOGETHER},
 };
 
-/// Minimum gain relative to the terms of its difference; smaller gains are rounding.
+/// Minimum ratio of a gain to the terms whose difference it is; smaller gains are rounding errors.
 const ROUNDING: f64 = 1e-12;
 
 /// Sum of the residuals and number of rows of each bin.
