@@ -65,7 +65,7 @@ impl AnomalyGrid {
     /// The statistics of the map.
     ///
     /// # Errors
-    /// Fails as [`AnomalyGrid::new`].
+    /// Fails in the cases of [`AnomalyGrid::new`].
     pub fn summary(&self) -> Result<MapSummary, ReadError> {
         self.check()?;
         let mut known: Vec<f64> = self.anomaly_nt.iter().copied().filter(|v| !v.is_nan()).collect();

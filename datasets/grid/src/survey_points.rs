@@ -91,7 +91,7 @@ impl SurveyPointSet {
     /// A map on a grid that lies on the points' plane.
     ///
     /// # Errors
-    /// Fails as [`AnomalyGrid::new`].
+    /// Fails in the cases of [`AnomalyGrid::new`].
     pub fn grid(&self, grid: PlaneGrid, height: GridHeight) -> Result<AnomalyGrid, ReadError> {
         let unit_m = self.crs.unit_m();
         let axis = |a: EvenAxis| EvenAxis { first: a.first / unit_m, step: a.step / unit_m, len: a.len };
@@ -172,7 +172,7 @@ pub fn metres(
     }
     if let Some(((lat, lon, row), count)) = nowhere {
         let what = format!("latitude {lat}, longitude {lon} cannot be projected to EPSG:{}", crs.code());
-        // A few are wrong positions, which can be omitted; many indicate the wrong projection.
+        // A few failures are wrong positions, which can be omitted. Many failures indicate the wrong projection.
         if 100 * count > places.0.len() && count > 1 {
             return Err(ReadError::data(path, what).in_row(row).help("check the EPSG codes"));
         }

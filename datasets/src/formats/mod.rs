@@ -348,7 +348,7 @@ pub fn open_flight(path: &Path, options: &FlightOptions) -> Result<FlightReader,
 /// [`open_flight`] with hints.
 ///
 /// # Errors
-/// Fails as [`open_flight`].
+/// Fails in the cases of [`open_flight`].
 pub fn open_flight_with(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Result<FlightReader, ReadError> {
     open_flight_among(FLIGHT_FORMATS, path, options, reading)
 }
@@ -356,7 +356,7 @@ pub fn open_flight_with(path: &Path, options: &FlightOptions, reading: &ReadHint
 /// [`open_flight_with`] in one of `formats`, such as those of [`flight_formats`].
 ///
 /// # Errors
-/// Fails as [`open_flight`].
+/// Fails in the cases of [`open_flight`].
 pub fn open_flight_among(
     formats: &[FlightFormat],
     path: &Path,
@@ -409,7 +409,7 @@ pub fn read_map(path: &Path, options: &MapOptions) -> Result<MapTable, ReadError
 /// Reads a map on its native grid, for any coordinates: rows from the south, columns from the west, nT.
 ///
 /// # Errors
-/// Fails as [`read_map`].
+/// Fails in the cases of [`read_map`].
 pub fn read_grid(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let head = FileHead::read(path)?;
     let entries: Vec<_> = MAP_FORMATS.iter().map(|f| FormatCandidate::new(f.name, f.extensions, f.recognise)).collect();

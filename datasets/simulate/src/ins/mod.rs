@@ -69,10 +69,10 @@ struct InsCarryover {
 }
 
 impl FlightIns {
-    /// The INS of a flight before its first line. For an ensemble, this function flies all lines once, one at a time
-    /// in memory, to choose the member.
+    /// The INS of a flight before its first line. For an ensemble, this function simulates all lines once to choose the
+    /// member. One line is in memory at a time.
     ///
-    /// The linear error model ranks the members, in steps of 1 s, for either method.
+    /// For both methods, the members are ranked by the linear error model in steps of 1 s.
     ///
     /// # Errors
     /// Fails for a trajectory or a parameter outside the error model.

@@ -1,4 +1,4 @@
-//! Presets: platforms with known sensors and sources that a spec can start from.
+//! Presets: platforms with known sensors and sources, on which a spec can be based.
 //!
 //! `preset = "cessna"` at the top of a spec adds the preset's keys. A key of the spec overrides the preset's. Tables
 //! are merged key by key, and lists of tables with a `name` entry by entry: `[[magnetometers]]` with the name
@@ -70,7 +70,7 @@ pub(crate) fn applied<'a>(mut root: DeTable<'a>, faults: &SynthFaultList) -> DeT
         match DeTable::parse(text) {
             Ok(layer) => base = merged(base, placed(layer.into_inner(), &named.span()), PresetListMerge::Append),
             Err(error) => {
-                fault(Fault::new(format!("the preset `{name}` is broken: {}", error.message())));
+                fault(Fault::new(format!("the preset `{name}` is invalid: {}", error.message())));
                 return root;
             }
         }
@@ -147,7 +147,7 @@ fn placed_value<'a>(value: Spanned<DeValue<'a>>, at: &Range<usize>) -> Spanned<D
     Spanned::new(at.clone(), inner)
 }
 
-/// `over` on top of `base`.
+/// The keys of both tables; `over` takes precedence over `base`.
 fn merged<'a>(mut base: DeTable<'a>, over: DeTable<'a>, unnamed: PresetListMerge) -> DeTable<'a> {
     for [one, other] in EITHER {
         if over.contains_key(one) || over.contains_key(other) {

@@ -66,7 +66,7 @@ impl<'a> SynthSection<'a> {
         }
     }
 
-    /// The bytes of the key `name` of the table `table` in this one.
+    /// Byte range of the key `name` of the table `table` inside this table.
     pub(crate) fn key_at(&self, table: &str, name: &str) -> Range<usize> {
         let inner = self.table.get(table).and_then(|value| value.get_ref().as_table());
         let key = inner.and_then(|inner| inner.keys().find(|key| key.get_ref() == name));

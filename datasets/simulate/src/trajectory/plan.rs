@@ -17,7 +17,7 @@ use super::{
 const SETTLE_S: f64 = 5.0;
 /// Half of the time in which a climb begins or ends, in seconds.
 const ROUNDING_S: f64 = 5.0;
-/// Longest steps of the clock, in metres.
+/// Maximum distance per step of the timing, in metres.
 const CLOCK_STEP_M: f64 = 500.0;
 /// The largest latitude of a line, in degrees.
 const HIGHEST_DEG: f64 = 89.0;
@@ -310,7 +310,7 @@ fn round(orbit: &kinds::Orbit, route: &RouteFactory) -> Result<Route, RouteError
     route(RoutePosition { course_rad: edge.course_rad + quarter, ..edge })
 }
 
-/// A route that begins before a centre, at the distance from which the loops lead back over it.
+/// A route that begins before a centre, at the distance that the loops of a cloverleaf require.
 fn before(center: (f64, f64), heading_deg: f64, route: &RouteFactory) -> Result<Route, RouteError> {
     let centre = RoutePosition::new(center, heading_deg.to_radians());
     let lead_m = kinds::lead_m(&route(centre)?);

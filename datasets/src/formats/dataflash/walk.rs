@@ -205,7 +205,7 @@ impl DataflashScanner {
     /// Reads to the end of the file.
     ///
     /// # Errors
-    /// Fails as [`DataflashScanner::step`].
+    /// Fails in the cases of [`DataflashScanner::step`].
     pub(super) fn finish(
         &mut self,
         visit: &mut impl FnMut(usize, bool, &MessageDefinition, &[u8]),

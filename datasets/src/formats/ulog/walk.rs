@@ -232,7 +232,7 @@ impl UlogScanner {
     /// Reads to the end of the file.
     ///
     /// # Errors
-    /// Fails as [`UlogScanner::step`].
+    /// Fails in the cases of [`UlogScanner::step`].
     pub(super) fn finish(&mut self, visit: &mut impl FnMut(usize, &[u8])) -> Result<(), ReadError> {
         while self.step(visit)? {}
         Ok(())

@@ -136,7 +136,7 @@ fn law_a_circle_in_the_core_field_has_the_rate_of_a_steady_turn() {
         }
         within += usize::from((rate.norm() / expected - 1.0).abs() < 2e-3);
     }
-    // The field changes by 10 nT/km, 0.6 nT/s of 1800.
+    // The field changes by 10 nT/km, which is 0.6 nT/s of 1800 nT/s.
     assert!(within > line.num_rows() * 8 / 10, "{within} of {}", line.num_rows());
 }
 
