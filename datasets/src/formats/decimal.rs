@@ -105,7 +105,7 @@ fn run(text: &[u8], mut at: usize, mut value: u64) -> (u64, usize) {
     (value, at)
 }
 
-/// The number of eight digits, the first in the lowest byte; bytes of 0 count as the digit.
+/// Number of eight digits, the first in the lowest byte. A zero byte counts as the digit 0.
 #[inline(always)]
 fn eight_digits(word: u64) -> u64 {
     const EVERY_FOURTH: u64 = 0x0000_00FF_0000_00FF;

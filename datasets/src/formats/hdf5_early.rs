@@ -1,6 +1,6 @@
 //! Data sets in the layout of HDF5 before 1.6.3: versions 1 and 2 of the data layout message, as in the first MATLAB
-//! 7.3 files. `hdf5-reader` 0.12 searches them at the wrong position. Contiguous data sets are read; others are errors.
-//! [The HDF Group, HDF5 File Format Specification 3.0, IV.A.1.a and IV.A.2.i]
+//! 7.3 files. `hdf5-reader` 0.12 looks for these data sets at the wrong position. Contiguous data sets are read; others
+//! are errors. [The HDF Group, HDF5 File Format Specification 3.0, IV.A.1.a and IV.A.2.i]
 
 use std::{
     fs::File,

@@ -90,8 +90,8 @@ pub use topics::{LogTopic, RawReader, TopicColumn, open_raw, open_raw_among, top
 /// Hints for reading a flight log that do not affect the result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReadHints {
-    /// The result of [`FlightReader::found`] for the same file and options: the file is then not scanned
-    /// again. For a file that has changed since, it gives wrong values.
+    /// The result of [`FlightReader::found`] for the same file and options: the file is then not scanned again. If the
+    /// file has changed since, the values are wrong.
     pub found: Option<String>,
     /// The number of threads of the pool that may work on the file in parallel.
     pub threads: usize,
@@ -105,8 +105,8 @@ impl Default for ReadHints {
 
 /// An open flight log: its schema, and its rows in the file's order.
 ///
-/// Columns have the contract's names ([`open_flight`]) or the file's own ([`open_raw`]); each field's metadata `unit`
-/// is the unit of its values, which `schemas::canonical` converts. A missing number is NaN or null.
+/// Columns have canonical names ([`open_flight`]) or the file's names ([`open_raw`]); each field's metadata `unit` is
+/// the unit of its values, which `schemas::canonical` converts. A missing number is NaN or null.
 pub struct FlightReader {
     format: FlightFormat,
     schema: SchemaRef,
@@ -136,7 +136,7 @@ impl FlightBatch {
 /// Iterator over the rows of a file, in batches.
 pub type FlightBatches = Box<dyn Iterator<Item = Result<FlightBatch, ReadError>> + Send>;
 
-/// The output of a format before names and keys are settled.
+/// The output of a format before names and keys are assigned.
 pub struct RawFlight {
     /// The schema of every batch.
     pub schema: SchemaRef,
@@ -367,7 +367,7 @@ pub fn open_flight_among(
     Ok(reader(format, adopt::adopt(path, raw, options)?))
 }
 
-/// The format of a file, and its rows before names and keys are settled.
+/// The format of a file, and its rows before names and keys are assigned.
 fn open_format(
     formats: &[FlightFormat],
     path: &Path,
@@ -377,7 +377,7 @@ fn open_format(
     let format = format_of(formats, path, options)?;
     if options.topic.is_some() && format.topics.is_none() {
         let what = format!("a file of the format `{}` is one table, without topics", format.name);
-        return Err(ReadError::options(path, what).help("leave `topic` out"));
+        return Err(ReadError::options(path, what).help("remove `topic`"));
     }
     let raw = (format.open)(path, options, reading)?;
     limits::check_columns(path, raw.schema.fields().len())?;
@@ -471,7 +471,7 @@ fn choose(head: &FileHead, named: Option<&str>, known: &[FormatCandidate], kind:
     let lower = head.path.to_string_lossy().to_ascii_lowercase();
     let by_extension = |c: &FormatCandidate| c.extensions.iter().any(|e| lower.ends_with(&format!(".{e}")));
     let recognised = known.iter().position(|c| (c.recognise)(head));
-    // A text in another format may look like a table of numbers.
+    // A text in another format may resemble a table of numbers.
     if let Some(foreign) = foreign::refused(head) {
         return Err(foreign);
     }

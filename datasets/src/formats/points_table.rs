@@ -67,7 +67,7 @@ pub(super) fn load(path: &Path, format: Option<&str>) -> Result<PointTable, Read
             }
             let recognised = FLIGHT_FORMATS.iter().find(|f| (f.recognise)(&head)).map(|f| f.name);
             match recognised {
-                // Blank-separated text with comments is such a flight log only if it has the log's columns.
+                // Blank-separated text with comments is a flight log of the SGL surveys only if it has their columns.
                 Some("sgl_xyz") => from_flight(path, None).or_else(|_| from_text(path)),
                 None | Some("csv") => from_text(path),
                 Some(_) => from_flight(path, None),

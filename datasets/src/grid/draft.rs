@@ -56,13 +56,13 @@ pub(crate) enum FileCrs {
     Unknown,
 }
 
-/// The note on a map whose height is unknown: only a continuation needs it.
+/// Note on a map whose height is unknown. It is not an error, because only a continuation needs the height.
 pub(crate) const NO_HEIGHT: &str = "the file does not give the height of the map, so `alt` is NaN; set `alt_m`";
 
 /// Scale and offset of unpacked values.
 pub(crate) const PLAIN: [f64; 2] = [1.0, 0.0];
 
-/// Heights of a map in metres: from the deepest sea to satellites.
+/// Plausible heights of a map in metres: from the deepest ocean to satellites.
 const HEIGHTS_M: [f64; 2] = [-12_000.0, 2_000_000.0];
 
 /// The note on a map whose file gives no unit.
@@ -180,7 +180,7 @@ impl<'a> MapDraft<'a> {
         })?;
         self.check_values(&ValueUnit { name: &unit, factor, canonical: NANOTESLA }, options)?;
         if factor != 1.0 {
-            // Accepted values may be too large for the factor.
+            // Values that `accept` permits may overflow when multiplied by the factor.
             let finite = |v: f64| if v.is_finite() { v } else { f64::NAN };
             self.values.iter_mut().chain(self.errors.iter_mut().flatten()).for_each(|v| *v = finite(*v * factor));
             self.notes.push(format!("values in {unit} are multiplied by {factor} to give nT"));
@@ -244,7 +244,7 @@ impl<'a> MapDraft<'a> {
         let possible = |alt: f64| accepted(&options.accept) || possible(alt);
         let impossible = |alt: f64| {
             format!(
-                "{} m is outside the possible heights of a map, {} to {} m",
+                "{} m is outside the plausible range of map heights above the ellipsoid, {} to {} m",
                 plausible::number(alt),
                 HEIGHTS_M[0],
                 HEIGHTS_M[1]

@@ -137,7 +137,7 @@ fn reader(path: &Path) -> Result<csv::Reader<TextFile>, ReadError> {
     Ok(csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(file))
 }
 
-/// The type that the contract or the options give a column; `None` infers it from the values.
+/// Type of a column according to its canonical name or the options; `None` if the values determine it.
 fn settled_kind(name: &str, options: &FlightOptions) -> Option<CsvColumnKind> {
     let ours = options.rename.get(name).map_or(name, String::as_str);
     let known = flight::describe(ours);

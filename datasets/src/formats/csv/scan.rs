@@ -151,7 +151,7 @@ impl CsvScan {
         let (repeated, line) = self.repeated;
         if repeated > 0 {
             let rows = if repeated == 1 { "a row repeats".to_owned() } else { format!("{repeated} rows repeat") };
-            notes.push(format!("{file}: {rows} the header (first in line {line} of the file); left out"));
+            notes.push(format!("{file}: {rows} the header (first in line {line} of the file); skipped"));
         }
         if let (Some(cut), Some(column)) = (&self.cut, names.last()) {
             let (value, line) = (&cut.value, cut.line);
@@ -159,7 +159,7 @@ impl CsvScan {
             notes.push(if cut.short {
                 format!(
                     "{ends}; the last value `{value}` of `{column}` (line {line} of the file) is shorter than all \
-                     others of its column, and its row is left out"
+                     others of its column, and its row is skipped"
                 )
             } else {
                 format!("{ends} inside the last value `{value}` of `{column}` (line {line} of the file)")

@@ -9,7 +9,7 @@ pub(super) const FMT: u8 = 0x80;
 /// The length of an FMT message.
 pub(super) const FMT_LENGTH: u8 = 89;
 
-/// A definition: name, length with the header, and columns with offsets behind the header.
+/// A definition: name, length including the header, and columns with offsets from the end of the header.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct MessageDefinition {
     pub(super) name: String,

@@ -91,7 +91,7 @@ fn notes(path: &Path, walk: &UlogScanner, number: usize) -> Vec<String> {
     }
     if state.dropouts > 0 {
         notes.push(format!(
-            "{}, {} ms in total, where the logger was too slow",
+            "{}, {} ms in total, because the logger was too slow",
             counted(state.dropouts, "dropout"),
             state.dropouts_ms
         ));
