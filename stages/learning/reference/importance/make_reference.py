@@ -2,7 +2,7 @@
 
     python3 stages/learning/reference/importance/make_reference.py
 
-Versions are written into each table. The tests never run this; they read the tables beside it.
+Versions are written into each table. The tests do not run this script; they read the tables in this folder.
 """
 import itertools
 import math
@@ -31,7 +31,7 @@ def write(name, **columns):
 
 
 def model(x):
-    """The same function as the test's."""
+    """The same function as in the tests."""
     return 3 * np.tanh(x[:, 0] * x[:, 1] + x[:, 2] * x[:, 3]) + x[:, 2] ** 2 * x[:, 3] - 2 * x[:, 4] + np.sin(x[:, 0] + x[:, 3])
 
 
@@ -88,7 +88,7 @@ write(
     **{f"spearman_{k}": np.full(n, scipy.stats.spearmanr(*v).statistic) for k, v in pairs.items()},
 )
 
-# The best subset of three of eight moderately correlated columns, by trying all.
+# The best subset of three of eight moderately correlated columns, by exhaustive search.
 n = 60
 base = rng.normal(size=(n, 8))
 d = np.round(base + 0.3 * base[:, ::-1], 4)
