@@ -51,7 +51,7 @@ SETS = [[17, 45, 43, 55, 85], [15, 64, 53, 25, 38], [14, 50, 37, 22, 11], [15, 4
 
 # Lee 2019, Table 2: north, east, DRMS of the INS, of SLAM by a Gaussian process and by a scattered interpolant; m.
 SURVEY = {"INS alone": [320.6, 438.8, 543.5], "regression": [9.4, 14.2, 17.0], "inverse_distance": [18.46, 24.11, 30.36]}
-# Table 11: the same of 14 minutes, for each grade alone and with SLAM; m.
+# Table 11: north, east and DRMS of 14 minutes, for each grade without and with SLAM; m.
 LOITER = {"navigation": ([12.29, 1.24, 12.35], [4.74, 10.35, 11.38]), "tactical": ([434.27, 41.37, 436.24], [24.74, 31.12, 39.76]),
           "commercial": ([8792.26, 5279.09, 10255.37], [77.34, 114.71, 138.35])}
 # Table 12: figure of merit along the true track, the INS track and the SLAM track; nT.

@@ -108,7 +108,7 @@ pub(crate) fn array(values: ColumnValues) -> ArrayRef {
     }
 }
 
-/// Numbers that must be whole, such as the year; NaN is missing, as are fractions, each with its fault.
+/// Numbers that must be whole, such as the year; NaN is missing. A fraction is also missing, and has a fault.
 pub(crate) fn whole(path: &Path, name: &str, numbers: &[f64]) -> (ColumnValues, Vec<RowFault>) {
     let mut faults = vec![];
     let mut one = |(row, x): (usize, &f64)| match *x {

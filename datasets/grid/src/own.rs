@@ -98,7 +98,7 @@ impl AnomalyGrid {
         of_nodes(table, names, epsg)
     }
 
-    /// The map of rows that [`AnomalyGrid::made`] wrote for one map.
+    /// The map in rows that [`AnomalyGrid::made`] wrote.
     ///
     /// # Errors
     /// Fails for rows that are not a map.

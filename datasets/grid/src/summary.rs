@@ -22,7 +22,7 @@ pub struct MapSummary {
     pub epsg: u16,
     /// The name of the coordinate system.
     pub system: String,
-    /// The unit of the coordinates: `deg`, `m`, `ft`, `us-ft`, or empty for another one.
+    /// The unit of the coordinates: `deg`, `m`, `ft`, `us-ft`, or empty for another unit.
     pub unit: &'static str,
     /// The meaning of the file's coordinates.
     pub registration: Registration,

@@ -32,7 +32,7 @@ pub struct SurveyPointSet {
     pub types: Vec<Option<LineType>>,
     /// Additional columns of the file for reductions.
     pub extra: ReductionColumns,
-    /// The row of the file that each point comes from, the first being 0.
+    /// The row of the file that each point comes from, from 0.
     pub row: Vec<u64>,
     /// Notes on the file and its processing.
     pub notes: Vec<String>,
@@ -98,7 +98,7 @@ impl SurveyPointSet {
         AnomalyGrid::new(axis(grid.east_m), axis(grid.north_m), self.crs.clone(), grid.values, height)
     }
 
-    /// The tie lines: those of the type `Tie`, and those in `alike`. If any line has the type `Tie`, lines of the type
+    /// The tie lines: lines of the type `Tie`, and lines in `alike`. If any line has the type `Tie`, lines of the type
     /// `Line` are not tie lines.
     pub fn ties(&self, alike: &[usize]) -> Vec<usize> {
         let of = |line: usize| self.types.get(line).copied().flatten();

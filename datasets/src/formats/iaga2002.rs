@@ -51,7 +51,7 @@ pub struct ObservatoryRecord {
     pub start_tt_s: f64,
     /// Sampling interval.
     pub step_s: f64,
-    /// North, east and down in nT at each step; NaN if one is missing.
+    /// North, east and down in nT at each step; NaN if a component is missing.
     pub ned_nt: Vec<[f64; 3]>,
     /// The total field of the scalar magnetometer in nT at each step; NaN where missing.
     pub total_nt: Vec<f64>,

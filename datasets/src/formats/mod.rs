@@ -1,7 +1,7 @@
 //! Foreign formats, one file each, and the registry that selects one of them.
 //!
-//! The name in the options selects the format, otherwise the content of the file, otherwise its extension. A damaged
-//! file is thus reported in its own format.
+//! The name in the options selects the format, otherwise the content of the file, otherwise its extension. Damage is
+//! therefore reported by the reader of the file's format.
 
 use std::{
     collections::BTreeMap,
@@ -426,7 +426,7 @@ pub fn map_gives_error(path: &Path, options: &MapOptions) -> bool {
     options.format.as_deref().map_or_else(chosen, |format| format == parquet.name) && map_parquet::gives_error(path)
 }
 
-/// The files of a map: its own, or all files of a folder, and the files next to it with the cells of a header or the
+/// The files of a map: the map's file, or all files of its folder, and the files next to it with its values or its
 /// coordinate system.
 ///
 /// # Errors

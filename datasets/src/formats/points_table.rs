@@ -253,7 +253,7 @@ impl PointColumn {
             }
             let numbers = cast(chunk, &DataType::Float64).map_err(|e| ReadError::data(path, e.to_string()))?;
             let numbers = numbers.as_primitive::<Float64Type>();
-            // Geosoft's dummy and similar ones are not a field, height or position.
+            // Geosoft's dummy and similar markers are not a field, height or position.
             let known = |x: f64| if is_dummy(x) { f64::NAN } else { x * factor };
             out.extend(numbers.iter().map(|x| x.map_or(f64::NAN, known)));
         }

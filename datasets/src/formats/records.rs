@@ -256,7 +256,7 @@ fn half(bits: u16) -> f64 {
 }
 
 /// The rows of one topic in batches. `step` reads the next message of the file, adds its record if it belongs to the
-/// topic, and returns whether there was one.
+/// topic, and returns whether there was a message.
 pub(super) fn batches(
     path: &Path,
     mut records: RecordBuffer,

@@ -247,7 +247,7 @@ fn spelt(unit: &str) -> String {
 /// Reason why the unit of a column does not follow from its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum UnitNameError {
-    /// The name implies a unit of another dimension or an unknown one.
+    /// The name implies a unit of another dimension, or an unknown unit.
     Other(String),
     /// The last letter of the name may be a unit, which would change the values.
     Ambiguous(String),

@@ -22,7 +22,7 @@ pub(crate) struct MapDraft<'a> {
     /// The axis that runs fastest in `values`.
     pub(crate) x: FileAxis,
     pub(crate) y: FileAxis,
-    /// The stored values row by row; those marked as unknown in the file are already NaN.
+    /// The stored values row by row; values marked as unknown in the file are already NaN.
     pub(crate) values: Vec<f64>,
     /// Scale and offset from the stored values to those in `unit`.
     pub(crate) packing: [f64; 2],
@@ -207,8 +207,8 @@ impl<'a> MapDraft<'a> {
         ReadError::data(self.path, format!("{place}: {what}")).in_column(column)
     }
 
-    /// The coordinate system, with the coordinates in its unit. A code given in the options takes precedence over the
-    /// file's own.
+    /// The coordinate system, with the coordinates in its unit. A code in the options takes precedence over a code in
+    /// the file.
     fn crs(&mut self, options: &MapOptions) -> Result<Crs, ReadError> {
         let code = match (options.epsg, self.system) {
             (Some(code), _) | (None, FileCrs::Epsg(code)) => code,

@@ -1,7 +1,7 @@
 //! SQL expressions over the columns of one row, parsed and evaluated by DataFusion.
 //!
 //! An expression is a function of one row only. It uses no clock, random numbers, other rows or other tables. Its unit
-//! is inferred from those of its columns where possible.
+//! is inferred from the units of its columns where possible.
 //!
 //! ```
 //! use expressions::{Expression, ExpressionUnit};

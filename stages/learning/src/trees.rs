@@ -306,8 +306,8 @@ pub fn boost(
 /// Callback after each tree with all trees so far, the training loss and the validation loss.
 pub type TreeCallback<'a> = dyn FnMut(&[RegressionTree], f64, f64) -> ControlFlow<()> + 'a;
 
-/// Resumes [`boost`] from the first trees of an interrupted training with the same rows and settings. The result has
-/// the same bits as that of an uninterrupted training. `each` receives all trees so far.
+/// Resumes [`boost`] from the first trees of an interrupted training with the same rows and settings. The result is
+/// bit-identical to the result of an uninterrupted training. `each` receives all trees so far.
 ///
 /// # Errors
 /// The same as for [`boost`], and [`BoostingError::Malformed`] for a tree that does not match these columns.

@@ -39,9 +39,9 @@ const EITHER: [[&str; 2]; 5] = [
 /// Merging of lists without names that occur in both tables.
 #[derive(Clone, Copy)]
 enum PresetListMerge {
-    /// The upper list replaces the lower one.
+    /// The overriding list replaces the base list.
     Replace,
-    /// The entries of the upper list follow those of the lower one.
+    /// The entries of the overriding list follow the entries of the base list.
     Append,
 }
 

@@ -277,8 +277,8 @@ impl<'a> CsvRows<'a> {
         words > 1 && words == numbers
     }
 
-    /// The rows as a batch. `keys` holds the last flight and line before the block, and on return those of its last
-    /// row.
+    /// The rows as a batch. `keys` holds the last flight and line before the block, and on return the flight and line
+    /// of its last row.
     pub(super) fn into_batch(
         self,
         path: &Path,

@@ -133,7 +133,7 @@ impl FormatCharacter {
             'n' => (RecordFieldType::Text(4), 1.0),
             'N' => (RecordFieldType::Text(16), 1.0),
             'Z' => (RecordFieldType::Text(64), 1.0),
-            // Hundredths; division gives the number nearest to the decimal one.
+            // Hundredths. Division gives the number nearest to the decimal number.
             'c' => (RecordFieldType::I16, 1e2),
             'C' => (RecordFieldType::U16, 1e2),
             'e' => (RecordFieldType::I32, 1e2),

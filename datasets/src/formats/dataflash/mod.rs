@@ -5,7 +5,7 @@
 //! others keep their logged values, in the unit of the FMTU, UNIT and MULT messages, including the multiplier. Logs
 //! before 2018 lack such messages and have units only for time, latitude and longitude.
 //!
-//! The file is read three times: for its units, to list and count its topics, and for the values of one.
+//! The file is read three times: for its units, to list and count its topics, and for the values of one topic.
 
 use std::path::Path;
 

@@ -50,7 +50,7 @@ exact = shap.explainers.Exact(model, masker)(rows).values
 kernel = shap.KernelExplainer(model, background).shap_values(rows, nsamples="auto", silent=True)
 assert np.abs(exact - kernel).max() < 1e-9, np.abs(exact - kernel).max()
 permuted = shap.explainers.Permutation(model, masker, seed=1)(rows, max_evals=2000).values
-# What their sampling misses: the tests print it beside our own.
+# Sampling error of SHAP; the tests print it for comparison with magline's.
 print("permutation explainer, 2000 evaluations: largest difference from exact", np.abs(permuted - exact).max())
 columns |= {f"exact{j}": padded(exact)[:, j] for j in range(WIDTH)}
 
@@ -61,7 +61,7 @@ columns |= {f"linear{j}": padded(shares)[:, j] for j in range(WIDTH)}
 columns["coefficient"] = np.r_[linear.coef_, np.zeros(len(x) - WIDTH)]
 write("shapley.csv", **columns)
 
-# A forest as its nodes: TreeExplainer against the background ("interventional").
+# A forest as a list of nodes: TreeExplainer against the background ("interventional").
 more = np.round(rng.normal(size=(200, WIDTH)), 2)
 forest = HistGradientBoostingRegressor(max_iter=12, max_leaf_nodes=12, min_samples_leaf=5, early_stopping=False)
 forest.fit(more, model(more))

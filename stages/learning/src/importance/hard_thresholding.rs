@@ -16,7 +16,7 @@ const SHORTER: f64 = 2.0;
 /// A linear model with few terms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SparseLinearModel {
-    /// One per column, in the unit of the target per unit of the column; 0 for omitted columns.
+    /// One coefficient per column, in the unit of the target per unit of the column; 0 for omitted columns.
     pub coefficients: Vec<f64>,
     /// The number of steps.
     pub steps: usize,

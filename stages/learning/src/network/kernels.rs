@@ -81,8 +81,8 @@ pub(super) fn affine(x: &[f64], stride: usize, layer: &WeightPanels, out: &mut [
     pulp::Arch::new().dispatch(AffineKernel { x, stride, layer, out });
 }
 
-/// Adds Σ d xᵀ over the rows to the gradient of the weights, and Σ d to that of the biases. Rows of `x` are `stride`
-/// apart; rows of `d` are padded to whole panels.
+/// Adds Σ d xᵀ over the rows to the gradient of the weights, and Σ d to the gradient of the biases. Rows of `x` are
+/// `stride` apart; rows of `d` are padded to whole panels.
 pub(super) fn add_outer(x: &[f64], stride: usize, d: &[f64], gradient: &mut WeightPanels) {
     pulp::Arch::new().dispatch(OuterProductKernel { x, stride, d, gradient });
 }

@@ -115,7 +115,7 @@ impl TermScaling {
         self.maps.as_ref().map_or_else(|| b.to_vec(), |maps| product(&maps.back, b))
     }
 
-    /// Converts the parameters of a network of the terms to those of the network of scaled terms.
+    /// Converts the parameters of a network with unscaled terms to the parameters of the network with scaled terms.
     pub fn scaled(&self, shape: &NetworkShape, parameters: &[f64]) -> Vec<f64> {
         let Some(maps) = &self.maps else { return parameters.to_vec() };
         let mut out = parameters.to_vec();
@@ -126,7 +126,7 @@ impl TermScaling {
         out
     }
 
-    /// Converts the parameters of a network of scaled terms to those of the network of the terms.
+    /// Converts the parameters of a network with scaled terms to the parameters of the network with unscaled terms.
     pub fn original(&self, shape: &NetworkShape, parameters: &[f64]) -> Vec<f64> {
         let Some(maps) = &self.maps else { return parameters.to_vec() };
         let mut out = parameters.to_vec();

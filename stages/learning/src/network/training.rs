@@ -207,7 +207,7 @@ pub enum TrainingError {
         what: &'static str,
     },
     /// The number of values does not match the rows.
-    #[error("{given} values of {of} are given {what}, but {rows} rows require {expected}")]
+    #[error("there are {given} values of {of} {what}, but {rows} rows require {expected}")]
     Length {
         /// `to train on` or `to validate with`.
         what: &'static str,
