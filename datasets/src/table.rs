@@ -36,7 +36,7 @@ pub struct ColumnTable {
 }
 
 impl ColumnTable {
-    /// Appends a column; an empty unit means the canonical one.
+    /// Appends a column; an empty unit means the canonical unit.
     pub fn push(&mut self, name: &str, unit: &str, values: ColumnValues) {
         self.push_described(name, unit, flight::describe(name).description, values);
     }

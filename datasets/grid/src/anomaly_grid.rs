@@ -48,9 +48,9 @@ pub struct AnomalyGrid {
     pub height: GridHeight,
     /// The meaning of the file's coordinates.
     pub registration: Registration,
-    /// The name of the format it was read in; empty for a computed map.
+    /// Name of the format of its file; empty for a computed map.
     pub format: &'static str,
-    /// The file it was read from, for messages; empty for a computed map.
+    /// Path of its file, for messages; empty for a computed map.
     pub source: PathBuf,
     /// Notes on the processing of the file's values.
     pub notes: Vec<String>,

@@ -1,5 +1,5 @@
-//! Interpolation between the nodes of a projected grid, local so that unknown nodes have no effect beyond
-//! their neighbourhood.
+//! Interpolation between the nodes of a projected grid. It is local, so that unknown nodes affect only their
+//! neighbourhood.
 
 use numerics::maps::plane_grid::EvenAxis;
 

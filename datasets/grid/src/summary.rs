@@ -119,7 +119,7 @@ impl AnomalyGrid {
         let pairs = self.anomaly_nt.iter().zip(self.anomaly_nt.iter().skip(apart)).enumerate();
         let within = |i: usize| apart != 1 || !(i + 1).is_multiple_of(self.x.len);
         let steps = pairs.filter(|(i, (a, b))| within(*i) && !a.is_nan() && !b.is_nan());
-        // The running mean does not overflow when the sum does.
+        // The running mean cannot overflow, unlike the sum.
         let mean = |(mean, n): (f64, f64), (_, (a, b)): (usize, (&f64, &f64))| {
             let n = n + 1.0;
             (mean + ((a - b).abs() - mean) / n, n)

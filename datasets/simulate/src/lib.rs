@@ -2,8 +2,8 @@
 //!
 //! A synth spec (TOML) describes a map, the INS, the aircraft's sensors and the flights. Every number depends on the
 //! spec alone. Each random draw has its own stream, derived by hashing the seed and the names of flight, line and
-//! sensor. The same spec therefore gives the same bytes, and adding a flight or a sensor changes no other. Flights and
-//! lines are simulated in parallel, with few lines in memory.
+//! sensor. The same spec therefore gives the same bytes, and adding a flight or a sensor does not change the others.
+//! Flights and lines are simulated in parallel, with few lines in memory.
 //!
 //! Heights are above the WGS-84 ellipsoid. A map height above sea level is treated as a height above the ellipsoid, in
 //! the simulation and in navigation.
@@ -246,7 +246,7 @@ fn write(
     file.sync_all().map_err(|e| ReadError::io(to, &e))
 }
 
-/// The encoding of the files: plain numbers, since nearly all are distinct.
+/// The encoding of the files: plain numbers, because nearly all numbers are distinct.
 fn properties(schema: &Schema) -> WriterProperties {
     let builder = WriterProperties::builder()
         .set_compression(Compression::ZSTD(ZstdLevel::default()))

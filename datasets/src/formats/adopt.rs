@@ -215,7 +215,8 @@ pub(super) fn any_unit_of_name(name: &str) -> Option<String> {
     unit_of_name(name).or_else(|| unit_name::unknown_unit(name))
 }
 
-/// The values of a column in the unit of its format (`counted`, or the canonical unit if that is empty), and that unit.
+/// The values of a column in the unit of its format, and this unit: `counted`, or the canonical unit if `counted` is
+/// empty.
 ///
 /// # Errors
 /// Fails for a unit that does not convert.

@@ -15,7 +15,7 @@ use crate::ReadError;
 pub(super) struct DeclinationSample {
     /// North, east and down, nT.
     pub(super) ned_nt: [f64; 3],
-    /// The declination that was added to the sample's, or the direction of H.
+    /// The declination that was added to the declination of the sample, or the direction of H.
     pub(super) baseline_rad: f64,
     /// The declination of the sample without its baseline, if it has the component D.
     pub(super) own_rad: Option<f64>,

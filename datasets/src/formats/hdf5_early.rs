@@ -119,7 +119,7 @@ mod tests {
         let folder = tempfile::TempDir::new().unwrap();
         let path = folder.path().join("x.mat");
         let at = whole.windows(8).position(|w| w == [2, 3, 1, 0, 0, 0, 0, 0]).unwrap();
-        // A chunked data set is an error with a remedy.
+        // A chunked data set is rejected with a remedy.
         let mut chunked = whole.clone();
         chunked[at + 2] = 2;
         fs::write(&path, &chunked).unwrap();

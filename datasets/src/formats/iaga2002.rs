@@ -126,7 +126,8 @@ impl ComponentConversion {
         values.get(column).map(|arc| (arc / 60.0).to_radians())
     }
 
-    /// Whether north and east depend on a baseline. `relative` states whether D, if present, is relative to it.
+    /// Whether north and east depend on a baseline. `relative` states whether the component D, if present, is relative
+    /// to the baseline.
     fn needs_baseline(self, relative: Option<bool>) -> bool {
         match self {
             ComponentConversion::Xyz(_) => false,

@@ -174,7 +174,7 @@ impl RawFlight {
 }
 
 impl FlightReader {
-    /// The name of the format it was read in.
+    /// Name of the format of its file.
     pub fn format(&self) -> &'static str {
         self.format.name
     }

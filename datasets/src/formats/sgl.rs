@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// Names in `.xyz` headers, names in HDF5 files, and the unit if it is not the canonical one. A canonical name is used
-/// only for exactly the canonical meaning.
+/// only if the field has exactly the canonical meaning.
 const FIELDS: &[(&str, &str, &str)] = &[
     ("LINE", "line", ""),
     ("FLT", "flight", ""),

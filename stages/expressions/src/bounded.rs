@@ -1,4 +1,4 @@
-//! Bounds on the size of values: rejects expressions whose values may be much larger than their inputs, so that an
+//! Limits on the size of values: rejects expressions whose values may be much larger than their inputs, so that an
 //! untrusted spec cannot exhaust memory.
 
 use arrow_schema::DataType;

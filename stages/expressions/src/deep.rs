@@ -5,9 +5,9 @@ use std::{ops::ControlFlow, panic::resume_unwind, thread};
 use datafusion::sql::sqlparser::ast::{Expr, Select, TableFactor, Visit, Visitor};
 use schemas::Fault;
 
-/// Size of the large stack, bytes. It is address space: a page uses memory only after its first access.
+/// Size of the large stack, bytes. Only address space is reserved: a page uses memory after its first access.
 pub const STACK: usize = 1 << 30;
-/// Maximum length of an SQL text, bytes. Together with [`STACK`] it bounds every recursion over the text.
+/// Maximum length of an SQL text, bytes. Together with [`STACK`] it limits every recursion over the text.
 const LONGEST: usize = 1 << 20;
 /// Length of an SQL text below which an ordinary stack suffices, bytes.
 const SHORT: usize = 2_000;

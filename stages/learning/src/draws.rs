@@ -1,4 +1,4 @@
-//! Uniform numbers, numbers below a bound, and orders drawn at random.
+//! Random draws: uniform numbers, whole numbers below a bound, and permutations.
 
 use numerics::random::SplitMix64;
 

@@ -64,8 +64,8 @@ pub enum InputScalingError {
 pub struct WhitenedComponents {
     /// The number of components.
     pub count: usize,
-    /// The weights of the standardised columns, `count` by columns, row-major. They include the whitening: over the
-    /// rows that they are computed from, each component has a variance of 1.
+    /// The weights of the standardised columns, `count` by columns, row-major. They include the whitening: each
+    /// component has a variance of 1 over the rows from which the weights are computed.
     pub weights: Vec<f64>,
     /// Fraction of the variance of the standardised columns that the components contain.
     pub explained: f64,
@@ -98,7 +98,7 @@ impl InputScaling {
         if let Some(place) = x.par_iter().position_first(|x| !x.is_finite()) {
             return Err(InputScalingError::NotFinite { row: place / width, column: place % width });
         }
-        // Sums are relative to the first row, so that a large mean costs no precision.
+        // Sums are relative to the first row, so that a large mean does not reduce the precision.
         let first = &x[..width];
         let offset = column_sums(x, width, |x, j| x - first[j]);
         let mean: Vec<f64> = offset.iter().zip(first).map(|(sum, first)| first + sum / rows as f64).collect();
@@ -181,7 +181,7 @@ struct InputScalingKernel<'a> {
     out: &'a mut [f64],
 }
 
-// A struct: a closure of this size would not be inlined and compiled for the wider vectors.
+// This is a struct, because a closure of this size would not be inlined and compiled for wide vectors.
 impl WithSimd for InputScalingKernel<'_> {
     type Output = ();
 

@@ -151,7 +151,7 @@ pub enum RegressionTreeNode {
 pub struct BoostingResult {
     /// The first `best` trees.
     pub forest: Forest,
-    /// Mean square errors of the training rows and of the validation rows (NaN without) after each tree.
+    /// Mean square errors of the training rows and of the validation rows (NaN if there are none) after each tree.
     pub losses: Vec<(f64, f64)>,
     /// Number of trees with the smallest validation loss. Of equal losses, the smallest number; without validation, all
     /// trees.
@@ -415,7 +415,7 @@ fn mean_square(x: &[f64]) -> f64 {
     sum_of(x.len(), |i| x[i] * x[i]) / x.len() as f64
 }
 
-/// The mean, with a second pass that corrects the rounding of the first.
+/// Mean; a second pass corrects the rounding of the first pass.
 pub(crate) fn mean(x: &[f64]) -> f64 {
     let rough = sum_of(x.len(), |i| x[i]) / x.len() as f64;
     rough + sum_of(x.len(), |i| x[i] - rough) / x.len() as f64

@@ -49,7 +49,7 @@ impl Line {
         self.0.column_by_name("line").map_or("", |c| c.as_string::<i32>().value(0))
     }
 
-    /// A column of numbers; an unknown one is empty.
+    /// A column of numbers; empty for an unknown name.
     pub fn column(&self, name: &str) -> &[f64] {
         self.0.column_by_name(name).map_or(&[], |c| c.as_primitive::<Float64Type>().values())
     }

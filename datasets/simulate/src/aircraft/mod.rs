@@ -179,7 +179,7 @@ pub(super) fn readings(
 }
 
 impl SensorEnvironment<'_> {
-    /// The readings of the sensors of currents, voltages and control signals.
+    /// Readings of the sensors of currents, voltages and control signals.
     fn electric(&self) -> Vec<Vec<f64>> {
         let (aircraft, scene) = (&self.scene.spec.aircraft, self.scene);
         let noisy = |x: &[f64], sigma: f64, what: &str, name: &str| -> Vec<f64> {

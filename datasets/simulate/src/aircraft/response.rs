@@ -11,7 +11,7 @@ pub(super) fn first_order(x: &[f64], rate_hz: f64, tau_s: f64) -> Vec<f64> {
     let mut last: Option<(f64, f64)> = None;
     for &new in x {
         let y = last.map_or(new, |(old, y)| {
-            // The response to a line of slope s lags it by s tau.
+            // The response to a ramp of slope s is s tau below the ramp.
             let behind = (new - old) * rate_hz * tau_s;
             new - behind + (y - old + behind) * kept
         });

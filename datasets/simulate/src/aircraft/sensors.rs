@@ -217,7 +217,7 @@ impl MagnetometerSimulation<'_> {
             reading.add(self.wanted, std::mem::take(&mut calibration[axis]));
             self.linearity(reading, made.linearity[axis], sensor.full_scale_nt);
             self.core_hysteresis(reading, sensor.core_hysteresis_nt);
-            // The reading before the change of its scale with temperature.
+            // The reading before the temperature changes its scale.
             let felt_nt = reading.values_nt.clone();
             reading.add(self.wanted, vec![if moved { made.offset_nt[axis] } else { 0.0 }; self.tt_s.len()]);
             let per_degc = if self.on("temperature") { made.nt_per_degc[axis] } else { 0.0 };

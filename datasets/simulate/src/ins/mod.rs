@@ -185,7 +185,7 @@ impl InsCarryover {
     }
 }
 
-/// The member of the ensemble of the requested rank.
+/// The member of the ensemble with the requested rank.
 fn chosen(path: &Path, spec: &SynthSpec, flight: &SynthFlight) -> Result<usize, ReadError> {
     let ins = &spec.ins;
     let mut blocks: Vec<RandomStream> = vec![];

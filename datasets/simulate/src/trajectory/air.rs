@@ -121,8 +121,8 @@ fn high_ftps(h_ft: f64, w20_ftps: f64) -> f64 {
     }
 }
 
-/// Wind at 20 feet of light turbulence, 15 knots, in m/s. It is twice as much for moderate and three times for severe
-/// turbulence.
+/// Wind speed at 20 feet for light turbulence, in m/s: 15 knots. It is twice as high for moderate and three times as
+/// high for severe turbulence.
 const LEVEL_MPS: f64 = 15.0 * 1852.0 / 3600.0;
 
 params! {

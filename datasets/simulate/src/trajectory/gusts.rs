@@ -115,7 +115,7 @@ impl SecondOrderGustFilter {
     fn decay(&mut self, steps: f64) {
         self.keep = (-steps).exp();
         self.pass = steps;
-        // The stationary covariance minus the part kept over a step.
+        // The stationary covariance minus the part that remains after a step.
         let (k2, p) = (self.keep * self.keep, self.pass);
         let q11 = 1.0 - k2;
         let q12 = 0.5 - k2 * (p + 0.5);

@@ -163,7 +163,7 @@ impl SurveyLineGrid {
             let ties = (self.line_m / spacing_m).floor() as u32 + 1;
             let first_m = 0.5 * (self.line_m - spacing_m * f64::from(ties - 1));
             for j in 0..ties {
-                // From the side where the survey lines end, in alternating directions.
+                // Tie lines begin at the side where the survey lines end, and alternate in direction.
                 let back = j % 2 == 0;
                 let across = if back { side * width_m } else { 0.0 };
                 let ahead = first_m + spacing_m * f64::from(j);

@@ -307,7 +307,7 @@ fn coordinated(
     let sin_climb = -through_air.z / speed;
     let (sin, cos) = heading_rad.sin_cos();
     let (mut roll, mut pitch, mut slip) = (roll_rad, 0.0, 0.0);
-    // Each iteration reduces the error by the factor of the angle of attack.
+    // Each iteration multiplies the error by about the angle of attack in radians.
     for _ in 0..8 {
         let before: f64 = roll;
         let (sin_roll, cos_roll) = roll.sin_cos();

@@ -15,7 +15,7 @@ use super::{
 
 /// Straight flight between the manoeuvres of a box, in seconds.
 const SETTLE_S: f64 = 5.0;
-/// Half of the time in which a climb begins or ends, in seconds.
+/// Half of the duration of the transition at the start or end of a climb, in seconds.
 const ROUNDING_S: f64 = 5.0;
 /// Maximum distance per step of the timing, in metres.
 const CLOCK_STEP_M: f64 = 500.0;
@@ -29,8 +29,8 @@ const STRONGEST: f64 = 0.8;
 pub struct LineHeights {
     /// `alts_m`: height at each waypoint, in metres above the ellipsoid; default `alt_m`.
     pub alts_m: Option<Vec<f64>>,
-    /// `drape`: whether the heights are a surface to stay above, with climbs that begin early enough. Otherwise they
-    /// are flown exactly, and too steep a climb is a fault. Default `false`.
+    /// `drape`: whether the heights are a surface to stay above, with climbs that begin early enough. Otherwise the
+    /// heights are flown exactly, and a climb that is too steep is a fault. Default `false`.
     pub drape: bool,
 }
 

@@ -10,7 +10,7 @@ use super::{
     geodesic::{Geodesic, RoutePosition},
 };
 
-/// Longest steps of the integration: along a geodesic and in a turn, in metres.
+/// Maximum steps of the integration, along a geodesic and in a turn, in metres.
 const STRAIGHT_STEP_M: f64 = 1000.0;
 const TURN_PARTS: f64 = 64.0;
 
@@ -89,8 +89,8 @@ impl TurnShape {
         let held_m = (angle_rad.abs() * radius_m).max(ramp_m);
         let curvature_per_m = angle_rad / held_m;
         let length_m = held_m + ramp_m;
-        // The turn is symmetric about its middle, so its chord is parallel to the course there. The ramp by Simpson's
-        // rule, the course in it in closed form; the circle exactly.
+        // The turn is symmetric about its middle, so its chord is parallel to the course there. The ramp is integrated
+        // by Simpson's rule, with its course in closed form. The circle is exact.
         let half = 0.5 * angle_rad;
         const PARTS: usize = 32;
         let cosine = |i: usize| {
@@ -175,7 +175,7 @@ impl Route {
         self.end = middle.along(0.5 * length_m, piece.step_m(), |s| piece.curvature_per_m(0.5 * length_m + s));
         self.length_m += length_m;
         for place in [middle, self.end] {
-            // NaN, which occurs at a pole, is kept as infinity.
+            // NaN, which occurs at a pole, is stored as infinity.
             let lat_rad = if place.lat_rad.is_finite() { place.lat_rad.abs() } else { f64::INFINITY };
             self.highest_lat_rad = self.highest_lat_rad.max(lat_rad);
         }
@@ -211,7 +211,7 @@ impl Route {
         if angle_rad == 0.0 || periods < 1.0 {
             return self.straight(ahead_m);
         }
-        // The path is longer than the progress by the mean cosine of the swing.
+        // The progress is the length of the path times the mean cosine of the swing.
         let parts = (64.0 * periods) as usize;
         let cosines = (0..parts).map(|i| (angle_rad * swing((i as f64 + 0.5) / parts as f64, periods)).cos());
         let mean = cosines.sum::<f64>() / parts as f64;

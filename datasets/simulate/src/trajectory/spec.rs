@@ -319,7 +319,7 @@ fn lines(s: &SynthSection, next_s: f64, air: &FlightConditions) -> Vec<SynthLine
         start_tt_s: keys.start_tt_s.unwrap_or(next_s),
         alt_m: keys.alt_m,
         speed_mps: keys.speed_mps,
-        // Survey lines and free flights have a radius too.
+        // Lines of the kinds `survey` and `free` also have a radius.
         radius_m: keys.radius_m,
         heights: LineHeights::default(),
         path: HorizontalPath::Free { waypoints: vec![] },

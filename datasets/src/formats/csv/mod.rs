@@ -3,7 +3,7 @@
 //!
 //! A cell that is not a number in a column of numbers, and a row with more or fewer values than the header, are faults
 //! of their row. A row that repeats the header, as in concatenated files, is skipped and noted. A row that is another
-//! header is an error, since its columns differ.
+//! header is an error, because its columns differ.
 
 use std::{
     collections::{HashSet, VecDeque},

@@ -111,7 +111,7 @@ impl CsvScan {
         Ok(CsvScan { kinds, repeated, cut })
     }
 
-    /// Whether the last row is dropped, since its last number is truncated.
+    /// Whether the last row is dropped, because its last number is truncated.
     pub(super) fn drops_last(&self) -> bool {
         self.cut.as_ref().is_some_and(|c| c.short)
     }
@@ -172,7 +172,7 @@ impl CsvScan {
 /// One result for each of some blocks, computed in parallel.
 pub(super) fn at_once<T: Send>(blocks: &[CsvBlock], one: impl Fn(&CsvBlock) -> T + Send + Sync) -> Vec<T> {
     match blocks {
-        // A pool would only give this thread unrelated work.
+        // A thread pool is not used here, because it would give this thread unrelated work.
         [block] => vec![one(block)],
         blocks => blocks.par_iter().map(one).collect(),
     }
@@ -273,7 +273,7 @@ impl CsvBlockScanner<'_> {
         None
     }
 
-    /// Columns with words in a whole row are columns of words.
+    /// Marks the columns that have words in a complete row as columns of words.
     fn settle(&mut self) {
         for column in self.doubts.drain(..) {
             self.open[column] = false;

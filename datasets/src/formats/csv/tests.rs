@@ -1,4 +1,4 @@
-//! Comparison of the reader with a slow and simple one, for files with every oddity and blocks of any size.
+//! Comparison of the reader with a slow and simple reader, for files with every irregularity and blocks of any size.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 

@@ -89,7 +89,7 @@ fn some_message(path: &Path, walk: &DataflashScanner) -> Result<(), ReadError> {
     Ok(())
 }
 
-/// The requested topic: a name without an instance means the only instance.
+/// The requested topic. A name without an instance selects the only instance.
 fn instance<'a>(path: &Path, asked: Option<&'a str>, names: &'a [(String, u64)]) -> Result<Option<&'a str>, ReadError> {
     let Some(name) = asked.filter(|name| !names.iter().any(|(known, _)| known == name)) else { return Ok(asked) };
     let of = |(known, _): &&(String, u64)| known.split_once(':').is_some_and(|(message, _)| message == name);

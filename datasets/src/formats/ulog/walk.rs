@@ -266,7 +266,7 @@ impl UlogScanState {
         if kind == b'D' {
             let fits = match word(bytes, 3).map(|id| self.subscription(id)) {
                 Some(Some(s)) if size < 2 || (s.least..=s.most).contains(&(size - 2)) => size >= 2,
-                // At the end of the file, a cut message cannot be distinguished from damage.
+                // At the end of the file, a truncated message cannot be distinguished from damage.
                 Some(Some(_)) => return body.map_or(UlogMatch::Nothing, |_| UlogMatch::Misfit(3 + size)),
                 Some(None) if size >= 2 => {
                     return if body.is_some() { UlogMatch::Unsure(3 + size) } else { UlogMatch::Nothing };

@@ -35,7 +35,7 @@ pub struct PermutationImportance {
 /// of which may be shorter. The blocks are permuted by a random single cycle, so that no block keeps its position.
 /// Single samples are not permuted, because a slow series would become noise.
 ///
-/// In each repeat all groups have the same permutation, so that they are comparable. Groups may share columns.
+/// In each repeat all groups are permuted in the same way, so that they are comparable. Groups may share columns.
 ///
 /// # Errors
 /// Fails for values that are not finite, invalid groups or settings, and fewer than two blocks. Also fails if the model
@@ -76,7 +76,7 @@ fn source_rows(blocks: &PermutationBlocks, repeat: usize, rows: usize) -> Vec<u3
     order.into_iter().flat_map(block).map(|row| row as u32).collect()
 }
 
-/// The mean square error if the columns of `group` come from the rows `source`.
+/// Mean square error when the columns of `group` are taken from the rows `source`.
 fn exchanged<E>(
     model: &PredictionFunction<'_, E>,
     x: &[f64],

@@ -46,9 +46,9 @@ struct ShapleyTreeTraversal<'a> {
     group_of: &'a [usize],
     x: &'a [f64],
     b: &'a [f64],
-    /// Groups whose columns must be the row's own on this path.
+    /// Groups whose columns must have the values of the explained row on this path.
     own: Vec<usize>,
-    /// Groups whose columns must be the background's on this path.
+    /// Groups whose columns must have the values of the background row on this path.
     other: Vec<usize>,
     values: &'a mut [f64],
 }

@@ -87,7 +87,7 @@ pub(super) fn add_outer(x: &[f64], stride: usize, d: &[f64], gradient: &mut Weig
     pulp::Arch::new().dispatch(OuterProductKernel { x, stride, d, gradient });
 }
 
-// Structs: closures of this size would not be inlined and compiled for the wider vectors.
+// These are structs, because closures of this size would not be inlined and compiled for wide vectors.
 struct AffineKernel<'a> {
     x: &'a [f64],
     stride: usize,
@@ -182,7 +182,7 @@ fn affine_tile<S: Simd, const R: usize, const K: usize>(
     for (row, x) in rows.iter_mut().zip(x.chunks_exact(stride)) {
         *row = &x[..weights.len()];
     }
-    // Only the vectors that K numbers require are used.
+    // Only as many vectors are used as K numbers fill.
     let mut sums = [[simd.splat_f64s(0.0); K]; R];
     for sum in &mut sums {
         for (sum, bias) in sum.iter_mut().zip(S::as_simd_f64s(bias).0) {

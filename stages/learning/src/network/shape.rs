@@ -102,7 +102,7 @@ impl NetworkShape {
         layers
     }
 
-    /// Start of the coefficients of the linear terms, equal to the number of the network's own parameters.
+    /// Start of the coefficients of the linear terms, equal to the number of weights and biases.
     pub(super) fn linear_start(&self) -> usize {
         self.layers().iter().map(|layer| layer.units * (layer.inputs + 1)).sum()
     }

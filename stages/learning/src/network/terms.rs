@@ -21,7 +21,7 @@ const CHUNK: usize = 4096;
 /// terms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TermScaling {
-    /// Value of Tolles-Lawson at the mean of the terms.
+    /// Tolles-Lawson value at the mean of the terms.
     offset: f64,
     maps: Option<TermTransform>,
 }

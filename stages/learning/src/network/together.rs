@@ -62,8 +62,8 @@ fn alone(mut job: TrainingJob<'_>) -> Result<TrainingResult, TrainingError> {
 }
 
 /// Trains several networks with the same result as one at a time. Jobs with the same samples in the same order (one
-/// slice of inputs, one seed, one batch size) share a pass, so that the inputs of a batch are gathered once. A job that
-/// cannot start returns its error.
+/// slice of inputs, one seed, one batch size) share a pass, so that the inputs of a batch are gathered once. If a job
+/// cannot start, its error is returned.
 pub fn train_together(
     mut jobs: Vec<Result<TrainingJob<'_>, TrainingError>>,
 ) -> Vec<Result<TrainingResult, TrainingError>> {
@@ -211,7 +211,7 @@ impl<'a> TrainingJob<'a> {
     }
 }
 
-/// Runs one epoch of trainings that share it.
+/// Runs one joint epoch of several trainings.
 fn epoch(jobs: &mut [&mut TrainingJob<'_>], pass: &mut GradientPass) {
     if jobs.iter().all(|job| job.by_adam()) {
         let rates: Vec<f64> = jobs.iter().map(|job| job.training.rate(&job.state)).collect();
@@ -265,7 +265,7 @@ pub(super) fn order(samples: usize, seed: u64, epoch: usize) -> Vec<u32> {
     order
 }
 
-/// An epoch of Adam of trainings that share it. Returns the mean loss of each over its samples.
+/// Joint epoch of Adam of several trainings. Returns the mean loss of each training over its samples.
 fn adam_epoch(jobs: &mut [&mut TrainingJob<'_>], rates: &[f64], pass: &mut GradientPass) -> Vec<f64> {
     let Some(first) = jobs.first() else { return vec![] };
     let rows = first.samples.y.len();

@@ -58,7 +58,7 @@ pub struct SampleRuns<'a> {
 }
 
 impl SampleRuns<'_> {
-    /// The first row of the run of each row.
+    /// For each row, the first row of its run.
     pub(super) fn first_rows(&self) -> Result<Vec<u32>, TrainingError> {
         first_rows(self.lengths, self.samples.y.len()).ok_or(TrainingError::Length {
             what: "as runs",

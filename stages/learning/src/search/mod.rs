@@ -113,7 +113,7 @@ pub fn kept(costs: &[Option<f64>], eta: usize) -> Vec<usize> {
     kept
 }
 
-/// A source of random bits for one purpose and one trial (or other number).
+/// Generator of random bits for one purpose and one trial (or another number).
 fn bits(seed: u64, of: &str, number: u64) -> SplitMix64 {
     SplitMix64::new(seed_of(seed, &["search", of, &number.to_string()]))
 }

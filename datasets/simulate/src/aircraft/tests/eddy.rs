@@ -102,7 +102,7 @@ fn law_in_a_steady_turn_the_rate_is_that_of_the_rotating_horizontal_field() {
         (roll_deg.to_radians().sin_cos(), pitch_deg.to_radians().sin_cos());
     for i in 0..flown.tt_s.len() {
         let (sin, cos) = (w * flown.tt_s[i]).sin_cos();
-        // Ahead and to the right on the level, then pitched and rolled.
+        // The components ahead and to the right in the horizontal plane, rotated by pitch and roll.
         let ahead = w * (ned_nt.y * cos - ned_nt.x * sin);
         let right = -w * (ned_nt.x * cos + ned_nt.y * sin);
         let expected = Vector3::new(
@@ -130,7 +130,7 @@ fn law_a_circle_in_the_core_field_has_the_rate_of_a_steady_turn() {
     let mut within = 0;
     for i in 0..line.num_rows() {
         let rate = at("flux_b", i) - at("flux_a", i);
-        // The roll into the turn and out of it is not steady.
+        // The turn is not steady during roll-in and roll-out.
         if (column(line, "yaw")[i] - column(line, "yaw")[(i + 1).min(line.num_rows() - 1)]).abs() > 300.0 {
             continue;
         }

@@ -4,8 +4,8 @@
 //! `cargo run --release` runs `../networks.rs`, then candle in single and double precision, on one and on two threads.
 //! For each case it prints the wall-clock time and the processor time of an epoch in ms, their ratios to magline in
 //! double precision, and whether one and two threads give bit-identical weights. `cargo run --release -- PROGRAM` runs
-//! that program instead of building the bench. Each case asserts that the loss falls. The number of threads is a
-//! setting of the process, so each case runs in a separate process.
+//! that program instead of building the bench. Each case asserts that the loss falls. Each case runs in a separate
+//! process, because the number of threads is a setting of the process.
 
 use std::{process::Command, time::Instant};
 
@@ -123,7 +123,7 @@ fn case(framework: &str, precision: &str, threads: &str) -> Result<Told, Failure
     })
 }
 
-/// Trains once and prints clock time, processor time, the last loss, and a hash of the trained weights.
+/// Trains once and prints wall-clock time, processor time, the last loss, and a hash of the trained weights.
 fn one(framework: &str, double: bool) -> Result<(), Failure> {
     let work = work();
     let mut times: Vec<(f64, f64)> = vec![];
