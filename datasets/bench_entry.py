@@ -1,5 +1,5 @@
-"""An entry to magline-bench in Python: Tolles-Lawson for the cabin magnetometer 4 on the calibration boxes, and the INS as
-the position. BENCH.md has the commands before and after it."""
+"""An entry for magline-bench in Python: Tolles-Lawson compensation of the cabin magnetometer 4, fitted on the calibration
+boxes, and the INS position. BENCH.md has the commands to run before and after it."""
 import sys
 
 import numpy as np

@@ -136,9 +136,9 @@ fn user_units_of_the_table_scale_the_column_and_invalid_units_are_rejected() {
         assert!((row[0] - wanted).abs() <= 1e-12 * wanted.abs(), "{row:?} {wanted}");
     }
     for (options, says) in [
-        ("units = { mag_4_uc = \"V\" }", "1.csv, column `mag_4_uc`: `units` says `V`, which does not convert to nT"),
-        ("units = { mag_4_uc = \"nTT\" }", "column `mag_4_uc`: `units` says `nTT`"),
-        ("units = { mag_4_u = \"uT\" }", "there is no column `mag_4_u` to give a unit"),
+        ("units = { mag_4_uc = \"V\" }", "1.csv, column `mag_4_uc`: `units` gives `V`, which does not convert to nT"),
+        ("units = { mag_4_uc = \"nTT\" }", "column `mag_4_uc`: `units` gives `nTT`"),
+        ("units = { mag_4_u = \"uT\" }", "`units` has the column `mag_4_u`, which does not exist"),
         ("units = \"uT\"", "`units` of `flights` must be a table, not a text"),
         ("rename = \"lat\"", "`rename` of `flights` must be a table, not a text"),
         ("rename = { MagCabin = \"mag_6_uc\" }", "there is no column `MagCabin` to rename"),
@@ -155,9 +155,13 @@ fn user_units_of_the_table_scale_the_column_and_invalid_units_are_rejected() {
 #[test]
 fn user_a_column_name_with_a_conflicting_unit_is_rejected() {
     for (own, ours, says) in [
-        ("Cabin temp_degC", "mag_6_uc", "its name says `degC`, which does not convert to nT, the unit of `mag_6_uc`"),
-        ("Alt (fathoms)", "baro", "its name says `fathoms`, which does not convert to m"),
-        ("MAG_T", "mag_6_uc", "the `T` at the end of its name may be a unit"),
+        (
+            "Cabin temp_degC",
+            "mag_6_uc",
+            "its name implies `degC`, which does not convert to nT, the unit of `mag_6_uc`",
+        ),
+        ("Alt (fathoms)", "baro", "its name implies `fathoms`, which does not convert to m"),
+        ("MAG_T", "mag_6_uc", "its name ends in `T`, which may be its unit"),
     ] {
         let options = format!("rename = {{ \"{own}\" = \"{ours}\" }}");
         let bench = bench(&options);
@@ -201,7 +205,7 @@ fn user_words_for_missing_values_are_read_as_missing() {
     let failed = failures(&bench);
     assert_eq!(failed.len(), 3);
     assert!(failed[0].1.contains("column `mag_4_uc`, row 25: `dropout` is not a number"), "{failed:?}");
-    assert!(failed[0].1.contains("a word for missing values goes into `missing`"), "{failed:?}");
+    assert!(failed[0].1.contains("if it marks a missing value, add it to `missing`"), "{failed:?}");
 }
 
 #[test]
@@ -269,7 +273,7 @@ fn user_a_repeated_header_is_skipped_and_a_different_header_is_an_error() {
     let check = bench.magline(&["check", "spec.toml"]);
     let said = stderr(&check);
     assert_eq!(check.status.code(), Some(0), "{said}");
-    assert!(said.contains("1.csv: 2 rows repeat the header (first in line 62 of the file); left out"), "{said}");
+    assert!(said.contains("1.csv: 2 rows repeat the header (first in line 62 of the file); skipped"), "{said}");
     assert_eq!(finished(&bench).computed("even"), 3);
     assert_eq!(even(&bench, "tt").len(), 180);
     // The second header has the columns in another order, so later values would be misassigned.

@@ -1,6 +1,6 @@
-//! Reads flight logs in text as fast as it can: `cargo bench -p magline-datasets --bench csv --profile dev [megabytes
-//! [path]]`. The files are written first, the CSV to `path` where that is given, so that another program can read the
-//! same.
+//! Benchmark of reading flight logs in text: `cargo bench -p magline-datasets --bench csv --profile dev [megabytes
+//! [path]]`. The files are written first. If `path` is given, the CSV file is written there, so that another program
+//! can read the same file.
 
 use std::{
     error::Error,
@@ -13,12 +13,12 @@ use std::{
 use arrow_array::{Array, cast::AsArray, types::Float64Type};
 use datasets::{FlightOptions, PointOptions, ReadHints, open_flight_with, read_points};
 
-/// Columns of numbers: half of them the contract's, the others of a type that has to be found.
+/// Number of columns of numbers. Half of them have canonical names; the type of the others must be inferred.
 const NUMBERS: usize = 40;
 
 const RUNS: usize = 5;
 
-/// The number of a row and column: six to nine digits.
+/// Number in a row and column, of six to nine digits.
 fn number(row: usize, column: usize) -> f64 {
     let x = ((row * 7919 + column * 104_729) % 999_983) as f64;
     match column % 4 {
@@ -58,7 +58,7 @@ fn write_csv(path: &Path, bytes: u64) -> Result<usize, Box<dyn Error>> {
     Ok(row)
 }
 
-/// The blank-separated text of the SGL surveys.
+/// Writes blank-separated text in the form of the SGL surveys.
 fn write_xyz(path: &Path, bytes: u64) -> Result<usize, Box<dyn Error>> {
     let mut out = BufWriter::new(fs::File::create(path)?);
     let names: Vec<String> = (0..NUMBERS).map(|c| format!("CHANNEL{c}")).collect();
@@ -88,7 +88,7 @@ fn write_xyz(path: &Path, bytes: u64) -> Result<usize, Box<dyn Error>> {
     Ok(row)
 }
 
-/// Points of a survey.
+/// Writes survey points.
 fn write_points(path: &Path, bytes: u64) -> Result<usize, Box<dyn Error>> {
     let mut out = BufWriter::new(fs::File::create(path)?);
     writeln!(out, "lon lat alt mag")?;
@@ -112,10 +112,10 @@ fn write_points(path: &Path, bytes: u64) -> Result<usize, Box<dyn Error>> {
     Ok(row)
 }
 
-/// Megabytes in a second, of the clock's time and of this thread's: the best of some runs.
+/// Speed in megabytes per second of wall-clock time and of processor time of this thread; the best of several runs.
 struct Speed {
     wall: f64,
-    /// Processor time of this thread, s, for a shared machine.
+    /// Speed by the processor time of this thread, for a shared machine.
     thread: f64,
 }
 
@@ -137,7 +137,7 @@ fn measured(path: &Path, mut run: impl FnMut() -> Result<(), Box<dyn Error>>) ->
     Ok(best)
 }
 
-/// The time that this thread has run, in seconds, where the system says it.
+/// Processor time of this thread, s; NaN if the system does not report it.
 fn thread_s() -> f64 {
     let text = fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     text.split(' ').next().and_then(|ns| ns.parse::<f64>().ok()).unwrap_or(f64::NAN) / 1e9
@@ -188,7 +188,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Reads all rows, and looks at the first and last number of each batch.
+/// Reads all rows, and checks the first and last number of each column of each batch.
 fn check(reader: datasets::FlightReader, rows: usize) -> Result<(), Box<dyn Error>> {
     let mut row = 0;
     for batch in reader {

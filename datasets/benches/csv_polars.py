@@ -3,7 +3,7 @@
     python3 -m venv venv && venv/bin/pip install polars pandas
     venv/bin/python datasets/benches/csv_polars.py BENCH [MEGABYTES]
 
-BENCH is the program that `cargo bench -p magline-datasets --bench csv --profile dev --no-run` names.
+BENCH is the path that `cargo bench -p magline-datasets --bench csv --profile dev --no-run` prints.
 """
 
 import os
@@ -21,7 +21,7 @@ RUNS = 5
 
 
 def speed(path, read):
-    """Megabytes in a second, of the clock's time and of the process': the best of some runs."""
+    """Speed in megabytes per second of wall-clock time and of processor time; the best of several runs."""
     wall, process = float("inf"), float("inf")
     for _ in range(RUNS):
         start, used = time.perf_counter(), time.process_time()

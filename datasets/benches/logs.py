@@ -3,7 +3,7 @@
     python3 -m venv venv && venv/bin/pip install pyulog pymavlink
     venv/bin/python datasets/benches/logs.py BENCH [MEGABYTES]
 
-BENCH is the program that `cargo bench -p magline-datasets --bench logs --profile dev --no-run` names.
+BENCH is the path that `cargo bench -p magline-datasets --bench logs --profile dev --no-run` prints.
 """
 
 import os
@@ -17,7 +17,7 @@ from pyulog import ULog
 
 
 def speed(path, read):
-    """Megabytes in a second, of the clock's time and of the process'."""
+    """Speed in megabytes per second of wall-clock time and of processor time."""
     start, used = time.perf_counter(), time.process_time()
     read()
     wall, process = time.perf_counter() - start, time.process_time() - used

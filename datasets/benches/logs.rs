@@ -1,6 +1,6 @@
-//! Reads binary logs as fast as it can: `cargo bench -p magline-datasets --bench logs --profile dev [megabytes
-//! [folder]]`. The files are the real samples over and over, written to `folder` where that is given, so that other
-//! programs can read the same (`logs.py`).
+//! Benchmark of reading binary logs: `cargo bench -p magline-datasets --bench logs --profile dev [megabytes [folder]]`.
+//! The files repeat the real samples. If `folder` is given, they are written there, so that other programs can read the
+//! same files (`logs.py`).
 
 use std::{error::Error, fs, io::Write, path::Path, time::Instant};
 
@@ -8,7 +8,7 @@ use datasets::{FlightOptions, ReadHints, open_raw, samples, topics};
 
 const RUNS: usize = 5;
 
-/// A PX4 log: its definitions once, its data again and again.
+/// Writes a PX4 log: the definitions once, then the data repeatedly.
 fn write_ulog(path: &Path, bytes: usize) -> Result<usize, Box<dyn Error>> {
     let log = fs::read(samples::path("logs/sample_cut.ulg"))?;
     let mut at = 16;
@@ -18,7 +18,7 @@ fn write_ulog(path: &Path, bytes: usize) -> Result<usize, Box<dyn Error>> {
     repeat(path, &log[..at], &log[at..], bytes)
 }
 
-/// An ArduPilot log, its last message left out, which is cut.
+/// Writes an ArduPilot log repeatedly, without its last message, which is truncated.
 fn write_dataflash(path: &Path, bytes: usize) -> Result<usize, Box<dyn Error>> {
     let log = fs::read(samples::path("logs/log171_cut.bin"))?;
     let (mut at, mut lengths) = (0, [0; 256]);
@@ -36,7 +36,7 @@ fn write_dataflash(path: &Path, bytes: usize) -> Result<usize, Box<dyn Error>> {
     repeat(path, &[], &log[..at], bytes)
 }
 
-/// Writes a head once and a body as often as it takes; returns how often.
+/// Writes a head once and a body repeatedly up to the size; returns the number of repeats.
 fn repeat(path: &Path, head: &[u8], body: &[u8], bytes: usize) -> Result<usize, Box<dyn Error>> {
     let mut out = fs::File::create(path)?;
     out.write_all(head)?;
@@ -47,7 +47,7 @@ fn repeat(path: &Path, head: &[u8], body: &[u8], bytes: usize) -> Result<usize, 
     Ok(times)
 }
 
-/// The best of some runs in megabytes a second, by the clock and by the time of the thread.
+/// Speed in megabytes per second of wall-clock time and of processor time of this thread; the best of several runs.
 fn measured(path: &Path, mut run: impl FnMut() -> Result<(), Box<dyn Error>>) -> Result<String, Box<dyn Error>> {
     let megabytes = fs::metadata(path)?.len() as f64 / 1e6;
     let (mut wall, mut thread) = (0f64, 0f64);
@@ -60,7 +60,7 @@ fn measured(path: &Path, mut run: impl FnMut() -> Result<(), Box<dyn Error>>) ->
     Ok(format!("{wall:.0} MB/s ({thread:.0} by the time of the thread)"))
 }
 
-/// The time that this thread has run, in seconds, where the system says it.
+/// Processor time of this thread, s; NaN if the system does not report it.
 fn thread_s() -> f64 {
     let text = fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     text.split(' ').next().and_then(|ns| ns.parse::<f64>().ok()).unwrap_or(f64::NAN) / 1e9
@@ -90,7 +90,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     fs::create_dir_all(&folder)?;
     let (ulog, dataflash) = (folder.join("log.ulg"), folder.join("log.bin"));
     let times = write_ulog(&ulog, megabytes * 1_000_000)?;
-    // Rows of the sample, by pyulog and pymavlink: `reference/logs`.
+    // Numbers of rows of the samples by pyulog and pymavlink, from `reference/logs`.
     for (topic, rows) in [("estimator_status", 118), ("vehicle_attitude", 0), ("sensor_combined", 0)] {
         let rows = if rows == 0 { rows_of(&samples::path("logs/sample_cut.ulg"), topic)? } else { rows };
         println!("ulog, {topic}: {}", measured(&ulog, || read(&ulog, topic, rows * times))?);

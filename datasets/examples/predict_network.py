@@ -1,9 +1,10 @@
-"""What a network of a `fit` predicts, of its published table alone: numpy and pyarrow.
+"""Predictions of a network of `fit`, computed from its published table only. Requires numpy and pyarrow.
 
     python predict_network.py MODEL.parquet ROWS.parquet model=m2c mag=mag_4_uc
 
-MODEL is a file of the published table of the fit; what follows the files are the values of its axes. ROWS has a column of
-each input. The field is printed, nT, a number a row. The layout of the terms is in stages/REFERENCE.md, under `fit`.
+MODEL is a file of the published table of the fit. The arguments after the files are the values of its axes. ROWS has one
+column per input. The predicted field is printed in nT, one number per row. The layout of the terms is in
+stages/REFERENCE.md, under `fit`.
 """
 
 import re
@@ -21,7 +22,7 @@ ACTIVATIONS = {
 
 
 def predict(model, row):
-    """The field of each sample; `model` has the terms, `row(name)` gives a column."""
+    """The field of each sample. `model` holds the terms; `row(name)` returns a column."""
     numbers, words = {}, {}
     for term, value in model.items():
         key, _, word = term.partition(" ")
@@ -59,7 +60,7 @@ def predict(model, row):
 
 
 def columns_of(table):
-    """The columns of numbers, and the entries of lists by their names."""
+    """The columns of numbers, and the entries of list columns under separate names."""
     found = {}
     for field in table.schema:
         column = table.column(field.name).combine_chunks()

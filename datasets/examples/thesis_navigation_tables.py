@@ -4,8 +4,8 @@ tables.
     python thesis_navigation_tables.py STORE
 
 STORE is the store of the runs; pipelines without results are skipped. Needs pandas and pyarrow.
-Published: Gnadt 2022 (MIT), Lee 2019 (AFIT). Several realisations of an INS, and several
-flights, are combined by their root mean square. A dash marks a missing figure.
+Published: Gnadt 2022 (MIT), Lee 2019 (AFIT). Several realisations of an INS, and several flights, are combined by their
+root mean square. A dash marks a missing figure.
 """
 
 import sys
@@ -51,12 +51,12 @@ SETS = [[17, 45, 43, 55, 85], [15, 64, 53, 25, 38], [14, 50, 37, 22, 11], [15, 4
 
 # Lee 2019, Table 2: north, east, DRMS of the INS, of SLAM by a Gaussian process and by a scattered interpolant; m.
 SURVEY = {"INS alone": [320.6, 438.8, 543.5], "regression": [9.4, 14.2, 17.0], "inverse_distance": [18.46, 24.11, 30.36]}
-# Table 11: the same of 14 minutes, for each grade alone and with SLAM; m.
+# Table 11: north, east and DRMS of 14 minutes, for each grade without and with SLAM; m.
 LOITER = {"navigation": ([12.29, 1.24, 12.35], [4.74, 10.35, 11.38]), "tactical": ([434.27, 41.37, 436.24], [24.74, 31.12, 39.76]),
           "commercial": ([8792.26, 5279.09, 10255.37], [77.34, 114.71, 138.35])}
-# Table 12: figure of merit along the true track, that of the INS, and that of SLAM; nT.
+# Table 12: figure of merit along the true track, the INS track and the SLAM track; nT.
 MERIT = {"navigation": [1.079, 1.40, 1.073], "tactical": [1.079, 10.15, 1.52], "commercial": [1.079, 7.90, 2.46]}
-# Table 7: figure of merit raw and calibrated, nT, and the line calibrated on.
+# Table 7: figure of merit before and after calibration, nT, and the calibration line.
 MERITS = {"a": (31.52, 1.26, "b"), "b": (33.97, 0.56, "b"), "c": (67.23, 1.9, "b"), "d": (63.44, 0.92, "d"), "e": (93.65, 1.08, "d"),
           "f": (60.52, 1.42, "d")}
 # Table 14: standard deviation of the residual on the calibration flight and on the grid; nT.
@@ -65,7 +65,7 @@ RESIDUALS = {"raw": [50.014, 50.515], "TL": [5.946, 14.774], "MTL": [5.946, 14.7
 
 
 def pooled(d: pd.DataFrame, metric: str = "drms", **keys) -> float | None:
-    """The root mean square of a metric over the rows with these keys; the mean of a ratio."""
+    """Root mean square of a metric over the rows with these keys; for a ratio, the mean."""
     d = d[d.metric == metric]
     for key, value in keys.items():
         d = d[d[key] == value]

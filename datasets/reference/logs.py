@@ -1,10 +1,10 @@
-"""What pyulog, pymavlink, SciPy and h5py read from logs: references for the tests of the formats.
+"""Contents of logs as read by pyulog, pymavlink, SciPy and h5py: references for the tests of the formats.
 
     python logs.py ../samples/logs logs
 
-Needs pyulog 1.3.0, pymavlink 2.4.50, SciPy 1.17.1, h5py 3.16.0, NumPy 2.4. Writes for each log NAME.tsv: topic, rows,
+Requires pyulog 1.3.0, pymavlink 2.4.50, SciPy 1.17.1, h5py 3.16.0, NumPy 2.4. Writes for each log NAME.tsv: topic, rows,
 column, sum of the finite values in order, and the values of rows 0, 500, 1000, ... and the last; texts are URL-quoted
-behind a `"`. Also writes small logs of kinds that the real ones do not have, which the same libraries read back.
+after a `"`. Also writes small logs with features that the real logs lack; the same libraries read them back.
 """
 
 import math
@@ -44,7 +44,7 @@ def write(to: Path, rows: list[str]) -> None:
 
 
 def ulog(path: Path, to: Path) -> None:
-    """Text fields are single characters to pyulog; they are put together here, up to the first NUL."""
+    """Joins text fields, which pyulog reads as single characters, up to the first NUL."""
     rows = []
     for data in ULog(str(path)).data_list:
         topic = data.name if data.multi_id == 0 else f"{data.name}:{data.multi_id}"
@@ -161,7 +161,7 @@ def hdf5(path: Path, to: Path) -> None:
     write(to, rows)
 
 
-# Logs of kinds that the real ones do not have.
+# Logs with features that the real logs lack.
 
 
 def message(kind: str, body: bytes) -> bytes:
@@ -181,7 +181,7 @@ def made_ulog(to: Path) -> None:
     for i, (instance, name) in enumerate([(0, "whole"), (1, "whole"), (0, "types"), (3, "types")]):
         body += message("A", struct.pack("<BH", instance, i) + name.encode())
 
-    # Without the padding at the end, as loggers leave it out; pyulog 1.3.0 takes messages that have it for damaged.
+    # Without the padding at the end, which loggers omit; pyulog 1.3.0 rejects messages with padding as damaged.
     def whole(k: int) -> bytes:
         parts = b"".join(struct.pack("<Qf4x", 10 * k + j, k / 3 + j) for j in range(2))
         data = struct.pack("<Q", 1000 * k) + parts + f"n{k}".encode().ljust(8, b"\0")
@@ -247,7 +247,7 @@ def made_dataflash(to: Path) -> None:
 
 
 def made_ardupilot(to: Path, instances: bool) -> None:
-    """Messages as ArduPilot defines them (LogStructure.h of AP_Compass, AP_GPS, AP_BattMonitor, AP_Baro and AP_InertialSensor of
+    """Messages as defined by ArduPilot (LogStructure.h of AP_Compass, AP_GPS, AP_BattMonitor, AP_Baro and AP_InertialSensor of
     version 4.1; of DataFlash of version 3.6 without `instances`): 12 s of two compasses at 10 Hz, GNSS at 5 Hz, the rest at 5 Hz."""
     log = DataFlash()
     put = log.put
@@ -305,7 +305,7 @@ def made_ardupilot(to: Path, instances: bool) -> None:
 
 
 def made_mat(to: Path) -> None:
-    """A matrix that lies across, whole numbers of 64 bits, fields within fields, what is not read."""
+    """A transposed matrix, whole numbers of 64 bits, nested fields, and types that are not read."""
     k = np.arange(1300)
     log = {"t": k / 10.0, "gyro": np.stack([k, -k, 2 * k]).T / 7, "gps": {"lat": 50 + k / 1e5, "sat": (k % 12).astype(np.uint8)}}
     log |= {"other": np.arange(20.0), "note": "a flight", "cells": np.array([1.0, "x"], dtype=object), "none": np.zeros((0, 0))}
@@ -314,7 +314,7 @@ def made_mat(to: Path) -> None:
 
 
 def made_v73(to: Path) -> None:
-    """As MATLAB 7.3 lays it out: HDF5 behind 512 bytes, dimensions in the opposite order, classes as attributes."""
+    """The layout of MATLAB 7.3: HDF5 after 512 bytes, dimensions in the opposite order, classes as attributes."""
     k = np.arange(1300)
     with h5py.File(to, "w", userblock_size=512) as file:
 

@@ -1,9 +1,9 @@
-"""Cuts of real logs for the tests: whole messages and variables, byte for byte where that is possible.
+"""Makes excerpts of real logs for the tests: whole messages and variables, byte for byte where possible.
 
     python make_log_samples.py FLIGHTS SCIPY_DATA ../samples/logs
 
-FLIGHTS holds px4_ulog/, ardupilot_dataflash/, skywalker_x8/ and thor75/ as the manifest of the samples names them,
-SCIPY_DATA the MATLAB files of SciPy's tests (scipy/io/matlab/tests/data). Needs SciPy 1.17.
+FLIGHTS holds px4_ulog/, ardupilot_dataflash/, skywalker_x8/ and thor75/ as named in the manifest of the samples.
+SCIPY_DATA holds the MATLAB files of SciPy's tests (scipy/io/matlab/tests/data). Requires SciPy 1.17.
 """
 
 import shutil
@@ -33,7 +33,7 @@ MATLAB = [
     "corrupted_zlib_data.mat",
     "malformed1.mat",
 ]
-# The other variables are 1.8 of 2.1 MB.
+# The omitted variables have 1.8 of 2.1 MB.
 LEFT_OUT = ["ATT", "IMU", "CTUN", "NTUN"]
 
 
@@ -55,7 +55,7 @@ def dataflash(source: Path, to: Path) -> None:
 
 
 def skywalker(source: Path, to: Path) -> None:
-    """The variables but the largest, as they are."""
+    """All variables except the largest, unchanged."""
     data = source.read_bytes()
     names = [name for name, *_ in __import__("scipy.io").io.whosmat(source)]
     out, at, i = data[:128], 128, 0
@@ -68,7 +68,7 @@ def skywalker(source: Path, to: Path) -> None:
 
 
 def thor(source: Path, to: Path) -> None:
-    """Some vectors of the structure: 1500 rows in flight, and 64 of the motor's own clock."""
+    """Some vectors of the structure: 1500 rows in flight, and 64 rows on the clock of the motor."""
     whole = loadmat(source, struct_as_record=True)
     flight, info = whole["flight_data"][0, 0], whole["flight_info"]
     names = ["time", "lat", "lon", "alt", "hx", "hy", "hz", "phi", "theta", "psi", "dthr", "satVisible", "mode"]

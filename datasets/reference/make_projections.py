@@ -1,4 +1,4 @@
-"""Makes projections.csv: places in projected systems and their WGS-84 latitude and longitude.
+"""Makes projections.csv: positions in projected systems and their WGS-84 latitude and longitude.
 
 python3 make_projections.py   (pyproj 3.7.2, PROJ 9.5.1, without grid-shift files)
 """

@@ -1,10 +1,10 @@
-"""Makes sgl_expected.csv: what a reader has to derive from Flt1003_sample.xyz, row by row.
+"""Makes sgl_expected.csv: the columns that a reader derives from Flt1003_sample.xyz, row by row.
 
 python3 make_sgl_expected.py   (numpy, pyproj 3.7.2)
 
-Velocity: geodesic distance (Karney) between the neighbours of the same line over their time, resolved by
-its azimuth at the middle. Specific force: the accelerometer triad turned as a vector: x axis `wander`
-counter-clockwise from north, y axis 90 degrees further, z up.
+Velocity: geodesic distance (Karney) between the adjacent samples of a line divided by their time difference, resolved
+by its azimuth at the middle. Specific force: the rotated vector of the accelerometers, with the x axis `wander`
+counter-clockwise from north, the y axis 90 degrees further, and z up.
 """
 import numpy as np
 import pyproj
@@ -23,7 +23,7 @@ with open("sgl_expected.csv", "w") as out:
         dt = tt[b] - tt[a]
         azimuth, back, distance = geod.inv(lon[a], lat[a], lon[b], lat[b])
         distance *= 1 + alt[i] / 6.38e6
-        # `back` points from the end to the beginning; the mean direction is that of the sum of unit vectors.
+        # `back` points from the end to the beginning; the mean direction is the direction of the sum of unit vectors.
         middle = np.angle(np.exp(1j * np.radians(azimuth)) - np.exp(1j * np.radians(back)))
         x, y, z, wander = (col(n)[i] for n in ["INS_ACC_X", "INS_ACC_Y", "INS_ACC_Z", "INS_WANDER"])
         # Azimuths (clockwise from north) of the two horizontal axes.

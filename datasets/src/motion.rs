@@ -1,4 +1,4 @@
-//! Velocity and specific force of a track, for files that hold positions only and for the simulator.
+//! Velocity and specific force of a track, for files with positions only and for the simulator.
 
 use numerics::angle::unwrapped_deg;
 use numerics::earth::geodesy::EarthModel;

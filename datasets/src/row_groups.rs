@@ -2,7 +2,7 @@
 //!
 //! Parquet numbers row groups with 16 bits, so a file has at most 32,767 of them.
 
-/// Lines of at least this number of rows have a row group each; shorter ones share one.
+/// Lines of at least this number of rows have a row group each; shorter lines share a row group.
 const LEAST_ROWS: usize = 256;
 /// The number of row groups from which [`LEAST_ROWS_OF_MANY`] applies.
 const MANY_GROUPS: usize = 16_384;

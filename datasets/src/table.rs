@@ -36,7 +36,7 @@ pub struct ColumnTable {
 }
 
 impl ColumnTable {
-    /// Appends a column; an empty unit means the canonical one.
+    /// Appends a column; an empty unit means the canonical unit.
     pub fn push(&mut self, name: &str, unit: &str, values: ColumnValues) {
         self.push_described(name, unit, flight::describe(name).description, values);
     }
@@ -108,7 +108,7 @@ pub(crate) fn array(values: ColumnValues) -> ArrayRef {
     }
 }
 
-/// Numbers that must be whole, such as the year; NaN is missing, as are fractions, each with its fault.
+/// Numbers that must be whole, such as the year; NaN is missing. A fraction is also missing, and has a fault.
 pub(crate) fn whole(path: &Path, name: &str, numbers: &[f64]) -> (ColumnValues, Vec<RowFault>) {
     let mut faults = vec![];
     let mut one = |(row, x): (usize, &f64)| match *x {

@@ -2,15 +2,15 @@
 
     python dask_run.py SPEC STORE [SCHEDULER] [WORKERS]
 
-Without a scheduler's address it starts workers on this machine. On Slurm, PBS, LSF, SGE or HTCondor make the cluster by
-dask-jobqueue instead, for instance
+Without the address of a scheduler, workers are started on this machine. On Slurm, PBS, LSF, SGE or HTCondor, create the
+cluster with dask-jobqueue instead, for example
 
     from dask_jobqueue import SLURMCluster
     cluster = SLURMCluster(cores=1, memory="4GB", walltime="02:00:00")
     cluster.adapt(maximum=64)
 
-The store is a folder that all workers see, and `magline` is on their PATH. A worker that dies is replaced by Dask, and its
-tasks are given to others; what it had finished is found in the store. Needs `distributed`.
+The store must be a folder that all workers can access, and `magline` must be on their PATH. Dask replaces a worker that
+stops and reassigns its tasks. Finished results are read from the store. Requires `distributed`.
 """
 
 import subprocess
@@ -20,7 +20,7 @@ from dask.distributed import Client, LocalCluster, as_completed
 
 
 def compute(task: str, store: str) -> tuple[int, str]:
-    """Exit status and receipt of one task. A status of 1 means that some unit has no answer yet."""
+    """Exit status and receipt of one task. A status of 1 means that some units have no result yet."""
     done = subprocess.run(
         ["magline", "task", "--store", store, "--threads", "1"], input=task, text=True, stdout=subprocess.PIPE
     )
@@ -38,9 +38,9 @@ def wave(spec: str, store: str) -> list[str]:
 def main(spec: str, store: str, scheduler: str | None, workers: int) -> int:
     cluster = scheduler or LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
     with Client(cluster) as client:
-        # Units that were lost are listed again, until they are given up.
+        # Lost units are listed again until the maximum number of attempts.
         while tasks := wave(spec, store):
-            # The same task must be computed again when it is listed again.
+            # A task that is listed again must be computed again.
             futures = client.map(compute, tasks, [store] * len(tasks), pure=False, retries=2)
             for future in as_completed(futures):
                 if future.status == "error":

@@ -1,6 +1,6 @@
-"""A sweep every night, and an alert when a unit failed. Airflow 3 (or 2.10); put this file into the folder `dags`.
+"""Runs a sweep every night, with an alert when a unit fails. For Airflow 3 (or 2.10); put this file into the folder `dags`.
 
-MAGLINE_SPEC names the spec, MAGLINE the program. Try it with `airflow dags test magline_sweep`.
+MAGLINE_SPEC is the path of the spec, MAGLINE the path of the program. Try it with `airflow dags test magline_sweep`.
 """
 
 import json
@@ -12,7 +12,7 @@ from datetime import datetime, timedelta
 try:
     from airflow.sdk import dag, task
     from airflow.sdk.exceptions import AirflowException, AirflowFailException, AirflowSkipException
-except ImportError:  # before 3.0, and names that moved after it
+except ImportError:  # Airflow before 3.0, and names that later versions moved
     try:
         from airflow.sdk import dag, task
     except ImportError:
@@ -25,7 +25,7 @@ MAGLINE = os.environ.get("MAGLINE", "magline")
 
 @dag(schedule="30 2 * * *", start_date=datetime(2026, 1, 1), catchup=False, max_active_runs=1, tags=["magline"])
 def magline_sweep():
-    # 4, the time limit, is tried again and goes on; 1 and 2 would fail again in the same way.
+    # Exit status 4, the time limit, is retried, and the run resumes; 1 and 2 would fail again in the same way.
     @task(retries=3, retry_delay=timedelta(seconds=10))
     def run() -> dict:
         with tempfile.TemporaryDirectory() as folder:

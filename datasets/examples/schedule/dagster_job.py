@@ -1,6 +1,6 @@
-"""The published tables as one asset that is made every hour. Try it with `dagster job execute -f dagster_job.py -j sweep`.
+"""The published tables as one asset, which is updated every hour. Try it with `dagster job execute -f dagster_job.py -j sweep`.
 
-MAGLINE_SPEC names the spec, MAGLINE the program.
+MAGLINE_SPEC is the path of the spec, MAGLINE the path of the program.
 """
 
 import json

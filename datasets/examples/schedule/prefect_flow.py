@@ -1,6 +1,6 @@
-"""A sweep every hour: `python prefect_flow.py` serves it; `python prefect_flow.py now` runs it once.
+"""Runs a sweep every hour: `python prefect_flow.py` serves it; `python prefect_flow.py now` runs it once.
 
-MAGLINE_SPEC names the spec, MAGLINE the program.
+MAGLINE_SPEC is the path of the spec, MAGLINE the path of the program.
 """
 
 import json
@@ -16,11 +16,11 @@ MAGLINE = os.environ.get("MAGLINE", "magline")
 
 
 class Stopped(Exception):
-    """The time limit or a signal stopped the run; the next one goes on."""
+    """The time limit or a signal stopped the run; the next run resumes it."""
 
 
 def goes_on(task, run, state) -> bool:
-    """Whether it is of use to try again."""
+    """Whether a retry may succeed."""
     try:
         state.result()
     except Stopped:

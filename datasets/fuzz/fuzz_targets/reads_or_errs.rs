@@ -1,4 +1,4 @@
-//! Common part of all targets: the bytes as a file of one format, all of its topics.
+//! Common part of all targets: reads the bytes as a file of one format, with all of its topics.
 
 use std::{cell::OnceCell, fs};
 

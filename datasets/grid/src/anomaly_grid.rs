@@ -48,9 +48,9 @@ pub struct AnomalyGrid {
     pub height: GridHeight,
     /// The meaning of the file's coordinates.
     pub registration: Registration,
-    /// The name of the format it was read in; empty for a computed map.
+    /// Name of the format of its file; empty for a computed map.
     pub format: &'static str,
-    /// The file it was read from, for messages; empty for a computed map.
+    /// Path of its file, for messages; empty for a computed map.
     pub source: PathBuf,
     /// Notes on the processing of the file's values.
     pub notes: Vec<String>,
@@ -116,7 +116,7 @@ impl AnomalyGrid {
         }
         if self.crs.is_geographic() {
             self.check_range("lat", &self.y, 90.0)?;
-            // A map across the date line exceeds 180, and the file may use 0 to 360.
+            // Longitudes exceed 180 for a map across the date line, and the file may use 0 to 360.
             self.check_range("lon", &self.x, 540.0)?;
         }
         super::check_values(&self.source, &self.anomaly_nt, self.nodes())?;
@@ -146,7 +146,7 @@ impl AnomalyGrid {
     }
 
     fn check_range(&self, name: &str, axis: &EvenAxis, most: f64) -> Result<(), ReadError> {
-        // The edge of a cell at the pole may be rounded.
+        // Rounding may move the edge of a cell at the pole beyond 90 degrees.
         let beyond = [axis.first, axis.last()].into_iter().find(|x| x.abs() > most + 1e-6 * axis.step);
         match beyond {
             Some(x) => Err(self
@@ -267,7 +267,7 @@ impl AnomalyGrid {
     /// metres of [`AnomalyGrid::plane`]).
     ///
     /// # Errors
-    /// Fails as [`AnomalyGrid::new`].
+    /// Fails in the cases of [`AnomalyGrid::new`].
     pub fn with_plane(&self, grid: PlaneGrid, height: GridHeight) -> Result<AnomalyGrid, ReadError> {
         let (x, y) = self.unit_m();
         let (x, y) = (scaled(&grid.east_m, 1.0 / x), scaled(&grid.north_m, 1.0 / y));
@@ -316,7 +316,7 @@ fn scaled(axis: &EvenAxis, factor: f64) -> EvenAxis {
 
 /// Fractional node index of a coordinate; `None` off the axis.
 pub fn node_on(axis: &EvenAxis, coordinate: f64) -> Option<f64> {
-    // The outermost nodes must survive the rounding of a projection forward and back.
+    // Rounding of a forward and inverse projection must not move an outermost node off the axis.
     const SLACK: f64 = 1e-6;
     let (node, last) = (axis.node(coordinate), axis.len.saturating_sub(1) as f64);
     (-SLACK..=last + SLACK).contains(&node).then(|| node.clamp(0.0, last))

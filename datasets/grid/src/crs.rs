@@ -21,11 +21,11 @@ pub struct Crs {
 impl Crs {
     /// The system with an EPSG code.
     ///
-    /// Projections agree with PROJ 9.5 within 1 mm (about 4800 codes were compared at one position each). The
-    /// transformation forward and back closes within 1 cm, or 25 cm for a few datums hundreds of metres from WGS-84.
-    /// Datum shifts use the three or seven parameters of the register. Their error is about 3 m for the British
-    /// National Grid, compared with the national grid-shift file. It is up to 2 m for modern continental datums, which
-    /// drift relative to WGS-84, and locally tens of metres for old datums.
+    /// Projections agree with PROJ 9.5 within 1 mm (about 4800 codes were compared at one position each). A forward and
+    /// inverse transformation reproduces a position within 1 cm, or within 25 cm for a few datums that are hundreds of
+    /// metres from WGS-84. Datum shifts use the three or seven parameters of the register. Their error is about 3 m for
+    /// the British National Grid, compared with the national grid-shift file. It is up to 2 m for modern continental
+    /// datums, which drift relative to WGS-84, and locally tens of metres for old datums.
     ///
     /// # Errors
     /// Fails for an unknown code, projection or transformation to WGS-84, such as of datums defined by a grid-shift
@@ -51,7 +51,7 @@ impl Crs {
         Crs::from_epsg(Path::new("EPSG:4326"), WGS84)
     }
 
-    /// The UTM zone of WGS-84 of a position, by the zone's meridians alone (no exception for Norway).
+    /// WGS-84 UTM zone of a position, from the zone's meridians alone (without the exceptions for Norway).
     ///
     /// # Errors
     /// Fails for a position beyond 84 degrees north or south, where UTM ends.
@@ -120,7 +120,7 @@ impl Crs {
 /// Systems with wrong axes or units in the definitions; they differ from PROJ by kilometres.
 const MISTAKEN: [u16; 5] = [2065, 3167, 5513, 8044, 8045];
 
-/// Reason that a defined system cannot be used.
+/// Reason why a defined system cannot be used.
 fn refusal(code: u16, proj4: &str, wkt: &str) -> Option<&'static str> {
     let value = |key: &str| proj4.split(' ').find_map(|w| w.strip_prefix(key)?.strip_prefix('='));
     let shifted = ["+towgs84", "+datum", "+nadgrids"].iter().any(|k| value(k).is_some());

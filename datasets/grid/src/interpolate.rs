@@ -1,13 +1,14 @@
-//! Interpolation between the nodes of a projected grid, local so that unknown nodes have no effect beyond
-//! their neighbourhood.
+//! Interpolation between the nodes of a projected grid. It is local, so that unknown nodes affect only their
+//! neighbourhood.
 
 use numerics::maps::plane_grid::EvenAxis;
 
 /// The value at a position given in fractions of nodes, or NaN.
 ///
-/// A polynomial of ninth degree through the 10 x 10 nodes around the position. If one of those nodes is unknown or
-/// beyond the edge, a polynomial of fifth or third degree through 6 x 6 or 4 x 4 nodes; NaN if one of the 4 x 4 is
-/// unknown. Between the outermost nodes, the 4 x 4 nodes nearest to the position are used.
+/// A polynomial of ninth degree through the 10 x 10 nodes around the position gives the value. If one of these nodes is
+/// unknown or beyond the edge, the polynomial has fifth or third degree and passes through 6 x 6 or 4 x 4 nodes. The
+/// value is NaN if one of the 4 x 4 nodes is unknown. Between the outermost nodes, the 4 x 4 nodes nearest to the
+/// position are used.
 pub fn at(values: &[f64], x: &EvenAxis, y: &EvenAxis, column: f64, row: f64) -> f64 {
     let centred = |n: usize| {
         let fits = |place: f64, len: usize| {

@@ -26,7 +26,7 @@ pub use own::geographic;
 pub use summary::{MapSummary, PERCENTILES, SummaryValue};
 pub use survey_points::{ReductionColumns, SurveyPointSet, metres, no_metres, plane};
 
-/// An anomaly map on a regular grid, the contract's map table.
+/// An anomaly map on a regular grid, as the canonical map table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapTable {
     /// One row per node, by latitude then longitude, both ascending: `lat`, `lon` (deg), `alt` (m above

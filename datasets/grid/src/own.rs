@@ -11,8 +11,8 @@ use schemas::map::NativeGrid;
 use super::{AnomalyGrid, Crs, GridHeight, MapTable, WGS84};
 use crate::ReadError;
 
-/// Margin of an area beyond the nodes of its border, as a fraction of its extent. Parallels curve between nodes, and a
-/// position on the edge must survive rounding.
+/// Margin of an area beyond the nodes of its border, as a fraction of its extent. Parallels are curved between nodes,
+/// and rounding must not move a position on the edge out of the area.
 const MARGIN: f64 = 0.01;
 
 impl AnomalyGrid {
@@ -20,7 +20,7 @@ impl AnomalyGrid {
     /// with eastings and northings ([`NativeGrid`]). Nothing is interpolated.
     ///
     /// # Errors
-    /// Fails for coordinates that are invalid in their system, and as [`AnomalyGrid::new`].
+    /// Fails for coordinates that are invalid in their system, and in the cases of [`AnomalyGrid::new`].
     pub fn table(&self) -> Result<RecordBatch, ReadError> {
         if self.crs.is_wgs84_at(self.middle().1, self.middle().0) {
             return Ok(MapTable::from_grid(self)?.batch);
@@ -79,7 +79,7 @@ fn within(axis: &EvenAxis, coordinate: f64) -> bool {
 /// The map in latitude and longitude of a table that [`AnomalyGrid::table`] made: unchanged or resampled.
 ///
 /// # Errors
-/// Fails for a table that is not a map, and as [`AnomalyGrid::to_geographic`].
+/// Fails for a table that is not a map, and in the cases of [`AnomalyGrid::to_geographic`].
 pub fn geographic(table: &RecordBatch) -> Result<MapTable, ReadError> {
     AnomalyGrid::of_table(table)?.to_geographic()
 }
@@ -98,7 +98,7 @@ impl AnomalyGrid {
         of_nodes(table, names, epsg)
     }
 
-    /// The map of rows that [`AnomalyGrid::made`] wrote for one map.
+    /// The map in rows that [`AnomalyGrid::made`] wrote.
     ///
     /// # Errors
     /// Fails for rows that are not a map.
@@ -110,10 +110,10 @@ impl AnomalyGrid {
         of_nodes(rows, if own { ["easting", "northing"] } else { ["lon", "lat"] }, epsg)
     }
 
-    /// The columns of a map that a stage yields ([`schemas::map::made_columns`]).
+    /// The columns of a map that a stage makes ([`schemas::map::made_columns`]).
     ///
     /// # Errors
-    /// Fails as [`AnomalyGrid::new`].
+    /// Fails in the cases of [`AnomalyGrid::new`].
     pub fn made(&self) -> Result<Vec<ArrayRef>, ReadError> {
         self.check()?;
         let width = self.x.len;

@@ -47,7 +47,7 @@ impl AnomalyGrid {
     /// Nodes outside the map, or within two nodes of an unknown node, are NaN.
     ///
     /// # Errors
-    /// Fails for an unknown system, an invalid spacing, and as [`AnomalyGrid::to_geographic`].
+    /// Fails for an unknown system, an invalid spacing, and in the cases of [`AnomalyGrid::to_geographic`].
     pub fn to_crs(&self, epsg: u16, spacing: Option<f64>) -> Result<AnomalyGrid, ReadError> {
         let target = Crs::from_epsg(&self.source, epsg)?;
         if self.crs == target && spacing.is_none() {
@@ -275,7 +275,7 @@ fn covering(ends: CoordinateRange, step: f64) -> EvenAxis {
 
 /// The multiples of `step` within the ends.
 fn multiples(ends: CoordinateRange, step: f64) -> EvenAxis {
-    // A node on the edge must survive the rounding of a projection forward and back.
+    // Rounding of a forward and inverse projection must not move a node on the edge off the axis.
     const SLACK: f64 = 1e-6;
     let (first, last) = ((ends.0 / step - SLACK).ceil(), (ends.1 / step + SLACK).floor());
     EvenAxis { first: first * step, step, len: (last - first).max(-1.0) as usize + 1 }

@@ -22,7 +22,7 @@ pub struct MapSummary {
     pub epsg: u16,
     /// The name of the coordinate system.
     pub system: String,
-    /// The unit of the coordinates: `deg`, `m`, `ft`, `us-ft`, or empty for another one.
+    /// The unit of the coordinates: `deg`, `m`, `ft`, `us-ft`, or empty for another unit.
     pub unit: &'static str,
     /// The meaning of the file's coordinates.
     pub registration: Registration,
@@ -65,7 +65,7 @@ impl AnomalyGrid {
     /// The statistics of the map.
     ///
     /// # Errors
-    /// Fails as [`AnomalyGrid::new`].
+    /// Fails in the cases of [`AnomalyGrid::new`].
     pub fn summary(&self) -> Result<MapSummary, ReadError> {
         self.check()?;
         let mut known: Vec<f64> = self.anomaly_nt.iter().copied().filter(|v| !v.is_nan()).collect();
@@ -119,7 +119,7 @@ impl AnomalyGrid {
         let pairs = self.anomaly_nt.iter().zip(self.anomaly_nt.iter().skip(apart)).enumerate();
         let within = |i: usize| apart != 1 || !(i + 1).is_multiple_of(self.x.len);
         let steps = pairs.filter(|(i, (a, b))| within(*i) && !a.is_nan() && !b.is_nan());
-        // The running mean does not overflow when the sum does.
+        // The running mean cannot overflow, unlike the sum.
         let mean = |(mean, n): (f64, f64), (_, (a, b)): (usize, (&f64, &f64))| {
             let n = n + 1.0;
             (mean + ((a - b).abs() - mean) / n, n)

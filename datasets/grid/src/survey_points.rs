@@ -32,7 +32,7 @@ pub struct SurveyPointSet {
     pub types: Vec<Option<LineType>>,
     /// Additional columns of the file for reductions.
     pub extra: ReductionColumns,
-    /// The row of the file that each point comes from, the first being 0.
+    /// The row of the file that each point comes from, from 0.
     pub row: Vec<u64>,
     /// Notes on the file and its processing.
     pub notes: Vec<String>,
@@ -91,14 +91,14 @@ impl SurveyPointSet {
     /// A map on a grid that lies on the points' plane.
     ///
     /// # Errors
-    /// Fails as [`AnomalyGrid::new`].
+    /// Fails in the cases of [`AnomalyGrid::new`].
     pub fn grid(&self, grid: PlaneGrid, height: GridHeight) -> Result<AnomalyGrid, ReadError> {
         let unit_m = self.crs.unit_m();
         let axis = |a: EvenAxis| EvenAxis { first: a.first / unit_m, step: a.step / unit_m, len: a.len };
         AnomalyGrid::new(axis(grid.east_m), axis(grid.north_m), self.crs.clone(), grid.values, height)
     }
 
-    /// The tie lines: those of the type `Tie`, and those in `alike`. If any line has the type `Tie`, lines of the type
+    /// The tie lines: lines of the type `Tie`, and lines in `alike`. If any line has the type `Tie`, lines of the type
     /// `Line` are not tie lines.
     pub fn ties(&self, alike: &[usize]) -> Vec<usize> {
         let of = |line: usize| self.types.get(line).copied().flatten();
@@ -172,7 +172,7 @@ pub fn metres(
     }
     if let Some(((lat, lon, row), count)) = nowhere {
         let what = format!("latitude {lat}, longitude {lon} cannot be projected to EPSG:{}", crs.code());
-        // A few are wrong positions, which can be omitted; many indicate the wrong projection.
+        // A few failures are wrong positions, which can be omitted. Many failures indicate the wrong projection.
         if 100 * count > places.0.len() && count > 1 {
             return Err(ReadError::data(path, what).in_row(row).help("check the EPSG codes"));
         }

@@ -1,6 +1,6 @@
 """Makes small GeoTIFF files of one 7 x 5 grid in many layouts; the value of a cell is 10 row + column, row 0 north.
 
-python3 make_geotiffs.py   (standard library and numpy only; written after the TIFF 6.0, BigTIFF and GeoTIFF texts)
+python3 make_geotiffs.py   (standard library and numpy only; from the specifications of TIFF 6.0, BigTIFF and GeoTIFF)
 """
 import struct
 import zlib
@@ -16,7 +16,7 @@ def predicted(block, predictor):
         return block.tobytes()
     if predictor == 2:
         return np.concatenate([block[:, :1], np.diff(block, axis=1)], axis=1).astype(block.dtype).tobytes()
-    # Predictor 3: the bytes of each row by significance, then differences of bytes.
+    # Predictor 3: the bytes of each row are sorted by significance, then replaced by differences.
     out = b""
     for row in block:
         planes = np.frombuffer(row.astype(block.dtype.newbyteorder(">")).tobytes(), "u1").reshape(-1, block.itemsize).T

@@ -1,5 +1,5 @@
-"""Reads the maps in `written/`, which magline's tests wrote, with other programs and compares them with the values of
-make_maps.py. The tests compare what is written now with these files byte by byte.
+"""Reads the maps in `written/`, which magline's tests wrote, with other programs, and compares them with the values of
+make_maps.py. The tests compare newly written maps with these files byte by byte.
 
 python3 check_maps.py   (rasterio 1.4.4 with GDAL 3.10.3, xarray 2026.9, scipy 1.17, netCDF4 1.7.5, h5py 3.16)
 """

@@ -1,6 +1,6 @@
-"""Makes one small map in the formats of other programs, and maps that are awkward in one way each.
+"""Makes one small map in the formats of other programs, and maps with one unusual feature each.
 
-The value of a node is known from its place: 100 + 3 column - 5 row (row 0 in the south) + 0.25 row column; one node
+The value of a node follows from its position: 100 + 3 column - 5 row (row 0 in the south) + 0.25 row column; one node
 (column 2, row 1) is unknown. 7 columns, 5 rows, 500 m apart from easting 370000, northing 5676500 in EPSG:32630, or
 0.01 degrees apart from longitude -5, latitude 51.
 
@@ -34,7 +34,7 @@ DEGREES = from_origin(LON[0] - 0.005, LAT[-1] + 0.005, 0.01, 0.01)
 
 
 def gdal(name, driver, dtype="float64", nodata=np.nan, transform=UTM, crs="EPSG:32630", **options):
-    """Through an in-memory GeoTIFF, as not every driver creates files."""
+    """Writes through an in-memory GeoTIFF, because not every driver can create files."""
     data = np.where(np.isnan(NORTH), nodata, NORTH).astype(dtype)
     profile = dict(width=COLUMNS, height=ROWS, count=1, dtype=dtype, crs=crs, transform=transform, nodata=nodata)
     with rasterio.MemoryFile() as memory:
@@ -89,7 +89,7 @@ strange.to_netcdf("xarray_mgal.nc", engine="scipy")
 
 
 def gmt(name, pixel):
-    """GMT's oldest grids, as its manual describes them: ends of the axes and one list of values from the north-west."""
+    """GMT's oldest grids, as described in its manual: ends of the axes and one list of values from the north-west."""
     with netcdf_file(name, "w", version=1) as f:
         f.createDimension("side", 2)
         f.createDimension("xysize", COLUMNS * ROWS)
@@ -112,7 +112,7 @@ gmt("gmt_old_node.grd", 0)
 gmt("gmt_old_pixel.grd", 1)
 
 with h5py.File("h5py_map.h5", "w") as f:
-    # As MagNav.jl's save_map: longitudes first, 0 where unknown.
+    # The layout of MagNav.jl's save_map: longitudes first, 0 where unknown.
     f["map"] = np.nan_to_num(SOUTH).T
     f["xx"], f["yy"], f["alt"], f["info"] = LON, LAT, 300.0, "map"
     f["mask"] = np.isfinite(SOUTH).T.astype("i1")
@@ -126,7 +126,7 @@ def base_90(number, digits):
 
 
 def gxf(name, packed, sense=1):
-    """After the text of GXF revision 3; GDAL reads both (see check_maps.py)."""
+    """From the specification of GXF revision 3; GDAL reads both files (see check_maps.py)."""
     head = ["A map, in words before the first object.", "", "#TITLE", "small map", "#POINTS", str(COLUMNS), "#ROWS", str(ROWS)]
     head += ["#PTSEPARATION", "500.0", "#RWSEPARATION", "500.0", "#XORIGIN", "370000", "#YORIGIN", "5676500"]
     head += ["#SENSE", str(sense), "#DUMMY", "-1e32", '#UNIT_LENGTH', '"m",1']
@@ -139,7 +139,7 @@ def gxf(name, packed, sense=1):
         for j, r in enumerate(SOUTH):
             words = ["!!!" if np.isnan(v) else base_90(int(4 * v), 3) for v in r]
             lines.append("".join(words))
-        # The first row's last two values as runs of one.
+        # The last two values of the first row are runs of length one.
         lines[0] = lines[0][:15] + '"""' + base_90(1, 3) + lines[0][15:18] + '"""' + base_90(1, 3) + lines[0][18:]
     open(name, "w").write("\n".join(head + ["#GRID"] + lines) + "\n")
 
@@ -148,7 +148,7 @@ gxf("text.gxf", False)
 gxf("packed.gxf", True)
 
 with open("surfer7_v2.grd", "wb") as f:
-    # Version 2 with a section of faults between, after Golden Software's description.
+    # Version 2 with a section of fault lines, from Golden Software's description.
     f.write(b"DSRB" + struct.pack("<ii", 4, 2))
     f.write(b"GRID" + struct.pack("<iii8d", 72, ROWS, COLUMNS, X[0], Y[0], 500.0, 500.0, 0.0, 1.0, 0.0, -12345.0))
     f.write(b"FLTI" + struct.pack("<iii", 8, 0, 0))

@@ -1,4 +1,4 @@
-//! A synth spec as a flight format: reading it simulates, so that no large file is stored.
+//! Synth spec as a flight format. Reading the spec runs the simulation, so that no large file is stored.
 
 use std::path::Path;
 

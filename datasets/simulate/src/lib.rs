@@ -1,12 +1,12 @@
 //! Simulated flights with known truth over a real map.
 //!
-//! A synth spec (TOML) names a map, the INS, the aircraft's sensors and the flights. Every number depends on the spec
-//! alone. Each random draw has its own stream, derived by hashing the seed and the names of flight, line and sensor.
-//! The same spec therefore gives the same bytes, and adding a flight or a sensor changes no other. Flights and lines
-//! are simulated in parallel, with few lines in memory.
+//! A synth spec (TOML) describes a map, the INS, the aircraft's sensors and the flights. Every number depends on the
+//! spec alone. Each random draw has its own stream, derived by hashing the seed and the names of flight, line and
+//! sensor. The same spec therefore gives the same bytes, and adding a flight or a sensor does not change the others.
+//! Flights and lines are simulated in parallel, with few lines in memory.
 //!
-//! Heights are above the WGS-84 ellipsoid throughout; a map whose height is above sea level is treated as
-//! if it were above the ellipsoid, in the simulation as in navigation.
+//! Heights are above the WGS-84 ellipsoid. A map height above sea level is treated as a height above the ellipsoid, in
+//! the simulation and in navigation.
 
 use std::{
     fs::File,
@@ -146,8 +146,8 @@ impl SimulationContext {
         SimulationContext { simulation, field: Mutex::default() }
     }
 
-    /// The earth's field. It is computed without the lock: a thread that waits for its own transform may start another
-    /// flight meanwhile, which also needs the field.
+    /// The earth's field. The lock is not held during the computation, because a thread that waits for its transform
+    /// may start another flight, which also needs the field.
     fn field(&self) -> Result<Arc<earth::EarthFieldModel>, ReadError> {
         let known = || self.field.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(field) = &*known() {
@@ -173,7 +173,7 @@ pub fn synthesise(spec: &Path, to: &Path) -> Result<Vec<PathBuf>, ReadError> {
 /// from several threads, concurrently and not always in order.
 ///
 /// # Errors
-/// Fails as [`synthesise`].
+/// Fails in the cases of [`synthesise`].
 pub fn synthesise_with(
     spec: &Path,
     to: &Path,
@@ -200,7 +200,8 @@ pub fn synthesise_with(
         .map(|n| (to.join(format!(".{n}.{own}.parquet.partial")), to.join(format!("{n}.parquet"))))
         .collect();
     let one = |(flight, (partial, _)): (usize, &(PathBuf, PathBuf))| {
-        // Flights after one that failed are skipped; those before it may have an earlier fault to report.
+        // Flights after a failed one are skipped. Flights before it are simulated, because an earlier fault is reported
+        // first.
         let wanted = || flight <= failed.load(Ordering::Relaxed);
         let lines = LineSimulator::new(world.clone(), flight..flight + 1, at_once).take_while(|_| wanted());
         let told = lines.inspect(|_| progress(done.fetch_add(1, Ordering::Relaxed) + 1, all));
@@ -214,7 +215,7 @@ pub fn synthesise_with(
     let renamed = written.into_iter().collect::<Result<Vec<()>, _>>().and_then(|_| rename(&files));
     if let Err(error) = renamed {
         for (partial, _) in &files {
-            // Best effort: the first error is reported.
+            // An error of the removal is ignored, because the first error is reported.
             let _ = std::fs::remove_file(partial);
         }
         return Err(error);
@@ -245,7 +246,7 @@ fn write(
     file.sync_all().map_err(|e| ReadError::io(to, &e))
 }
 
-/// The encoding of the files: plain numbers, since nearly all are distinct.
+/// The encoding of the files: plain numbers, because nearly all numbers are distinct.
 fn properties(schema: &Schema) -> WriterProperties {
     let builder = WriterProperties::builder()
         .set_compression(Compression::ZSTD(ZstdLevel::default()))

@@ -91,7 +91,7 @@ fn navigate(
     for (scene, truth) in lines {
         said.push(run.line(scene, truth));
         if said.last().is_some_and(Result::is_err) {
-            // The flights after it are not needed, as the lines stop at the first that fails.
+            // Later flights are not needed, because the lines end at the first line that fails.
             break;
         }
     }

@@ -1,5 +1,5 @@
-//! Random numbers: one stream for each quantity, derived from its names, so that adding a flight, a line
-//! or a sensor changes no other's draws.
+//! Random numbers: one stream for each quantity, derived from its names, so that adding a flight, a line or a sensor
+//! does not change the other draws.
 
 use rand_chacha::{
     ChaCha12Rng,

@@ -57,7 +57,7 @@ impl SynthSpec {
         let spec = spec(&section, path.parent().unwrap_or(Path::new("")));
         section.finish();
         let mut found = std::mem::take(&mut *faults.borrow_mut());
-        // In the order of the file; faults at the same place in the order of the checks.
+        // Faults are in the order of the file. Faults at the same place are in the order of the checks.
         found.sort_by_key(|fault| fault.at.as_ref().map_or(0, |at| at.start));
         if found.is_empty() { Ok(spec) } else { Err(ReadError::spec(path, &text, &found)) }
     }

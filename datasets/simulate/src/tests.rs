@@ -185,7 +185,7 @@ fn law_the_earths_field_is_the_sum_of_its_parts() {
         let [roll, pitch, yaw] = ["roll", "pitch", "yaw"].map(|n| column(line, n)[i].to_radians());
         let added = body_to_ned(roll, pitch, yaw) * flux[i] - b;
         let along = column(line, "diurnal")[i] * b.normalize();
-        // The irregular variation lies along the core field, so the rest of the sum is the anomaly. The conversion of
+        // The irregular variation lies along the core field, so the sum without it is the anomaly. The conversion of
         // angles to degrees has errors of a few 1e-15 of 5e4 nT.
         let anomaly = (b + added - along).norm() - b.norm();
         assert!((anomaly - column(line, "anomaly_truth")[i]).abs() < 1e-8);

@@ -1,4 +1,4 @@
-//! The presets behave like the aircraft that they are named after.
+//! The presets agree with published figures of their aircraft.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 #[path = "../examples/preset_tables/tables.rs"]
@@ -21,7 +21,8 @@ fn rms(x: &[f64]) -> f64 {
 fn ref_the_residual_of_tolles_lawson_on_the_cessna_is_that_of_table_2_3() {
     let flown = lines(&spec("cessna")).unwrap();
     let calibration = line(&flown, "1006.04").unwrap();
-    // Gnadt 2022, Table 2.3, with fluxgate A; magnetometer 2 from Table 5.2, as its calibration in Table 2.3 failed.
+    // Gnadt 2022, Table 2.3, with fluxgate A; magnetometer 2 from Table 5.2, because its calibration in Table 2.3
+    // failed.
     let published = [
         ("mag_1_uc", 6.2, 5.8),
         ("mag_5_uc", 104.0, 13.0),
@@ -49,7 +50,8 @@ fn ref_the_residual_of_tolles_lawson_on_the_cessna_is_that_of_table_2_3() {
 
 #[test]
 fn ref_core_field_tolles_lawson_improves_the_drone_as_in_table_4_2() {
-    // The random values of a flight change its ratio by a factor of two: the median of seven flights is compared.
+    // The ratio of a flight varies by a factor of two with its random values, so the median of seven flights is
+    // compared.
     let flights = seeds(&spec("drone"), 1..=7).unwrap();
     // Van der Meer 2025, Tables 4.1 to 4.3: means of the uncompensated standard deviations and of the improvement
     // ratios.

@@ -24,8 +24,8 @@ pub(super) struct FlightColumnTarget {
 /// in the options takes precedence, then the unit in the file, then the unit in the name.
 ///
 /// # Errors
-/// Fails for a unit that does not convert to the unit of the column, and for a name that implies another unit than the
-/// file.
+/// Fails for a unit that does not convert to the unit of the column, and for a name whose unit contradicts the unit in
+/// the file.
 pub(super) fn named(
     path: &Path,
     own: &[&str],
@@ -40,7 +40,7 @@ pub(super) fn named(
     let said = said.filter(|u| !u.is_empty());
     if let Some(unit) = own.iter().find_map(|n| options.units.get(*n)) {
         let fits = wanted.is_empty() || convert(unit, wanted).is_some();
-        return if fits { done(unit) } else { Err(other_unit(path, first, name, "`units` says", unit, wanted)) };
+        return if fits { done(unit) } else { Err(other_unit(path, first, name, "`units` gives", unit, wanted)) };
     }
     if renamed.is_none() {
         doubted(path, name, wanted, said)?;
@@ -51,19 +51,19 @@ pub(super) fn named(
     }
     match (said, unit_name::unit_of_renamed(first, name, wanted)) {
         (Some(said), _) if convert(said, wanted).is_none() => {
-            Err(other_unit(path, first, name, "the file says", said, wanted))
+            Err(other_unit(path, first, name, "the file gives", said, wanted))
         }
         (Some(said), Ok(Some(unit))) if convert(said, &unit) != Some(1.0) => {
-            let what = format!("its name says `{unit}`, but the file says `{said}`");
+            let what = format!("its name implies `{unit}`, but the file gives `{said}`");
             Err(ReadError::options(path, what).in_column(first).help(way_out(first, wanted)))
         }
         (Some(said), _) => done(said),
         (None, Ok(unit)) => done(&unit.unwrap_or_default()),
         (None, Err(unit_name::UnitNameError::Other(unit))) => {
-            Err(other_unit(path, first, name, "its name says", &unit, wanted))
+            Err(other_unit(path, first, name, "its name implies", &unit, wanted))
         }
         (None, Err(unit_name::UnitNameError::Ambiguous(unit))) => {
-            let what = format!("the `{unit}` at the end of its name may be a unit, while `{name}` is in {wanted}");
+            let what = format!("its name ends in `{unit}`, which may be its unit, but `{name}` must be in {wanted}");
             Err(ReadError::options(path, what).in_column(first).help(way_out(first, wanted)))
         }
     }
@@ -76,7 +76,7 @@ fn other_unit(path: &Path, own: &str, name: &str, who: &str, unit: &str, wanted:
 
 fn way_out(own: &str, wanted: &str) -> String {
     let known = convertible_to(wanted).join(", ");
-    format!("give the unit of the values: `units = {{ {own:?} = {wanted:?} }}`, where {known} are known")
+    format!("set the unit of the values: `units = {{ {own:?} = {wanted:?} }}`; known units: {known}")
 }
 
 /// A name such as `cur_heater_mA` is a standard name, in A, but ends in mA: the unit is ambiguous.
@@ -85,9 +85,9 @@ fn doubted(path: &Path, name: &str, wanted: &str, said: Option<&str>) -> Result<
     let Some((_, unit)) = name.rsplit_once('_').filter(|_| !listed && !wanted.is_empty()) else { return Ok(()) };
     let in_earnest = unit.bytes().any(|b| b.is_ascii_lowercase()) && unit.bytes().any(|b| b.is_ascii_uppercase());
     match convert(unit, wanted) {
-        // The file gives no other unit than the one of the standard name.
+        // The file gives no unit, or the unit of the standard name.
         Some(factor) if in_earnest && factor != 1.0 && said.is_none_or(|s| s == wanted) => {
-            let what = format!("its name says `{unit}`, but a column of this name is in {wanted}");
+            let what = format!("its name implies `{unit}`, but a column of this name must be in {wanted}");
             Err(ReadError::options(path, what).in_column(name).help(way_out(name, wanted)))
         }
         _ => Ok(()),
@@ -102,9 +102,9 @@ fn check_names(path: &Path, own: &[String], made: &[String], options: &FlightOpt
         return Err(ReadError::options(path, what).nearest(missing, &names));
     }
     let Some(missing) = options.units.keys().find(|k| !own.contains(k)) else { return Ok(()) };
-    let fault = ReadError::options(path, format!("there is no column `{missing}` to give a unit"));
+    let fault = ReadError::options(path, format!("`units` has the column `{missing}`, which does not exist"));
     Err(match options.rename.iter().find(|(_, to)| *to == missing) {
-        Some((from, _)) => fault.help(format!("`units` takes the file's own name: `{from}`")),
+        Some((from, _)) => fault.help(format!("use the name in the file: `{from}`")),
         None => fault.nearest(missing, own),
     })
 }
@@ -178,7 +178,7 @@ fn added_keys(
         }
         let Some(given) = given else {
             let what = format!("holds no column `{name}`");
-            return Err(ReadError::data(path, what).help(format!("give `{name}`, or rename the column that has it")));
+            return Err(ReadError::data(path, what).help(format!("set `{name}`, or rename the column that holds it")));
         };
         added.push((name, given.clone()));
     }
@@ -192,7 +192,7 @@ fn settled(path: &Path, source: &Field, unstated: bool, options: &FlightOptions)
         named(path, &[source.name()], metadata.get("unit").map(String::as_str), options)?;
     let wanted = flight::describe(&name).unit;
     if unstated && unit.is_empty() && !wanted.is_empty() {
-        let what = format!("the file does not say its unit, and `{name}` is in {wanted}");
+        let what = format!("the file does not give its unit, but `{name}` must be in {wanted}");
         return Err(ReadError::options(path, what).in_column(source.name()).help(way_out(source.name(), wanted)));
     }
     if name == *source.name() && metadata.get("unit").map_or("", String::as_str) == unit {
@@ -215,7 +215,8 @@ pub(super) fn any_unit_of_name(name: &str) -> Option<String> {
     unit_of_name(name).or_else(|| unit_name::unknown_unit(name))
 }
 
-/// The values of a column in the unit of its format (`counted`, or the canonical unit if that is empty), and that unit.
+/// The values of a column in the unit of its format, and this unit: `counted`, or the canonical unit if `counted` is
+/// empty.
 ///
 /// # Errors
 /// Fails for a unit that does not convert.

@@ -30,7 +30,7 @@ pub(super) fn number(text: &[u8], start: usize) -> Option<(f64, usize)> {
     Some((if negative { -size } else { size }, end))
 }
 
-/// The position after the decimal number of any size that begins at `start`.
+/// The position after the decimal number that begins at `start`, which may have any size.
 #[inline(always)]
 pub(super) fn end(text: &[u8], start: usize) -> Option<usize> {
     spelt(text, start).map(|s| s.end)
@@ -70,7 +70,7 @@ fn spelt(text: &[u8], start: usize) -> Option<DecimalLiteral> {
         if after == first {
             return None;
         }
-        // A larger power is not exact for any digits.
+        // Larger powers of ten are not exact.
         let power = if after - first > 9 { i64::from(u32::MAX) } else { power as i64 };
         exponent += if sign == Some(&b'-') { -power } else { power };
         end = after;
@@ -105,7 +105,7 @@ fn run(text: &[u8], mut at: usize, mut value: u64) -> (u64, usize) {
     (value, at)
 }
 
-/// The number of eight digits, the first in the lowest byte; bytes of 0 count as the digit.
+/// Number of eight digits, the first in the lowest byte. A zero byte counts as the digit 0.
 #[inline(always)]
 fn eight_digits(word: u64) -> u64 {
     const EVERY_FOURTH: u64 = 0x0000_00FF_0000_00FF;
@@ -121,7 +121,7 @@ mod tests {
 
     use super::*;
 
-    /// Numbers, and texts that look like them, in many spellings.
+    /// Numbers, and texts that resemble numbers, in many spellings.
     pub(in crate::formats) fn spellings() -> Vec<String> {
         let mut all: Vec<String> = [
             "0",

@@ -15,7 +15,7 @@ use crate::ReadError;
 pub(super) struct DeclinationSample {
     /// North, east and down, nT.
     pub(super) ned_nt: [f64; 3],
-    /// The declination that was added to the sample's, or the direction of H.
+    /// The declination that was added to the declination of the sample, or the direction of H.
     pub(super) baseline_rad: f64,
     /// The declination of the sample without its baseline, if it has the component D.
     pub(super) own_rad: Option<f64>,
@@ -32,11 +32,11 @@ const LEAST_HORIZONTAL_NT: f64 = 2000.0;
 /// Component normal to the IGRF's meridian above which a wrong unit or baseline is assumed, nT. The crustal anomaly is
 /// smaller at most stations.
 const ACROSS_NT: f64 = 250.0;
-/// Component normal to the IGRF's meridian above which a note without an explanation is made, nT.
+/// Component normal to the IGRF's meridian above which a note is made even without an explanation, nT.
 const REMARKABLE_NT: f64 = 1000.0;
-/// Maximum fraction of that component that remains with a valid explanation.
+/// Maximum fraction of that component that may remain if an explanation is valid.
 const EXPLAINED: f64 = 0.25;
-/// Difference of inclinations that exceeds a local anomaly, degrees.
+/// Difference of inclinations that a local anomaly cannot cause, degrees.
 const DIP_DEG: f64 = 10.0;
 
 /// The text after `DECBAS` in a comment of a header.
@@ -105,7 +105,7 @@ pub(super) fn check(
     Ok(())
 }
 
-/// The cause of a wrong declination and its remedy, if `fits` accepts the declination without the cause.
+/// Cause of a wrong declination and its remedy. `fits` tests the declination with an assumed cause removed.
 fn explanation(
     sighting: &DeclinationSample,
     found_rad: f64,

@@ -54,7 +54,7 @@ enum GeosoftTextLine {
     Flight(String),
     Date(String),
     Record(GeosoftLineRecord),
-    /// An invalid text like a line record.
+    /// Text that resembles a line record but is invalid.
     Unknown(Vec<String>),
     Row(Vec<String>),
 }
@@ -104,7 +104,7 @@ struct GeosoftScan {
     flights: bool,
     /// The line records.
     lines: GeosoftLineNames,
-    /// Texts like line records: the first one, with its position in the file, and their number.
+    /// Invalid line records: the first one with its position in the file, and their number.
     unknown: Option<(u64, Vec<String>, usize)>,
     dates: bool,
     /// A date that cannot be read.
@@ -126,7 +126,7 @@ fn lines(path: &Path) -> Result<impl Iterator<Item = Result<String, ReadError>> 
 
 fn scan(path: &Path, missing: &MissingMarkers) -> Result<GeosoftScan, ReadError> {
     let (mut found, mut comments) = (GeosoftScan::default(), vec![]);
-    // Rows of a word and a number, which are unknown line records if there are other rows.
+    // Rows of one word and one number. If there are other rows, they are unknown line records.
     let mut pairs = vec![];
     for (at, line) in (1..).zip(lines(path)?) {
         let width = Some(found.numbers.len()).filter(|width| *width > 0);
@@ -158,7 +158,7 @@ fn scan(path: &Path, missing: &MissingMarkers) -> Result<GeosoftScan, ReadError>
     if width == 0 {
         return Err(ReadError::data(path, "has no rows"));
     }
-    // A line of the comment that underlines the names has the same number of words, without letters.
+    // A comment line that underlines the names has the same number of words, but without letters.
     let names = |words: &&Vec<String>| {
         let letters = |w: &String| w.chars().any(char::is_alphabetic) && csv::number(w).is_none();
         words.len() == width && words.iter().all(letters)
@@ -206,11 +206,11 @@ impl GeosoftScan {
         }
     }
 
-    /// The note on texts like line records.
+    /// Note on invalid line records.
     fn unknown_note(&self) -> Option<String> {
         let (at, words, n) = self.unknown.as_ref()?;
         let more = if *n > 1 { format!("; {n} such lines") } else { String::new() };
-        Some(format!("line {at}: {}; the rows after it are a line that cannot be used{more}", unknown(words)))
+        Some(format!("line {at}: {}; the rows after it form a line that cannot be used{more}", unknown(words)))
     }
 }
 
@@ -228,7 +228,9 @@ fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight
     notes
         .extend([found.lines.note(), found.unknown_note()].into_iter().flatten().map(|note| format!("{file}: {note}")));
     if let Some(text) = &found.unread {
-        notes.push(format!("{file}: the date `{text}` cannot be read, as 2020/06/29 can; the rows after it have none"));
+        notes.push(format!(
+            "{file}: the date `{text}` cannot be read (valid: 2020/06/29); the rows after it have no date"
+        ));
     }
     if is_whole(path).is_ok_and(|ends| !ends) {
         notes.push(format!(

@@ -53,7 +53,7 @@ pub(super) fn values(path: &Path, decoder: &mut TiffDecoder) -> Result<(Vec<f64>
     let inverted = decoder.find_tag_unsigned::<u16>(Tag::PhotometricInterpretation).ok().flatten() == Some(0);
     let samples = samples(path, decoder)?;
     let planar = decoder.find_tag_unsigned::<u16>(Tag::PlanarConfiguration).ok().flatten() == Some(2);
-    // The directories of the file are examined only if there is more than the band.
+    // The directories of the file are examined only if it holds more than the band.
     let directories = if decoder.more_images() || inverted { directories(&bytes_of(path)?) } else { vec![] };
     let mut image = if inverted { plain_image(path, 0)? } else { image(path, decoder)? };
     let alpha = (samples == 2).then(|| image.split(planar));
@@ -154,7 +154,7 @@ pub(super) fn mask_of(path: &Path, width: usize, height: usize) -> Result<Vec<bo
     guarded(path, || mask(path, 0, width, height))
 }
 
-/// Every second sample, or the second half if samples are stored by planes; these are removed.
+/// Removes and returns every second sample, or the second half if samples are stored by planes.
 fn split<T: Copy>(all: &mut Vec<T>, planar: bool) -> Vec<T> {
     if planar {
         return all.split_off(all.len() / 2);

@@ -28,7 +28,7 @@ pub(crate) fn guarded<T>(path: &Path, decode: impl FnOnce() -> Result<T, ReadErr
 }
 
 thread_local! {
-    /// The decoders that this thread is running, one inside another.
+    /// Number of nested decoders that this thread is running.
     static GUARDED: Cell<u32> = const { Cell::new(0) };
 }
 

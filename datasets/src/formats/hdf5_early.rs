@@ -1,6 +1,6 @@
 //! Data sets in the layout of HDF5 before 1.6.3: versions 1 and 2 of the data layout message, as in the first MATLAB
-//! 7.3 files. `hdf5-reader` 0.12 searches them at the wrong position. Contiguous data sets are read; others are errors.
-//! [The HDF Group, HDF5 File Format Specification 3.0, IV.A.1.a and IV.A.2.i]
+//! 7.3 files. `hdf5-reader` 0.12 looks for these data sets at the wrong position. Contiguous data sets are read; others
+//! are errors. [The HDF Group, HDF5 File Format Specification 3.0, IV.A.1.a and IV.A.2.i]
 
 use std::{
     fs::File,
@@ -119,7 +119,7 @@ mod tests {
         let folder = tempfile::TempDir::new().unwrap();
         let path = folder.path().join("x.mat");
         let at = whole.windows(8).position(|w| w == [2, 3, 1, 0, 0, 0, 0, 0]).unwrap();
-        // A chunked data set is an error with a remedy.
+        // A chunked data set is rejected with a remedy.
         let mut chunked = whole.clone();
         chunked[at + 2] = 2;
         fs::write(&path, &chunked).unwrap();

@@ -86,5 +86,5 @@ fn refuse_special(path: &Path) -> Result<(), ReadError> {
         return Ok(());
     }
     let what = "is a pipe, socket or device, not a regular file";
-    Err(ReadError::options(path, what).help("write its output to a file, and give that"))
+    Err(ReadError::options(path, what).help("write its output to a file, and read that file"))
 }

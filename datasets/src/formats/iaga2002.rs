@@ -51,7 +51,7 @@ pub struct ObservatoryRecord {
     pub start_tt_s: f64,
     /// Sampling interval.
     pub step_s: f64,
-    /// North, east and down in nT at each step; NaN if one is missing.
+    /// North, east and down in nT at each step; NaN if a component is missing.
     pub ned_nt: Vec<[f64; 3]>,
     /// The total field of the scalar magnetometer in nT at each step; NaN where missing.
     pub total_nt: Vec<f64>,
@@ -126,7 +126,8 @@ impl ComponentConversion {
         values.get(column).map(|arc| (arc / 60.0).to_radians())
     }
 
-    /// Whether north and east depend on a baseline. `relative` states whether D, if present, is relative to it.
+    /// Whether north and east depend on a baseline. `relative` states whether the component D, if present, is relative
+    /// to the baseline.
     fn needs_baseline(self, relative: Option<bool>) -> bool {
         match self {
             ComponentConversion::Xyz(_) => false,
@@ -137,8 +138,9 @@ impl ComponentConversion {
     }
 }
 
-/// The total field of a line's values, by the letters of its columns: S is measured, and so is F without an S. G is the
-/// vector's magnitude minus the measured one, or the negative measured one where the vector is missing.
+/// The total field of a line's values, by the letters of its columns: S is the measured total field, and so is F if
+/// there is no S. G is the vector's magnitude minus the measured total field, or the negative measured total field
+/// where the vector is missing.
 pub(super) fn total_nt(letters: &[char], values: &[f64], ned_nt: &[f64; 3]) -> f64 {
     /// Limit below which G is a negative total field and not a difference, nT.
     const NO_DIFFERENCE: f64 = -10_000.0;
@@ -173,8 +175,8 @@ struct IagaHeader {
 /// is NaN.
 ///
 /// # Errors
-/// Fails for a file that is not an IAGA-2002 record, a line that cannot be read, samples at uneven times, and a header
-/// that contradicts its columns, or the IGRF by the factor of a unit.
+/// Fails for a file that is not an IAGA-2002 record, a line that cannot be read, samples at uneven times, a header that
+/// contradicts its columns, and a declination or inclination in a wrong unit by comparison with the IGRF.
 pub fn read_iaga2002(path: &Path) -> Result<ObservatoryRecord, ReadError> {
     let bytes = text_end::read(path)?;
     parse(path, &String::from_utf8_lossy(&bytes))
@@ -382,9 +384,9 @@ pub(super) fn days_between(from: (i32, u32), to: (i32, u32)) -> i64 {
 /// # Errors
 /// Fails for samples that do not ascend in time or are at uneven times.
 pub(super) fn even(path: &Path, samples: &[ObservatorySample]) -> Result<(f64, Vec<[f64; 4]>), ReadError> {
-    /// Maximum steps of any record: a month of seconds.
+    /// Number of steps that every record may have: one month at 1 s.
     const FREE: f64 = 3e6;
-    /// Additional steps per sample; the others are gaps.
+    /// Maximum number of steps per sample in a longer record; steps without a sample are gaps.
     const MOST: f64 = 256.0;
     let step_s = samples.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(f64::INFINITY, f64::min);
     let (Some(first), Some(last)) = (samples.first(), samples.last()) else { return Ok((1.0, vec![])) };
@@ -393,7 +395,7 @@ pub(super) fn even(path: &Path, samples: &[ObservatorySample]) -> Result<(f64, V
     }
     let steps = (last.0 - first.0) / step_s;
     if step_s.is_nan() || step_s <= 0.0 {
-        return Err(ReadError::data(path, "the times of the record do not ascend in time"));
+        return Err(ReadError::data(path, "the times of the record do not ascend"));
     }
     if steps > FREE.max(MOST * samples.len() as f64) {
         let what = format!("the record has {} samples in {steps:.0} steps of {step_s} s", samples.len());
@@ -404,7 +406,8 @@ pub(super) fn even(path: &Path, samples: &[ObservatorySample]) -> Result<(f64, V
         let place = (tt_s - first.0) / step_s;
         let node = place.round();
         if (place - node).abs() > EVENNESS {
-            let what = format!("the sample at {tt_s} s past midnight is not a multiple of the step of {step_s} s");
+            let what =
+                format!("the time of the sample, {tt_s} s past midnight, is not a multiple of the step of {step_s} s");
             return Err(ReadError::data(path, what));
         }
         if let Some(slot) = out.get_mut(node as usize) {
@@ -493,9 +496,11 @@ mod tests {
         assert!(said("").contains("the IAGA-2002 record has no samples"));
         let apart = "2024-01-01 00:00:00.000 001 1.0 2.0 3.0 4.0\n2024-01-01 00:01:00.000 001 1.0 2.0 3.0 4.0\n\
                      2024-01-01 00:02:30.000 001 1.0 2.0 3.0 4.0\n";
-        assert!(said(apart).contains("the sample at 150 s past midnight is not a multiple of the step of 60 s"));
+        assert!(
+            said(apart).contains("the time of the sample, 150 s past midnight, is not a multiple of the step of 60 s")
+        );
         let twice = "2024-01-01 00:01:00.000 001 1.0 2.0 3.0 4.0\n2024-01-01 00:01:00.000 001 1.0 2.0 3.0 4.0\n";
-        assert!(said(twice).contains("do not ascend in time"));
+        assert!(said(twice).contains("the times of the record do not ascend"));
         let scalar = record(["S", "F", "G", "F"], "").unwrap_err().to_string();
         assert!(scalar.contains("the components SFGF do not form a vector") && scalar.contains("XYZ, HDZ, HEZ or DIF"));
         let none = parse(Path::new("x.min"), "a,b\n1,2\n").unwrap_err().to_string();

@@ -73,7 +73,7 @@ impl ImfBlockHeader {
 
 /// Reads an IMF file: hours of one day or of consecutive days, whose components form a vector (HDZF, XYZF or DIF).
 ///
-/// The declination is relative to the baseline of its header. Values marked as missing are NaN.
+/// The declination is relative to the baseline in the header of its block. Values marked as missing are NaN.
 ///
 /// # Errors
 /// Fails for a file that is not in this format, a line that cannot be read, a truncated block, contradictory headers,

@@ -54,7 +54,7 @@ impl DecodeLimit {
     /// Checks the decoded bytes of one of several parts of a file, together with those of earlier parts.
     ///
     /// # Errors
-    /// Fails as [`DecodeLimit::check`].
+    /// Fails in the cases of [`DecodeLimit::check`].
     pub(super) fn check_part(&self, path: &Path, part: &str, declared: Option<u64>) -> Result<(), ReadError> {
         self.add(part, declared).map_err(|what| refused(path, what))
     }

@@ -22,7 +22,7 @@ pub(super) struct GeosoftLineRecord {
 pub(super) enum LineRecordMatch {
     /// A line record.
     Record(GeosoftLineRecord),
-    /// A text like a line record, of a type that does not exist or with more words than a name.
+    /// Text that resembles a line record but has an unknown type or too many words.
     Unknown,
     /// Anything else.
     No,
@@ -66,11 +66,15 @@ fn is_word(text: &str) -> bool {
 /// The message about an unknown line record.
 pub(super) fn unknown<S: Borrow<str>>(words: &[S]) -> String {
     let known: Vec<&str> = LineType::ALL.iter().map(|kind| kind.word()).collect();
-    format!("`{}` is not a line record: a record is one of {}, and a name", words.join(" "), known.join(", "))
+    format!(
+        "`{}` is not a line record; a line record consists of one of {} and a name",
+        words.join(" "),
+        known.join(", ")
+    )
 }
 
-/// The names of the lines of a file. The letter of its type precedes a line's name if it is not of the type `Line` and
-/// has the number of a line of another type. For example, `Tie 10` is named T10 in a file with `Line 10`.
+/// The names of the lines of a file. If a line that is not of the type `Line` has the number of a line of another type,
+/// the letter of its type precedes its name. For example, `Tie 10` is named T10 in a file with `Line 10`.
 #[derive(Debug, Default)]
 pub(super) struct GeosoftLineNames {
     types: BTreeMap<String, BTreeSet<LineType>>,

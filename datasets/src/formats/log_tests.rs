@@ -229,7 +229,7 @@ fn damaged(bytes: &[u8], random: &mut Random) -> Vec<u8> {
     bytes
 }
 
-/// Reads all topics of a damaged file, each of which succeeds or is an error; returns the number of successes.
+/// Reads all topics of a damaged file. Each topic is read or causes an error. Returns the number of topics read.
 fn survives(path: &Path, format: &str, bytes: &[u8]) -> usize {
     fs::write(path, bytes).unwrap();
     let of =

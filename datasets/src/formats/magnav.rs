@@ -18,7 +18,7 @@ pub(super) const NEEDED: [&str; 3] = ["lat", "lon", "alt"];
 /// The whole flight with the canonical columns. Missing columns are derived:
 ///
 /// - flight and line are `1`, as in MagNav.jl,
-/// - `vn`, `ve`, `vd` and the same with `ins_` are differences of the positions on the ellipsoid,
+/// - `vn`, `ve`, `vd` and `ins_vn`, `ins_ve`, `ins_vd` are differences of the positions on the ellipsoid,
 /// - `ins_fn`, `ins_fe`, `ins_fd` are differences of the INS velocity, with Coriolis and gravity.
 ///
 /// The true specific force (`fn`, `fe`, `fd`) of a file keeps its name.

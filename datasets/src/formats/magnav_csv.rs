@@ -43,7 +43,7 @@ fn open(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Result<Raw
     Ok(RawFlight { own: Some(own), notes, found, ..RawFlight::new(schema, Box::new(whole)) })
 }
 
-/// The whole flight, as derived columns depend on all rows.
+/// The whole flight, because derived columns depend on all rows.
 fn flight(
     path: &Path,
     schema: &SchemaRef,

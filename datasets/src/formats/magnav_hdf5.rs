@@ -118,7 +118,7 @@ pub(super) fn refuse_radians(path: &Path, table: &ColumnTable) -> Result<(), Rea
     let (moved, said) = (speed(&north, &east), speed(vn, ve));
     if said > 20.0 * moved && lat_deg.iter().all(|x| x.abs() < 1.6) && lon_deg.iter().all(|x| x.abs() < 3.2) {
         let what =
-            "latitudes and longitudes must be in degrees; this file has radians, as MagNav.jl writes simulated flights";
+            "latitudes and longitudes must be in degrees, but are in radians, as in simulated flights of MagNav.jl";
         return Err(ReadError::data(path, what).in_column("lat").help("convert the angles to degrees"));
     }
     Ok(())

@@ -39,7 +39,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 /// Fails for a header that cannot be read.
 fn cells_of(path: &Path) -> Result<PathBuf, ReadError> {
     let header = ErsHeader::parse(path, &text_of(path)?);
-    // A name in the header refers to the folder of the header; other folders are not searched.
+    // A file name in the header refers to the folder of the header; other folders are not searched.
     let named = header.text("datafile").and_then(|n| n.rsplit(['/', '\\']).next().map(str::to_owned));
     Ok(match named.filter(|n| !n.is_empty()) {
         Some(name) => path.with_file_name(name),

@@ -192,8 +192,8 @@ fn plain(path: &Path, grid: &str, count: usize, dummy: Option<&str>) -> Result<V
     Ok(values.into_iter().map(known).collect())
 }
 
-/// Numbers of `digits` base-90 digits each, from `%` for 0; `!` begins an unknown one, `"` a run: its length, then
-/// its value.
+/// Unpacks numbers of `digits` base-90 digits each; `%` is the digit 0. `!` begins an unknown number. `"` begins a run,
+/// which has a length and then a value.
 fn unpacked(path: &Path, grid: &str, count: usize, digits: usize) -> Result<Vec<f64>, ReadError> {
     // 90^8 is still exact in double precision.
     if !(1..=8).contains(&digits) {

@@ -37,7 +37,7 @@ fn small(geographic: bool) -> AnomalyGrid {
 }
 
 fn same_axis(a: &EvenAxis, b: &EvenAxis) -> bool {
-    // Coordinates in text or computed from corners have errors of a few roundings of the largest one.
+    // Coordinates in text or computed from corners have errors of a few roundings of the largest coordinate.
     let close = |a: f64, b: f64| (a - b).abs() <= 1e-12 * b.abs().max(1.0);
     a.len == b.len && close(a.first, b.first) && close(a.last(), b.last())
 }
@@ -288,7 +288,7 @@ mod round_trips {
     }
 
     /// The small map in every format, in files that other programs have read (`reference/maps/check_maps.py`). A
-    /// missing file is made, to be checked with that script and kept.
+    /// missing file is written, and must be checked with that script before it is committed.
     #[test]
     fn gold_bytes_that_other_programs_have_read() {
         let written = super::folder().join("written");

@@ -21,7 +21,7 @@ use grids::{AnomalyGrid, GridHeight};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "xyz",
-    about: "columns of text, one row a node",
+    about: "columns of text, one row per node",
     extensions: &["xyz", "csv", "txt", "dat"],
     recognise,
     beside: None,

@@ -202,7 +202,8 @@ impl MfamRowParser {
     /// Appends a row.
     fn gather(&mut self, record: &ByteRecord, row: u64, to: &mut MfamBatch) {
         let width = self.columns.len();
-        // Sentences without quotes are several values; empty values at the end may be missing or in excess.
+        // NMEA sentences without quotes are split into several values. Empty values at the end may be missing or in
+        // excess.
         let spare = record.iter().skip(width + self.rest).any(|w| !w.trim_ascii().is_empty());
         let whole = record.len() >= width && (self.rest > 0 || !spare);
         let mut wrong = |what: ReadError| to.faults.push(RowFault { row: to.rows, fault: what.in_row(row) });
@@ -222,7 +223,7 @@ impl MfamRowParser {
                     let number = if whole { self.missing.number(&text) } else { Some(f64::NAN) };
                     if number.is_none() {
                         let what = ReadError::data(&self.path, format!("`{text}` is not a number"));
-                        wrong(what.in_column(&column.header).help("add words for missing values to `missing`"));
+                        wrong(what.in_column(&column.header).help("if it marks a missing value, add it to `missing`"));
                     }
                     to.numbers[i].push(number.unwrap_or(f64::NAN));
                 }

@@ -14,9 +14,9 @@ use super::FlightOptions;
 /// Words that mark missing values in every file; case is ignored. An empty cell is also missing.
 pub(super) const WORDS: [&str; 9] = ["*", "-", "--", "n/a", "#n/a", "na", "nan", "null", "none"];
 
-/// Numbers that mark missing values in every file: the usual filler of loggers, and Geosoft's. They cannot be values of
-/// a flight: -99999 is below every length, angle and field. -9999 is not included, as a component of the field can have
-/// this value.
+/// Numbers that mark missing values in every file: the usual filler of loggers, and Geosoft's dummy. They cannot be
+/// values of a flight: -99999 is below every length, angle and field. -9999 is not included, because a component of the
+/// field can have this value.
 pub(super) const NUMBERS: [f64; 2] = [-99_999.0, -1e32];
 
 /// Markers of missing values in one file: the usual words, and those of the options.
@@ -42,7 +42,7 @@ impl MissingMarkers {
         }
     }
 
-    /// A whole number; `Some(None)` for a missing value, and `None` for a number with a fraction or another word.
+    /// A whole number; `Some(None)` for a missing value, and `None` for a number with a fraction or any other word.
     pub(super) fn whole(&self, text: &str) -> Option<Option<i64>> {
         let x = self.number(text)?;
         if x.is_nan() {

@@ -1,7 +1,7 @@
 //! Foreign formats, one file each, and the registry that selects one of them.
 //!
-//! The name in the options selects the format, otherwise the content of the file, otherwise its extension. A damaged
-//! file is thus reported in its own format.
+//! The name in the options selects the format, otherwise the content of the file, otherwise its extension. Damage is
+//! therefore reported by the reader of the file's format.
 
 use std::{
     collections::BTreeMap,
@@ -90,8 +90,8 @@ pub use topics::{LogTopic, RawReader, TopicColumn, open_raw, open_raw_among, top
 /// Hints for reading a flight log that do not affect the result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReadHints {
-    /// The result of [`FlightReader::found`] for the same file and options: the file is then not scanned
-    /// again. For a file that has changed since, it gives wrong values.
+    /// The result of [`FlightReader::found`] for the same file and options: the file is then not scanned again. If the
+    /// file has changed since, the values are wrong.
     pub found: Option<String>,
     /// The number of threads of the pool that may work on the file in parallel.
     pub threads: usize,
@@ -105,8 +105,8 @@ impl Default for ReadHints {
 
 /// An open flight log: its schema, and its rows in the file's order.
 ///
-/// Columns have the contract's names ([`open_flight`]) or the file's own ([`open_raw`]); each field's metadata `unit`
-/// is the unit of its values, which `schemas::canonical` converts. A missing number is NaN or null.
+/// Columns have canonical names ([`open_flight`]) or the file's names ([`open_raw`]); each field's metadata `unit` is
+/// the unit of its values, which `schemas::canonical` converts. A missing number is NaN or null.
 pub struct FlightReader {
     format: FlightFormat,
     schema: SchemaRef,
@@ -136,7 +136,7 @@ impl FlightBatch {
 /// Iterator over the rows of a file, in batches.
 pub type FlightBatches = Box<dyn Iterator<Item = Result<FlightBatch, ReadError>> + Send>;
 
-/// The output of a format before names and keys are settled.
+/// The output of a format before names and keys are assigned.
 pub struct RawFlight {
     /// The schema of every batch.
     pub schema: SchemaRef,
@@ -174,7 +174,7 @@ impl RawFlight {
 }
 
 impl FlightReader {
-    /// The name of the format it was read in.
+    /// Name of the format of its file.
     pub fn format(&self) -> &'static str {
         self.format.name
     }
@@ -348,7 +348,7 @@ pub fn open_flight(path: &Path, options: &FlightOptions) -> Result<FlightReader,
 /// [`open_flight`] with hints.
 ///
 /// # Errors
-/// Fails as [`open_flight`].
+/// Fails in the cases of [`open_flight`].
 pub fn open_flight_with(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Result<FlightReader, ReadError> {
     open_flight_among(FLIGHT_FORMATS, path, options, reading)
 }
@@ -356,7 +356,7 @@ pub fn open_flight_with(path: &Path, options: &FlightOptions, reading: &ReadHint
 /// [`open_flight_with`] in one of `formats`, such as those of [`flight_formats`].
 ///
 /// # Errors
-/// Fails as [`open_flight`].
+/// Fails in the cases of [`open_flight`].
 pub fn open_flight_among(
     formats: &[FlightFormat],
     path: &Path,
@@ -367,7 +367,7 @@ pub fn open_flight_among(
     Ok(reader(format, adopt::adopt(path, raw, options)?))
 }
 
-/// The format of a file, and its rows before names and keys are settled.
+/// The format of a file, and its rows before names and keys are assigned.
 fn open_format(
     formats: &[FlightFormat],
     path: &Path,
@@ -377,7 +377,7 @@ fn open_format(
     let format = format_of(formats, path, options)?;
     if options.topic.is_some() && format.topics.is_none() {
         let what = format!("a file of the format `{}` is one table, without topics", format.name);
-        return Err(ReadError::options(path, what).help("leave `topic` out"));
+        return Err(ReadError::options(path, what).help("remove `topic`"));
     }
     let raw = (format.open)(path, options, reading)?;
     limits::check_columns(path, raw.schema.fields().len())?;
@@ -409,7 +409,7 @@ pub fn read_map(path: &Path, options: &MapOptions) -> Result<MapTable, ReadError
 /// Reads a map on its native grid, for any coordinates: rows from the south, columns from the west, nT.
 ///
 /// # Errors
-/// Fails as [`read_map`].
+/// Fails in the cases of [`read_map`].
 pub fn read_grid(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let head = FileHead::read(path)?;
     let entries: Vec<_> = MAP_FORMATS.iter().map(|f| FormatCandidate::new(f.name, f.extensions, f.recognise)).collect();
@@ -426,7 +426,7 @@ pub fn map_gives_error(path: &Path, options: &MapOptions) -> bool {
     options.format.as_deref().map_or_else(chosen, |format| format == parquet.name) && map_parquet::gives_error(path)
 }
 
-/// The files of a map: its own, or all files of a folder, and the files next to it with the cells of a header or the
+/// The files of a map: the map's file, or all files of its folder, and the files next to it with its values or its
 /// coordinate system.
 ///
 /// # Errors
@@ -471,7 +471,7 @@ fn choose(head: &FileHead, named: Option<&str>, known: &[FormatCandidate], kind:
     let lower = head.path.to_string_lossy().to_ascii_lowercase();
     let by_extension = |c: &FormatCandidate| c.extensions.iter().any(|e| lower.ends_with(&format!(".{e}")));
     let recognised = known.iter().position(|c| (c.recognise)(head));
-    // A text in another format may look like a table of numbers.
+    // A text in another format may resemble a table of numbers.
     if let Some(foreign) = foreign::refused(head) {
         return Err(foreign);
     }

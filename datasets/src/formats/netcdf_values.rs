@@ -49,7 +49,7 @@ impl NetcdfEncoding {
     /// The encoding of a NetCDF variable.
     ///
     /// # Errors
-    /// Fails as [`NetcdfEncoding::from_attributes`].
+    /// Fails in the cases of [`NetcdfEncoding::from_attributes`].
     pub(super) fn of_variable(path: &Path, variable: &NcVariable) -> Result<NetcdfEncoding, ReadError> {
         let read =
             |name: &&str| Some(((*name).to_owned(), NetcdfAttribute::from_netcdf(&variable.attribute(name)?.value)));

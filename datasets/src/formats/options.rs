@@ -15,8 +15,8 @@ params! {
     /// Message, topic or array of a log that holds several, such as `MAG`, `sensor_mag:1` or `.` (the vectors at the
     /// root of a MATLAB file).
     topic: Option<String>, unit "", default None, absent "the only topic of the file";
-    /// Canonical names of columns, by their names in the file. A unit in the file's name (`GPS Lat (rad)`, `Alt ft`,
-    /// `Mag_mgauss`) is the unit of the column. A unit that does not convert is an error.
+    /// Canonical names of columns, by their names in the file. If the name in the file contains a unit (`GPS Lat
+    /// (rad)`, `Alt ft`, `Mag_mgauss`), this is the unit of the column. A unit that does not convert is an error.
     rename: BTreeMap<String, String>, unit "", default BTreeMap::new();
     /// Units of columns, by their names in the file. They override names and metadata.
     units: BTreeMap<String, String>, unit "", default BTreeMap::new();
@@ -52,7 +52,7 @@ params! {
     alt_m: Option<f64>, unit "m", default None, absent "read from the file";
     /// Unit of the anomaly. It overrides the file.
     unit: Option<String>, unit "", default None, absent "read from the file, else nT";
-    /// Numbers that mark an unknown value, in addition to those that the file names and the usual markers (the largest
+    /// Numbers that mark an unknown value, in addition to the markers in the file and the usual markers (the largest
     /// single-precision number, Surfer's blank, Geosoft's -1e32).
     missing: Vec<VerbatimText>, unit "", default Vec::<VerbatimText>::new();
     /// Plausibility checks that are disabled for this map.

@@ -26,8 +26,8 @@ use grids::AnomalyGrid;
 /// | `surfer7`, `surfer6` (in single precision), `surfer6_text` | neither |
 ///
 /// # Errors
-/// Fails for a format that is unknown, not written, or not determined by the extension, a map that it cannot store, and
-/// a path that cannot be written.
+/// Fails for a format that is unknown, cannot be written, or is not determined by the extension, a map that it cannot
+/// store, and a path that cannot be written.
 pub fn write_grid(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Result<(), ReadError> {
     let chosen = writer_for(path, format)?;
     let Some(write) = chosen.write else {
@@ -45,7 +45,8 @@ pub fn write_grid(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Resul
     outputs.commit()
 }
 
-/// Checks whether a map can be written to a file, before it is computed: the errors of [`write_grid`] for any map.
+/// Checks whether a map can be written to a file before it is computed. The errors are those of [`write_grid`] that do
+/// not depend on the map.
 ///
 /// # Errors
 /// Fails for a format that is unknown or cannot be written, and a folder that does not exist.

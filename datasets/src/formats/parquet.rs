@@ -45,7 +45,7 @@ fn open(path: &Path, _: &FlightOptions, _: &ReadHints) -> Result<RawFlight, Read
 
 /// A Parquet file with its footer read.
 pub(super) struct ParquetSource {
-    /// The reader of its batches, which [`plain`] brings to the schema.
+    /// The reader of its batches, which [`plain`] converts to the schema.
     builder: ParquetRecordBatchReaderBuilder<File>,
     /// The schema of the file.
     pub(super) schema: SchemaRef,
@@ -71,7 +71,7 @@ impl ParquetSource {
         })
     }
 
-    /// The batches of the file, up to the first error, as data after a damaged page are unreliable.
+    /// The batches of the file up to the first error, because data after a damaged page are unreliable.
     ///
     /// # Errors
     /// Fails for a file that cannot be read.

@@ -18,7 +18,7 @@ use crate::{
 };
 use grids::{Crs, LineType, ReductionColumns, SurveyPointSet, WGS84, metres, no_metres, plane};
 
-/// Options for reading survey points. Columns without a name here are found by the usual names.
+/// Options for reading survey points. Columns that are not named here are found by their usual names.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PointOptions {
     /// A flight format, `parquet` or `text`; by default detected from content and extension.
@@ -329,7 +329,7 @@ impl<'a> PointColumnRoles<'a> {
         heights.iter_mut().for_each(|alt| *alt *= factor);
         let possible = |alt: &f64| alt.is_nan() || limits("alt").is_none_or(|l| l.holds(*alt));
         if let Some(row) = heights.iter().position(|alt| usual && !possible(alt)) {
-            let what = format!("{} m is outside the possible heights of an aircraft", heights[row]);
+            let what = format!("{} m is outside the plausible range of flight heights", heights[row]);
             let help = "if it marks a missing value, set `missing` or use `--missing`; set `accept = [\"range\"]` or \
                         use `--accept range` to keep the values";
             return Err(ReadError::data(path, what).in_column(&column.name).in_row(row as u64).help(help));

@@ -67,7 +67,7 @@ pub(super) fn load(path: &Path, format: Option<&str>) -> Result<PointTable, Read
             }
             let recognised = FLIGHT_FORMATS.iter().find(|f| (f.recognise)(&head)).map(|f| f.name);
             match recognised {
-                // Blank-separated text with comments is such a flight log only if it has the log's columns.
+                // Blank-separated text with comments is a flight log of the SGL surveys only if it has their columns.
                 Some("sgl_xyz") => from_flight(path, None).or_else(|_| from_text(path)),
                 None | Some("csv") => from_text(path),
                 Some(_) => from_flight(path, None),
@@ -253,7 +253,7 @@ impl PointColumn {
             }
             let numbers = cast(chunk, &DataType::Float64).map_err(|e| ReadError::data(path, e.to_string()))?;
             let numbers = numbers.as_primitive::<Float64Type>();
-            // Geosoft's dummy and similar ones are not a field, height or position.
+            // Geosoft's dummy and similar markers are not a field, height or position.
             let known = |x: f64| if is_dummy(x) { f64::NAN } else { x * factor };
             out.extend(numbers.iter().map(|x| x.map_or(f64::NAN, known)));
         }

@@ -24,7 +24,7 @@ pub(super) enum RecordFieldType {
     F16,
     F32,
     F64,
-    /// Characters up to a NUL, at most this number.
+    /// At most this number of characters, up to a NUL.
     Text(usize),
 }
 
@@ -159,7 +159,7 @@ impl RecordBuffer {
         self.bytes.len() >= ROWS.min((CELLS / self.columns.len().max(1)).max(1)) * self.stride
     }
 
-    /// Adds a record. Excess bytes are dropped; a shorter record, an error of the caller, is ignored.
+    /// Adds a record. Excess bytes are dropped; a shorter record is an error of the caller and is ignored.
     #[inline]
     pub(super) fn push(&mut self, record: &[u8]) {
         if let Some(record) = record.get(..self.stride) {
@@ -256,7 +256,7 @@ fn half(bits: u16) -> f64 {
 }
 
 /// The rows of one topic in batches. `step` reads the next message of the file, adds its record if it belongs to the
-/// topic, and returns whether there was one.
+/// topic, and returns whether there was a message.
 pub(super) fn batches(
     path: &Path,
     mut records: RecordBuffer,

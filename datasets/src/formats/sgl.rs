@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// Names in `.xyz` headers, names in HDF5 files, and the unit if it is not the canonical one. A canonical name is used
-/// only for exactly the canonical meaning.
+/// only if the field has exactly the canonical meaning.
 const FIELDS: &[(&str, &str, &str)] = &[
     ("LINE", "line", ""),
     ("FLT", "flight", ""),
@@ -54,7 +54,7 @@ const FIELDS: &[(&str, &str, &str)] = &[
     ("PITCHRT", "pitch_rate", "deg/s"),
     ("ROLLRT", "roll_rate", "deg/s"),
     ("YAWRT", "yaw_rate", "deg/s"),
-    // Standard gravity is spelt out, as the converter reads `g` as gauss.
+    // Standard gravity is spelt out, because the converter interprets `g` as gauss.
     ("LONG_ACC", "lgtl_acc", "standard gravity"),
     ("LAT_ACC", "ltrl_acc", "standard gravity"),
     ("NORM_ACC", "nrml_acc", "standard gravity"),

@@ -174,7 +174,7 @@ impl SglXyzReader {
                 header = Some(words);
             }
         }
-        let header = header.ok_or_else(|| ReadError::data(path, "no line after `/` names the columns"))?;
+        let header = header.ok_or_else(|| ReadError::data(path, "no line that begins with `/` names the columns"))?;
         let column = |header: String| {
             let meant = sgl::name_of_header(&header);
             SglXyzColumn { header, named: FlightColumnTarget { name: meant.clone(), unit: String::new() }, meant }
@@ -297,7 +297,7 @@ impl SglXyzReader {
             };
             if let (None, Some(word), Some(column)) = (number, row.word(i), self.columns.get(i)) {
                 let fault = ReadError::data(&self.path, format!("`{word}` is not a number")).in_column(&column.header);
-                let help = "a word for missing values goes into `missing`";
+                let help = "if it marks a missing value, add it to `missing`";
                 wrong(fault.help(format!("line {} of the file; {help}", row.text_line)));
             }
             numbers.push(number.unwrap_or(f64::NAN));
@@ -308,7 +308,7 @@ impl SglXyzReader {
     /// The rows as a table; `flight` and `line` keep their spelling.
     fn table(&self, gathered: SglLineBatch) -> Result<ColumnTable, ReadError> {
         let mut table = ColumnTable::default();
-        // An unreadable row belongs to the line of the other rows.
+        // A row whose line cannot be read belongs to the line of the other rows.
         let key = gathered.key.unwrap_or_default();
         for (i, (SglXyzColumn { header, named, .. }, numbers)) in self.columns.iter().zip(gathered.numbers).enumerate()
         {

@@ -200,7 +200,7 @@ fn unit_a_unit_in_the_options_overrides_the_file_and_the_name() {
     assert_eq!(unit(&read(&path, &options).unwrap(), "mag_4_uc"), "uT");
     write("nT");
     let fault = read(&path, &options).unwrap_err().to_string();
-    assert!(fault.contains("column `cabin_uT`: its name says `uT`, but the file says `nT`"), "{fault}");
+    assert!(fault.contains("column `cabin_uT`: its name implies `uT`, but the file gives `nT`"), "{fault}");
     options.units.insert("cabin_uT".into(), "mgauss".into());
     assert_eq!(unit(&read(&path, &options).unwrap(), "mag_4_uc"), "mgauss");
 }
@@ -210,7 +210,10 @@ fn unit_a_standard_name_that_ends_in_another_unit_is_rejected() {
     let folder = TempDir::new().unwrap();
     let path = written(&folder, "f.csv", "flight,line,tt,cur_heater_mA\n1,1,0.5,1200\n");
     let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
-    assert!(fault.contains("column `cur_heater_mA`: its name says `mA`, but a column of this name is in A"), "{fault}");
+    assert!(
+        fault.contains("column `cur_heater_mA`: its name implies `mA`, but a column of this name must be in A"),
+        "{fault}"
+    );
     let mut options = FlightOptions::default();
     options.units.insert("cur_heater_mA".into(), "mA".into());
     assert_eq!(unit(&read(&path, &options).unwrap(), "cur_heater_mA"), "mA");
@@ -220,7 +223,7 @@ fn unit_a_standard_name_that_ends_in_another_unit_is_rejected() {
 fn gold_a_table_without_flight_and_line_is_an_error_with_a_remedy() {
     let path = samples::path("magnavjl_tl/magnavjl_tl.parquet");
     let fault = read(&path, &FlightOptions::default()).unwrap_err();
-    let said = "holds no column `flight` (give `flight`, or rename the column that has it)";
+    let said = "holds no column `flight` (set `flight`, or rename the column that holds it)";
     assert!(fault.to_string().ends_with(said), "{fault}");
 }
 
@@ -290,8 +293,8 @@ fn gold_faults_of_a_csv_are_reported_with_their_place() {
         (
             "word",
             "7,1,0.1,high\n",
-            "column `mag_1_uc`, row 1: `high` is not a number (line 3 of the file; a word for missing values goes into \
-             `missing`)",
+            "column `mag_1_uc`, row 1: `high` is not a number (line 3 of the file; if it marks a missing value, \
+             add it to `missing`)",
         ),
         ("comma", "7,1,0.1,1,5\n", "row 1: the row has 5 values where the header has 4 (line 3 of the file)"),
     ] {

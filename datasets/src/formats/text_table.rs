@@ -166,13 +166,14 @@ fn scan<'t>(
 }
 
 impl TextTable {
-    /// Sets the names of columns without a header: from the last comment with as many words, else numbers.
+    /// Sets the names of columns without a header: from the last comment with the same number of words, otherwise
+    /// `column_1`, `column_2`...
     fn name(&mut self, width: usize) {
         let words = |c: &String| -> Vec<String> {
             c.split(|c: char| c.is_whitespace() || c == ',').filter(|w| !w.is_empty()).map(str::to_owned).collect()
         };
         let named = self.comments.iter().rev().map(words).find(|w| {
-            // A comment of numbers, or of prose that happens to have as many words, has no names.
+            // A comment of numbers, or of prose that has the same number of words by chance, has no names.
             w.len() == width && w.iter().all(|w| number(w).is_none()) && w.iter().any(|w| KNOWN.contains(&&*lower(w)))
         });
         self.named = named.is_some();

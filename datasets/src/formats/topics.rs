@@ -49,7 +49,7 @@ pub fn topics(path: &Path, options: &FlightOptions) -> Result<Vec<LogTopic>, Rea
 /// [`topics`] in one of `formats`, such as those of [`flight_formats`](super::flight_formats).
 ///
 /// # Errors
-/// Fails as [`topics`].
+/// Fails in the cases of [`topics`].
 pub fn topics_among(
     formats: &[FlightFormat],
     path: &Path,
@@ -86,7 +86,7 @@ pub fn open_raw(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Re
 /// [`open_raw`] in one of `formats`, such as those of [`flight_formats`](super::flight_formats).
 ///
 /// # Errors
-/// Fails as [`open_raw`].
+/// Fails in the cases of [`open_raw`].
 pub fn open_raw_among(
     formats: &[FlightFormat],
     path: &Path,

@@ -12,7 +12,7 @@ pub(super) enum ImpliedUnit {
     Unit(String),
     /// One or two letters at the end that are a unit, or an abbreviation of something else.
     Perhaps(String),
-    /// An unknown text in brackets, or an unknown end that looks like a unit.
+    /// An unknown text in brackets, or an unknown end that resembles a unit.
     Unknown(String),
 }
 
@@ -131,7 +131,7 @@ fn said_by_end(name: &str) -> ImpliedUnit {
         let ambiguous = one_case && AMBIGUOUS.contains(&unit.to_ascii_lowercase().as_str());
         return if ambiguous { ImpliedUnit::Perhaps(unit) } else { ImpliedUnit::Unit(unit) };
     }
-    // One letter is a unit only in its exact case: `t`, `a`, `v`, `g`, `c` have other meanings.
+    // A single letter is a unit only in its exact case: `t`, `a`, `v`, `g`, `c` have other meanings.
     if ["T", "G", "A", "V", "m", "s", "g"].contains(&end) { ImpliedUnit::Perhaps(unit) } else { ImpliedUnit::Nothing }
 }
 
@@ -247,7 +247,7 @@ fn spelt(unit: &str) -> String {
 /// Reason why the unit of a column does not follow from its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum UnitNameError {
-    /// The name implies a unit of another dimension or an unknown one.
+    /// The name implies a unit of another dimension, or an unknown unit.
     Other(String),
     /// The last letter of the name may be a unit, which would change the values.
     Ambiguous(String),

@@ -44,7 +44,7 @@ impl FileAxis {
     /// The axis between its first and its last coordinate.
     ///
     /// # Errors
-    /// Fails as [`FileAxis::new`].
+    /// Fails in the cases of [`FileAxis::new`].
     pub(crate) fn between(path: &Path, name: &str, first: f64, last: f64, len: usize) -> Result<FileAxis, ReadError> {
         FileAxis::new(path, name, first, (last - first) / (len.max(2) - 1) as f64, len)
     }

@@ -22,7 +22,7 @@ pub(crate) struct MapDraft<'a> {
     /// The axis that runs fastest in `values`.
     pub(crate) x: FileAxis,
     pub(crate) y: FileAxis,
-    /// The stored values row by row; those marked as unknown in the file are already NaN.
+    /// The stored values row by row; values marked as unknown in the file are already NaN.
     pub(crate) values: Vec<f64>,
     /// Scale and offset from the stored values to those in `unit`.
     pub(crate) packing: [f64; 2],
@@ -56,13 +56,13 @@ pub(crate) enum FileCrs {
     Unknown,
 }
 
-/// The note on a map whose height is unknown: only a continuation needs it.
+/// Note on a map whose height is unknown. It is not an error, because only a continuation needs the height.
 pub(crate) const NO_HEIGHT: &str = "the file does not give the height of the map, so `alt` is NaN; set `alt_m`";
 
 /// Scale and offset of unpacked values.
 pub(crate) const PLAIN: [f64; 2] = [1.0, 0.0];
 
-/// Heights of a map in metres: from the deepest sea to satellites.
+/// Plausible heights of a map in metres: from the deepest ocean to satellites.
 const HEIGHTS_M: [f64; 2] = [-12_000.0, 2_000_000.0];
 
 /// The note on a map whose file gives no unit.
@@ -92,7 +92,8 @@ impl<'a> MapDraft<'a> {
     /// The map: rows from the south, columns from the west, nT, longitudes wrapped to -180 to 180 degrees.
     ///
     /// # Errors
-    /// Fails for a unit of another quantity than the field, an unknown coordinate system, and as [`AnomalyGrid::new`].
+    /// Fails for a unit of another quantity than the field, an unknown coordinate system, and in the cases of
+    /// [`AnomalyGrid::new`].
     pub(crate) fn finish(mut self, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         let nodes = self.x.len().saturating_mul(self.y.len());
         check_count(self.path, self.values.len(), nodes)?;
@@ -179,7 +180,7 @@ impl<'a> MapDraft<'a> {
         })?;
         self.check_values(&ValueUnit { name: &unit, factor, canonical: NANOTESLA }, options)?;
         if factor != 1.0 {
-            // Accepted values may be too large for the factor.
+            // Values that `accept` permits may overflow when multiplied by the factor.
             let finite = |v: f64| if v.is_finite() { v } else { f64::NAN };
             self.values.iter_mut().chain(self.errors.iter_mut().flatten()).for_each(|v| *v = finite(*v * factor));
             self.notes.push(format!("values in {unit} are multiplied by {factor} to give nT"));
@@ -206,8 +207,8 @@ impl<'a> MapDraft<'a> {
         ReadError::data(self.path, format!("{place}: {what}")).in_column(column)
     }
 
-    /// The coordinate system, with the coordinates in its unit. A code given in the options takes precedence over the
-    /// file's own.
+    /// The coordinate system, with the coordinates in its unit. A code in the options takes precedence over a code in
+    /// the file.
     fn crs(&mut self, options: &MapOptions) -> Result<Crs, ReadError> {
         let code = match (options.epsg, self.system) {
             (Some(code), _) | (None, FileCrs::Epsg(code)) => code,
@@ -243,7 +244,7 @@ impl<'a> MapDraft<'a> {
         let possible = |alt: f64| accepted(&options.accept) || possible(alt);
         let impossible = |alt: f64| {
             format!(
-                "{} m is outside the possible heights of a map, {} to {} m",
+                "{} m is outside the plausible range of map heights above the ellipsoid, {} to {} m",
                 plausible::number(alt),
                 HEIGHTS_M[0],
                 HEIGHTS_M[1]

@@ -103,7 +103,7 @@ fn gold_a_map_around_a_pole() {
         format!("the map contains a pole, which a grid of latitude and longitude cannot represent ({help})")
     );
     assert_eq!(polar.summary().unwrap().lon_deg, None);
-    // A map next to the pole is an ordinary map.
+    // A map next to the pole needs no special treatment.
     made(3031, axis(500_000.0, 50_000.0, 21), axis(-500_000.0, 50_000.0, 21)).to_crs(4326, None).unwrap();
 }
 

@@ -1,4 +1,4 @@
-//! Markers of unknown nodes: those in the file or the options, and values beyond any field.
+//! Markers of unknown nodes: markers in the file or the options, and values too large for any field.
 
 use super::plausible::number;
 
@@ -6,20 +6,21 @@ use super::plausible::number;
 /// blank, the default of NetCDF, Geosoft's dummy, the largest double-precision number.
 const DUMMIES: [f64; 5] = [f32::MAX as f64, 1.701_41e38, 9.969_209_968_386_869e36, 1e32, f64::MAX];
 
-/// Relative difference between a marker beyond any field and its text of six digits.
+/// Maximum relative difference between a marker too large for any field and its text of six digits.
 const SIX_DIGITS: f64 = 1e-5;
 
 /// The magnitude from which a number cannot be a field in any unit.
 const BEYOND: f64 = 1e30;
 
-/// Whether a value is the marker: exactly, in single precision, or, for a marker beyond any field, to six digits.
+/// Whether a value is the marker: exactly, in single precision, or, for a marker too large for any field, to six
+/// digits.
 pub(crate) fn is_marker(value: f64, marker: f64) -> bool {
     value == marker
         || (value as f32 == marker as f32 && (marker as f32).is_finite())
         || (marker.abs() >= BEYOND && marker.is_finite() && ((value - marker) / marker).abs() < SIX_DIGITS)
 }
 
-/// Whether a value is one of the usual markers beyond any field.
+/// Whether a value is one of the usual markers that are too large for any field.
 pub(crate) fn is_dummy(value: f64) -> bool {
     value.abs() >= BEYOND && value.is_finite() && DUMMIES.iter().any(|d| is_marker(value.abs(), *d))
 }
@@ -27,7 +28,7 @@ pub(crate) fn is_dummy(value: f64) -> bool {
 /// The usual dummies of integers and tables of text.
 const USUAL: [f64; 6] = [-9999.0, -99_999.0, -999_999.0, -9_999_999.0, -99_999_999.0, -32_768.0];
 
-/// The distance below all other values at which a usual dummy is recognised, in the unit of the values.
+/// Minimum distance below all other values at which a usual dummy is recognised, in the unit of the values.
 pub(super) const GAP: f64 = 1000.0;
 
 /// Replaces markers by NaN: those of `given`, infinities, [`is_dummy`], and a usual dummy that is the lowest value and

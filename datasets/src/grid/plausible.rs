@@ -35,7 +35,7 @@ pub(crate) struct ValueUnit<'a> {
 ///
 /// # Errors
 /// Fails for values outside the limits of an anomaly (of a total field, if most values are total fields), and for a
-/// largest value of nines, such as 9999, far above the next.
+/// largest value that consists of nines, such as 9999, and is far above the next value.
 pub(crate) fn check(
     values: &[f64],
     unit: &ValueUnit,
@@ -62,7 +62,7 @@ pub(crate) fn check(
     let PlausibleRange { low, high, .. } = limits;
     let mut what = format!("{found} is not {noun} ({} to {} {})", shown(low), shown(high), unit.canonical);
     if count > 0 {
-        what += &format!(", and {count} more of {known} values are outside too");
+        what += &format!(", and {count} more of {known} values are out of range");
     }
     Err(wrong(first, what).help(remedy(*value)))
 }

@@ -1,5 +1,5 @@
-//! Bounds on the size of values: rejects expressions whose values may be much larger than their inputs, so that a
-//! foreign spec cannot exhaust memory.
+//! Limits on the size of values: rejects expressions whose values may be much larger than their inputs, so that an
+//! untrusted spec cannot exhaust memory.
 
 use arrow_schema::DataType;
 use datafusion::{
@@ -11,14 +11,14 @@ use datafusion::{
 };
 use schemas::Fault;
 
-/// Rows that are evaluated together if values are texts.
+/// Number of rows that are evaluated together if values are texts.
 pub const ROWS: usize = 4096;
 /// Maximum length of a text in an expression, bytes.
 const LONGEST: usize = 1000;
 /// Maximum number of concatenations in an expression.
 const JOINED: usize = 20;
 
-/// Functions and choices of texts whose value is at most as long as all arguments together.
+/// Text functions and conditional expressions whose value is at most as long as all arguments together.
 const BOUNDED: [&str; 26] = [
     "btrim",
     "chr",
@@ -51,7 +51,7 @@ const BOUNDED: [&str; 26] = [
 /// Rejects expressions whose values may be much larger than their columns.
 ///
 /// # Errors
-/// Reports the function, text or number of concatenations.
+/// Fails for such an expression. The fault names the function, the text or the number of concatenations.
 pub fn check(expr: &Expr, schema: &DFSchema, subject: &str) -> Result<(), Fault> {
     let (mut found, mut joined) = (None, 0);
     let visited = expr.apply(|e| {

@@ -5,9 +5,9 @@ use std::{ops::ControlFlow, panic::resume_unwind, thread};
 use datafusion::sql::sqlparser::ast::{Expr, Select, TableFactor, Visit, Visitor};
 use schemas::Fault;
 
-/// Size of the large stack, bytes. It is address space: a page uses memory only after its first access.
+/// Size of the large stack, bytes. Only address space is reserved: a page uses memory after its first access.
 pub const STACK: usize = 1 << 30;
-/// Maximum length of an SQL text, bytes. Together with [`STACK`] it bounds every recursion over the text.
+/// Maximum length of an SQL text, bytes. Together with [`STACK`] it limits every recursion over the text.
 const LONGEST: usize = 1 << 20;
 /// Length of an SQL text below which an ordinary stack suffices, bytes.
 const SHORT: usize = 2_000;
@@ -17,7 +17,7 @@ const BRACKETS: usize = 8;
 /// Runs `work`, which recurses over `sql`.
 ///
 /// # Errors
-/// Fails if the text is too long or memory for the stack is missing.
+/// Fails if the text is too long or the stack cannot be allocated.
 pub fn over<T: Send>(sql: &str, work: impl FnOnce() -> T + Send) -> Result<T, Fault> {
     if sql.len() > LONGEST {
         let what = format!("the SQL is {} bytes long; the limit is {LONGEST} bytes", sql.len());
@@ -30,7 +30,7 @@ pub fn over<T: Send>(sql: &str, work: impl FnOnce() -> T + Send) -> Result<T, Fa
 /// Runs `work` on a thread with a large stack.
 ///
 /// # Errors
-/// Fails if memory for the stack is missing.
+/// Fails if the stack cannot be allocated.
 pub fn deep<T: Send>(work: impl FnOnce() -> T + Send) -> Result<T, Fault> {
     thread::scope(|scope| {
         let thread = thread::Builder::new().stack_size(STACK).spawn_scoped(scope, work);
@@ -51,14 +51,14 @@ const MOST_PARTS: usize = 1_000;
 
 /// The fault of SQL that is nested too deeply.
 pub fn too_deep() -> Fault {
-    Fault::new("the SQL is nested too deep")
-        .help("write `x in (1, 2, 3)` for a chain of comparisons, and shorter sums and fewer brackets")
+    Fault::new("the SQL is nested too deeply")
+        .help("replace a chain of comparisons by `x in (1, 2, 3)`, split long sums, and remove brackets")
 }
 
 /// Rejects parsed SQL that is nested more deeply than `deepest`. A chain `a or b or c` has one level per term.
 ///
 /// # Errors
-/// Fails if it is nested more deeply.
+/// Fails if the SQL is nested more deeply.
 pub fn check(tree: &impl Visit, deepest: usize) -> Result<(), Fault> {
     let mut depth = DepthLimiter { deepest, now: 0, parts: 0 };
     match tree.visit(&mut depth) {
@@ -79,8 +79,8 @@ impl DepthLimiter {
         if self.parts <= MOST_PARTS {
             return ControlFlow::Continue(());
         }
-        let fault = Fault::new(format!("the SQL has more than {MOST_PARTS} tables and queries; split it"));
-        ControlFlow::Break(Box::new(fault.help("ask several questions")))
+        let fault = Fault::new(format!("the SQL has more than {MOST_PARTS} tables and queries"));
+        ControlFlow::Break(Box::new(fault.help("split it into several queries")))
     }
 }
 

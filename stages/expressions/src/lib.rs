@@ -1,7 +1,7 @@
 //! SQL expressions over the columns of one row, parsed and evaluated by DataFusion.
 //!
 //! An expression is a function of one row only. It uses no clock, random numbers, other rows or other tables. Its unit
-//! is inferred from those of its columns where possible.
+//! is inferred from the units of its columns where possible.
 //!
 //! ```
 //! use expressions::{Expression, ExpressionUnit};
@@ -42,7 +42,8 @@ use schemas::{Fault, TableShape};
 pub use linear::is_linear;
 pub use unit::ExpressionUnit;
 
-/// DataFusion with all its functions; building it takes a millisecond, and a sweep may have one expression per point.
+/// DataFusion with all its functions; it is shared, because building it takes a millisecond and a sweep may have one
+/// expression per point.
 pub(crate) static SQL: LazyLock<SessionState> = LazyLock::new(|| SessionContext::new().state());
 
 /// The Arrow schema of a table's columns in expressions.
@@ -59,7 +60,6 @@ fn fields<'a>(columns: impl Iterator<Item = &'a schemas::Column>) -> Vec<Field> 
 ///
 /// # Errors
 /// Fails for invalid SQL, unknown columns, excessive nesting, and anything but a function of one row.
-/// a function of one row.
 pub fn parse(sql: &str, shape: &TableShape, subject: &str) -> Result<Expr, Fault> {
     let wrong = |e: DataFusionError| wrong(&e, shape, subject);
     let schema = DFSchema::try_from(schema_of(shape)).map_err(wrong)?;
@@ -126,8 +126,8 @@ fn wrong(e: &DataFusionError, shape: &TableShape, subject: &str) -> Fault {
 /// An expression that has been checked against its columns.
 ///
 /// NaN in a flight line is a missing value and becomes SQL's NULL. Functions of a missing value, including `greatest`
-/// and `least`, are missing. Comparisons with it are unknown. `coalesce` and `is null` detect it. Division is real
-/// division, also of whole numbers.
+/// and `least`, are missing. Comparisons with a missing value are unknown. `coalesce` and `is null` detect missing
+/// values. Division is real division, also of whole numbers.
 #[derive(Clone, Debug)]
 pub struct Expression {
     physical: Arc<dyn PhysicalExpr>,
@@ -139,7 +139,7 @@ pub struct Expression {
     pub data_type: DataType,
     /// The unit of its values.
     pub unit: ExpressionUnit,
-    /// The columns in the expression's sum: with 1 if added, -1 if subtracted, 0 for any other use.
+    /// Columns of the expression, each with 1 if it is added, -1 if it is subtracted, and 0 for any other use.
     pub terms: Vec<(i8, String)>,
 }
 
@@ -159,7 +159,7 @@ impl Expression {
         let (unit, terms) = (unit::infer_unit(&expr, shape)?, sum::signed_terms(&expr));
         if extremes_deep(&expr) > MOST_EXTREMES {
             return Err(Fault::new(format!(
-                "more than {MOST_EXTREMES} `greatest` and `least` stand inside of each other"
+                "more than {MOST_EXTREMES} `greatest` and `least` are nested in each other"
             )));
         }
         let expr = real_division(expr).and_then(missing_extremes).map_err(|e| wrong(&e, shape, subject))?;
@@ -396,7 +396,7 @@ mod tests {
         assert!(said("aa + 1").contains("there is no column `aa`"));
         assert!(said("a +").contains("`x` cannot be read"));
         assert!(said(&format!("a {}", "+ 1 ".repeat(9_000))).contains("nested"));
-        assert!(said(&format!("{}a{}", "least(".repeat(30), ", 1)".repeat(30))).contains("inside of each other"));
+        assert!(said(&format!("{}a{}", "least(".repeat(30), ", 1)".repeat(30))).contains("are nested in each other"));
         assert_eq!(Expression::new("line", &shape(), "`x`").unwrap().data_type, DataType::Utf8);
         assert!(Expression::new("a", &shape(), "`x`").unwrap().mask(&batch()).is_err());
     }

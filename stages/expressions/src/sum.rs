@@ -5,8 +5,8 @@ use datafusion::{
     logical_expr::{BinaryExpr, Expr, Operator},
 };
 
-/// The columns in the sum of `expr`: with 1 if added, -1 if subtracted, 0 for any other use. Conditions of a `case` do
-/// not count. The expression must not be nested deeply.
+/// Columns of `expr` as a sum, each with 1 if it is added, -1 if it is subtracted, and 0 for any other use. Conditions
+/// of a `case` do not count. The expression must not be nested deeply.
 pub fn signed_terms(expr: &Expr) -> Vec<(i8, String)> {
     let mut terms = vec![];
     gather(expr, 1, &mut terms);

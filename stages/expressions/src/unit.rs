@@ -23,7 +23,7 @@ const KEEPING: [&str; 10] =
 /// The unit of `expr` over the columns of `shape`.
 ///
 /// # Errors
-/// Fails if values of different units are added, compared or selected from.
+/// Fails if values of different units are added, compared, or alternatives of one choice.
 pub fn infer_unit(expr: &Expr, shape: &TableShape) -> Result<ExpressionUnit, Fault> {
     let unit_of = |e: &Expr| infer_unit(e, shape);
     let same = |each: &mut dyn Iterator<Item = &Expr>| -> Result<ExpressionUnit, Fault> {

@@ -1,9 +1,9 @@
-"""The work of `networks.rs` in PyTorch, to be timed beside it.
+"""Benchmark of `networks.rs` in PyTorch, for comparison.
 
     python3 stages/learning/benches/networks.py            # PyTorch, the Rust bench, PyTorch again
 
-PyTorch is given the batches as an index into tensors in memory, which is its fastest way without a compiler: a `DataLoader`
-collates them row by row and takes many times as long. Single precision is what it is usually trained in.
+Batches are indexed from tensors in memory, which is the fastest method of PyTorch without a compiler. A `DataLoader`
+collates them row by row and takes many times as long. PyTorch usually trains in single precision.
 """
 import subprocess
 import sys

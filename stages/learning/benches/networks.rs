@@ -1,8 +1,9 @@
-//! An epoch of a network: 400,000 samples, batches of 2048, Adam, reshuffled each epoch; on one and on two threads.
+//! Benchmark of one epoch of a network: 400,000 samples, batches of 2048, Adam, reshuffled each epoch; on one and on
+//! two threads.
 //!
-//! `cargo bench -p magline-learning --bench networks --profile dev` prints the time of the fastest of several epochs on
-//! the clock and on the processors (all threads together). It checks that both thread counts give the same bits and
-//! that the loss has fallen. `networks.py` runs PyTorch on the same shapes, then this bench.
+//! `cargo bench -p magline-learning --bench networks --profile dev` prints the wall-clock time and the processor time
+//! (sum of all threads) of the fastest of several epochs. It checks that both thread counts give the same bits and that
+//! the loss has fallen. `networks.py` runs PyTorch on the same shapes, then this bench.
 
 use std::ops::ControlFlow;
 use std::time::Instant;

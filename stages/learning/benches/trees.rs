@@ -1,4 +1,4 @@
-//! Boosted trees: 200 of up to 31 leaves on 200,000 samples of 77 columns, and their prediction.
+//! Training and prediction of 200 boosted trees of up to 31 leaves on 200,000 samples of 77 columns.
 //!
 //! `cargo bench -p magline-learning --bench trees --profile dev` prints the times on one and on two threads and checks
 //! the errors against those of scikit-learn for the same input. `trees.py` prints the times and errors of scikit-learn.
@@ -7,7 +7,7 @@
 //!
 //! | | training, 1 thread | 2 threads | prediction of all rows, 1 thread | 2 threads |
 //! |---|---|---|---|---|
-//! | this | 6.6 s | 3.8 s | 0.66 s | 0.35 s |
+//! | magline | 6.6 s | 3.8 s | 0.66 s | 0.35 s |
 //! | `HistGradientBoostingRegressor` | 10.9 s | 5.1 s | 3.6 s | 1.7 s |
 
 use std::{ops::ControlFlow, time::Instant};
@@ -20,7 +20,7 @@ const ROWS: usize = 200_000;
 const AHEAD: usize = 20_000;
 const WIDTH: usize = 77;
 
-/// Mean square errors of `trees.py`, scikit-learn 1.9.1: of the training rows, and of the rows that follow.
+/// Mean square errors from `trees.py` with scikit-learn 1.9.1: training rows, then the rows after them.
 const THEIRS: [f64; 2] = [0.222_15, 0.237_81];
 
 /// The same rows as in `trees.py`.
@@ -63,7 +63,7 @@ fn main() -> Result<(), Failure> {
         );
     }
     println!("mean square errors {errors:.4?}, scikit-learn {THEIRS:.4?}");
-    // The bins of the two programs differ in number by one and in position.
+    // The two programs place bin edges differently, and their numbers of bins differ by one.
     if errors.iter().zip(THEIRS).all(|(a, b)| (a / b - 1.0).abs() < 0.05) {
         Ok(())
     } else {

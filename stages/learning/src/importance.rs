@@ -10,12 +10,13 @@
 //! | [`pearson()`], [`spearman`] | correlation of a column with the target, for any model |
 //! | [`iterative_hard_thresholding`] | membership in the few columns of a sparse linear model |
 //!
-//! A contribution is relative to background rows, which represent an unknown group: its columns take the values of each
-//! background row in turn, and other groups keep theirs. Correlated groups give rows that never occur in the data, and
-//! models extrapolate to them. Compare groups that each hold all columns of one sensor, rather than single columns.
+//! A contribution is relative to background rows. To treat a group as unknown, its columns take the values of each
+//! background row in turn; the other groups keep their values. With correlated groups, this gives rows that do not
+//! occur in the data, to which the model extrapolates. Therefore compare groups that each hold all columns of one
+//! sensor, not single columns.
 //!
-//! A model is a function from rows to predictions (or derivatives). The result of each row depends on that row only. It
-//! is called with some thousand rows at a time, from several threads.
+//! A model is a function from rows to predictions (or derivatives). Its result for a row depends on that row only. The
+//! model is called with a few thousand rows at a time, from several threads.
 
 mod correlation;
 mod expected_gradients;
@@ -47,8 +48,8 @@ pub type PredictionFunction<'a, E> = dyn Fn(&[f64]) -> Result<Vec<f64>, E> + Syn
 /// Sample size and seed of a sampled attribution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AttributionSampling {
-    /// [`shapley_sampled`]: pairs of an order of the groups and its reverse, for each background row, at least 2.
-    /// [`expected_gradients()`]: points for each explained row, at least 2.
+    /// For [`shapley_sampled`]: number of orders of the groups per background row, at least 2. Each order is used
+    /// forwards and in reverse. For [`expected_gradients()`]: number of points per explained row, at least 2.
     pub samples: usize,
     /// The seed of the draws.
     pub seed: u64,
@@ -57,8 +58,8 @@ pub struct AttributionSampling {
 /// Attributions of predictions to groups of columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Attributions {
-    /// Mean prediction of the background rows; a row's prediction is this plus its values. NaN for
-    /// [`expected_gradients()`], which uses no predictions. For [`shapley_linear`], without the intercept.
+    /// Mean prediction of the background rows. The prediction of a row is this mean plus the row's values. NaN for
+    /// [`expected_gradients()`], which uses no predictions. Excludes the intercept for [`shapley_linear`].
     pub base: f64,
     /// Row-major, one column per group, in the unit of the prediction.
     pub values: Vec<f64>,
@@ -86,8 +87,8 @@ pub enum ImportanceError<E = Infallible> {
     /// The model returns NaN or an infinite number for finite rows.
     #[error("the model returns a number that is not finite")]
     NotFinite,
-    /// There are fewer than two blocks, so none can be exchanged.
-    #[error("{rows} rows are fewer than two blocks of {block}: take shorter blocks")]
+    /// There are fewer than two blocks, so they cannot be permuted.
+    #[error("{rows} rows are fewer than two blocks of {block} rows; use shorter blocks")]
     OneBlock {
         /// The number of rows.
         rows: usize,

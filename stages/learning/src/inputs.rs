@@ -8,9 +8,9 @@ use rayon::prelude::*;
 
 /// Rows per partial sum; fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 4096;
-/// Ratio of standard deviation to mean below which a column contains only the rounding of its mean.
+/// Ratio of standard deviation to mean below which a column varies only by the rounding of its mean.
 pub(crate) const LEAST_DEVIATION: f64 = 1e-12;
-/// Ratio to the largest standard deviation below which a component contains only rounding.
+/// Ratio of a component's standard deviation to the largest one below which the component is rounding error.
 pub(crate) const LEAST_COMPONENT: f64 = 1e-7;
 
 /// Error of columns that cannot be inputs.
@@ -64,8 +64,8 @@ pub enum InputScalingError {
 pub struct WhitenedComponents {
     /// The number of components.
     pub count: usize,
-    /// The weights of the standardised columns, `count` by columns, row-major. They include the whitening: over the
-    /// rows that they are computed from, each component has a variance of 1.
+    /// The weights of the standardised columns, `count` by columns, row-major. They include the whitening: each
+    /// component has a variance of 1 over the rows from which the weights are computed.
     pub weights: Vec<f64>,
     /// Fraction of the variance of the standardised columns that the components contain.
     pub explained: f64,
@@ -98,7 +98,7 @@ impl InputScaling {
         if let Some(place) = x.par_iter().position_first(|x| !x.is_finite()) {
             return Err(InputScalingError::NotFinite { row: place / width, column: place % width });
         }
-        // Sums are relative to the first row, so that a large mean costs no precision.
+        // Sums are relative to the first row, so that a large mean does not reduce the precision.
         let first = &x[..width];
         let offset = column_sums(x, width, |x, j| x - first[j]);
         let mean: Vec<f64> = offset.iter().zip(first).map(|(sum, first)| first + sum / rows as f64).collect();
@@ -113,12 +113,12 @@ impl InputScaling {
         }
     }
 
-    /// The same scaling, followed by whitened principal components of `x`, the rows that the scaling is computed from.
-    /// A `keep` of at least 1 is the number of components; below 1 it is the minimum fraction of the variance.
-    /// Components below 1e-7 of the largest standard deviation are rounding and are always omitted.
+    /// This scaling, followed by whitened principal components of `x`. `x` must be the rows from which the scaling was
+    /// computed. A `keep` of at least 1 is the number of components; below 1 it is the minimum fraction of the
+    /// variance. Components below 1e-7 of the largest standard deviation are rounding and are always omitted.
     ///
     /// # Errors
-    /// Fails for an invalid `keep`, for more components than columns, and without convergence.
+    /// Fails for an invalid `keep`, for more components than columns, and if the decomposition does not converge.
     pub fn whitened(self, x: &[f64], keep: f64) -> Result<Self, InputScalingError> {
         let width = self.mean.len();
         let counted = keep >= 1.0 && keep <= width as f64 && keep.fract() == 0.0;
@@ -147,13 +147,13 @@ impl InputScaling {
         self.components.as_ref().map_or(self.mean.len(), |components| components.count)
     }
 
-    /// The inputs of rows of columns, row-major. A value that is not finite makes the dependent inputs of its row NaN.
-    /// Values after the last whole row are ignored.
+    /// Inputs computed from rows of columns, row-major. A value that is not finite gives NaN in every input of its row
+    /// that depends on it. Values after the last whole row are ignored.
     pub fn apply(&self, x: &[f64]) -> Vec<f64> {
         let (columns, width) = (self.mean.len().max(1), self.width().max(1));
         let rows = x.len() / columns;
         let mut out = vec![0.0; rows * width];
-        // By columns, so that a column of weights lies along the vector and sums are over columns in order.
+        // The loop is over columns, so that a SIMD vector holds a column of weights and the sums are in column order.
         let weights: Option<Vec<f64>> = self.components.as_ref().map(|components| {
             (0..columns * width).map(|k| components.weights[k % width * columns + k / width]).collect()
         });
@@ -181,7 +181,7 @@ struct InputScalingKernel<'a> {
     out: &'a mut [f64],
 }
 
-// A struct: a closure of this size would not be inlined and compiled for the wider vectors.
+// This is a struct, because a closure of this size would not be inlined and compiled for wide vectors.
 impl WithSimd for InputScalingKernel<'_> {
     type Output = ();
 

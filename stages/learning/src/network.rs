@@ -2,7 +2,7 @@
 //! Meer 2025.
 //!
 //! A [`NetworkShape`] defines the function of one vector of parameters; [`train`] finds the parameters. The caller
-//! scales inputs, linear terms and target; inputs by [`InputScaling`](crate::inputs::InputScaling).
+//! scales linear terms, target and, by [`InputScaling`](crate::inputs::InputScaling), inputs.
 //!
 //! ```
 //! use learning::network::{
@@ -25,13 +25,14 @@
 
 //! # Implementation
 //!
-//! The cost is in products of 256 rows with the weights of a layer, vectorised for AVX2 if available. For 77 inputs and
-//! 8 units, 400,000 rows forwards and backwards take 19 ms of a processor. faer's matrix product took 12 ms on the same
-//! machine, with vectors twice as wide; the difference is a tenth of an epoch. The kernels sum in one order and by
-//! fused multiply-add on every machine, so the bits of a model do not depend on the training processor. On two cores,
-//! an epoch of `m1` takes PyTorch 3.5 times as long in single precision and 3.9 times in double. On one core, it takes
-//! candle 5 times as long in double precision and 1.2 times in single (`stages/learning/benches`). Models are in double
-//! precision, where every framework takes at least twice as long.
+//! Most time is spent in products of 256 rows with the weights of a layer, which are vectorised for AVX2 if available.
+//! For 77 inputs and 8 units, forward and backward passes of 400,000 rows take 19 ms on one core. faer's matrix product
+//! took 12 ms on the same machine, with vectors twice as wide; the difference is a tenth of the time of an epoch. The
+//! kernels sum in one order and by fused multiply-add on every machine, so the bits of a model do not depend on the
+//! training processor. For an epoch of `m1` on two cores, PyTorch takes 3.5 times as long in single precision and 3.9
+//! times as long in double precision. On one core, candle takes 5 times as long in double precision and 1.2 times as
+//! long in single precision (`stages/learning/benches`). Models are in double precision, in which every framework takes
+//! at least twice as long as magline.
 //!
 //! Batches are cut into blocks of 256 rows, whose gradients are added in order, on any number of threads.
 //!

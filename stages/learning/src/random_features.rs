@@ -2,11 +2,11 @@
 //! classical baseline for networks.
 //!
 //! With frequencies w drawn from the spectrum of the kernel, N(0, 1/length²) in each column, consider the features
-//! cos(w·x)/√k and sin(w·x)/√k of k frequencies. The mean of their product is the kernel exp(−|x − x'|²/(2 length²))
-//! [Rahimi and Recht 2007; the pair instead of one cosine with a random phase: Sutherland and Schneider 2015].
-//! Frequencies are orthogonal in blocks of as many as there are columns, which reduces the error of the kernel [Yu et
-//! al. 2016]. If `linear` is above 0, the columns are features too: this adds `linear`² x·x' to the kernel, a linear
-//! model plus the Gaussian process.
+//! cos(w·x)/√k and sin(w·x)/√k of k frequencies. The expected inner product of the features of two rows is the kernel
+//! exp(−|x − x'|²/(2 length²)) [Rahimi and Recht 2007; the pair instead of one cosine with a random phase: Sutherland
+//! and Schneider 2015]. Frequencies are drawn in blocks of one per column. The frequencies of a block are orthogonal,
+//! which reduces the error of the kernel [Yu et al. 2016]. If `linear` is above 0, the columns are features too: this
+//! adds `linear`² x·x' to the kernel, a linear model plus the Gaussian process.
 //!
 //! The model is y = c + φ(x)·w + e, with independent weights of variance s², errors of variance σ², and a flat prior on
 //! the constant c. With centred Φ and y, Φᵀ Φ = V D Vᵀ and λ = σ²/s²,
@@ -21,8 +21,8 @@
 //! (2.30), section 5.4.1; the restricted likelihood: Patterson and Thompson 1971]. Correlated errors of successive
 //! samples make both standard deviations too small.
 //!
-//! Between training rows and near their limits, the standard deviation grows to that of the prior. Far beyond them the
-//! features are periodic, and the mean does not return to the constant.
+//! Between training rows and near the limits of their range, the standard deviation of the prediction grows to that of
+//! the prior. Far outside the range the features are periodic, and the mean does not return to the constant.
 
 #[cfg(test)]
 mod tests;
@@ -70,8 +70,8 @@ pub struct RandomFeatureSettings {
     /// The length scale, in the unit of the columns. `None`: the most likely of 1/4, 1/2, 1, 2 and 4 times the median
     /// distance between rows, on up to 4000 rows.
     pub length: Option<f64>,
-    /// The prior standard deviation of the coefficient of each column, in that of the Gaussian process per unit of the
-    /// columns; 0 omits the columns.
+    /// Prior standard deviation of the coefficient of each column, as a multiple of the standard deviation of the
+    /// Gaussian process per unit of the columns; 0 omits the columns.
     pub linear: f64,
     /// The ratio λ of the variances of the errors and of the Gaussian process; `None` for the most likely one.
     pub lambda: Option<f64>,
@@ -122,7 +122,7 @@ pub enum RandomFeatureError {
     #[error(transparent)]
     Rows(#[from] RowsError),
     /// There are fewer than three rows.
-    #[error("{rows} rows are too few: the variance of the errors takes three")]
+    #[error("{rows} rows are too few; the variance of the errors requires at least 3")]
     TooFewRows {
         /// Number of rows.
         rows: usize,
@@ -131,20 +131,21 @@ pub enum RandomFeatureError {
     #[error("the target is constant")]
     ConstantTarget,
     /// All columns are constant.
-    #[error("all rows are equal: no length scale can be found")]
+    #[error("all rows are equal, so the length scale cannot be estimated; set it")]
     ConstantRows,
     /// The eigendecomposition of the products of features did not converge.
-    #[error("the decomposition of the features' products did not converge")]
+    #[error("the eigendecomposition of the products of features did not converge")]
     NotConverged,
 }
 
-/// Fits rows `x` of `width` columns each, standardised or otherwise of one scale, to their targets `y`.
+/// Fits a model to rows `x` of `width` columns each and their targets `y`. The columns must be standardised or have one
+/// scale.
 ///
 /// Cost for n rows and m features (with the columns): 2 n m² operations, and memory of a few times m² numbers.
 ///
 /// # Errors
 /// Fails for values that are not finite, settings out of range, fewer than three rows, a constant target, equal rows if
-/// the length is estimated, and without convergence.
+/// the length is estimated, and if the decomposition does not converge.
 pub fn fit(
     x: &[f64],
     width: usize,
@@ -199,7 +200,7 @@ impl RandomFeatureSettings {
         self.length.map_or(Ok(()), |x| setting("the length scale", x, "above 0 and finite", above(x)))?;
         self.lambda.map_or(Ok(()), |x| setting("lambda", x, "above 0 and finite", above(x)))?;
         setting(
-            "the part of the columns",
+            "the prior standard deviation of the coefficients of the columns",
             self.linear,
             "at least 0 and finite",
             self.linear == 0.0 || above(self.linear),
@@ -237,7 +238,7 @@ impl RandomFeatures {
         Ok((means.concat(), deviations.concat()))
     }
 
-    /// The predictions only, which take less time.
+    /// Predictions without standard deviations, which take less time.
     ///
     /// # Errors
     /// The same as for [`RandomFeatures::predict`].
@@ -478,7 +479,7 @@ impl FeatureSpectrum {
         Ok(Self { rows: sums.rows, means, vectors, values, along, squares: sums.squares })
     }
 
-    /// yᵀy − yᵀΦ w over n − 1, at least at the level of rounding.
+    /// (yᵀy − yᵀΦ w)/(n − 1), but at least the level of rounding.
     fn noise(&self, lambda: f64) -> f64 {
         let explained: f64 = self.along.iter().zip(&self.values).map(|(c, d)| c * c / (d + lambda)).sum();
         (self.squares - explained).max(f64::EPSILON * self.squares) / (self.rows as f64 - 1.0)

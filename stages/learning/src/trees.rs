@@ -1,8 +1,8 @@
 //! Gradient-boosted regression trees on histograms: a common baseline.
 //!
 //! Each tree is fitted to the residuals of the trees before it and added with a factor, the learning rate [Friedman
-//! 2001, "Greedy function approximation: a gradient boosting machine"]. With the residuals r of a squared loss, a leaf
-//! of n rows has the value and the gain of a split [Chen and Guestrin 2016, "XGBoost", (5) and (7)]
+//! 2001, "Greedy function approximation: a gradient boosting machine"]. For a squared loss with residuals r, the value
+//! of a leaf of n rows and the gain of a split are [Chen and Guestrin 2016, "XGBoost", (5) and (7)]
 //!
 //! ```text
 //! value = rate Σr/(n + l2)        gain = (Σr)²/(n + l2) of the left + the same of the right - the same of both
@@ -10,9 +10,9 @@
 //!
 //! Columns are divided once into at most 256 bins by their quantiles. A leaf is split at the bin edge with the largest
 //! gain, which follows from the sums of each bin. The leaf with the largest gain is split first, up to a number of
-//! leaves [Ke et al. 2017, "LightGBM"]. The sums of the larger of two leaves are those of the parent minus those of the
-//! smaller. scikit-learn's `HistGradientBoostingRegressor` uses the same method for a squared error; with up to 256
-//! distinct values per column the trees are identical.
+//! leaves [Ke et al. 2017, "LightGBM"]. The sums of the larger of two leaves are the parent's sums minus the sums of
+//! the smaller leaf. scikit-learn's `HistGradientBoostingRegressor` uses the same method for a squared error; with up
+//! to 256 distinct values per column the trees are identical.
 //!
 //! A row goes left if its value is at most the threshold. Trees are constant beyond the range of the training values,
 //! so they do not follow a drift out of that range.
@@ -89,10 +89,10 @@ impl BoostingSettings {
         setting("the learning rate", rate, "above 0 and finite", rate > 0.0 && rate.is_finite())?;
         setting("the number of leaves", self.leaves as f64, "at least 2", self.leaves > 1)?;
         setting("the depth", 0.0, "at least 1", self.depth != Some(0))?;
-        setting("the least number of rows of a leaf", 0.0, "at least 1", self.least_rows > 0)?;
+        setting("the minimum number of rows of a leaf", 0.0, "at least 1", self.least_rows > 0)?;
         setting("l2", self.l2, "at least 0 and finite", self.l2 >= 0.0 && self.l2.is_finite())?;
         let part = self.subsample;
-        setting("the part of the rows that a tree sees", part, "above 0 and at most 1", part > 0.0 && part <= 1.0)?;
+        setting("the fraction of rows per tree", part, "above 0 and at most 1", part > 0.0 && part <= 1.0)?;
         setting("the patience", 0.0, "at least 1", self.patience != Some(0))?;
         setting("the number of rows", rows as f64, "below 2^32", u32::try_from(rows).is_ok())?;
         if self.patience.is_some() && !validated {
@@ -151,9 +151,10 @@ pub enum RegressionTreeNode {
 pub struct BoostingResult {
     /// The first `best` trees.
     pub forest: Forest,
-    /// Mean square errors of the training rows and of the validation rows (NaN without) after each tree.
+    /// Mean square errors of the training rows and of the validation rows (NaN if there are none) after each tree.
     pub losses: Vec<(f64, f64)>,
-    /// The number of trees with the smallest validation loss, the smallest of equals; all trees without validation.
+    /// Number of trees with the smallest validation loss. Of equal losses, the smallest number; without validation, all
+    /// trees.
     pub best: usize,
 }
 
@@ -164,7 +165,7 @@ pub enum BoostingError {
     #[error(transparent)]
     Rows(#[from] RowsError),
     /// There are too few rows for two leaves.
-    #[error("a tree sees {rows} rows, but dividing them into two leaves takes {needed}")]
+    #[error("each tree uses {rows} rows, but two leaves require {needed}")]
     TooFewRows {
         /// The rows that a tree uses.
         rows: usize,
@@ -176,18 +177,20 @@ pub enum BoostingError {
     NoValidation,
     /// The first tree is a single leaf.
     #[error(
-        "no column tells rows of different targets apart: the target or all columns are constant, or leaves need too many rows"
+        "no split reduces the loss: the target or all columns are constant, or the minimum number of rows of a leaf is \
+         too large"
     )]
     NoSplit,
     /// The loss is not finite.
     #[error(
-        "the loss after tree {tree} is not finite: a learning rate below 1 cannot diverge; else the target is too large to be squared"
+        "the loss after tree {tree} is not finite: set the learning rate below 1; if it is below 1, scale the target \
+         down, because its squares overflow"
     )]
     Diverged {
         /// The number of trees; 0 for the mean alone.
         tree: usize,
     },
-    /// A forest from elsewhere is malformed.
+    /// A forest from another source is malformed.
     #[error("node {node} of tree {tree} {what}")]
     Malformed {
         /// The tree, from 0.
@@ -237,7 +240,7 @@ impl RegressionTree {
             RegressionTreeNode::Split { left, right, .. }
                 if left.min(right) <= at || left.max(right) >= self.nodes.len() =>
             {
-                Some((at, "leads to a node that is not after it"))
+                Some((at, "has a child that does not come after it"))
             }
             RegressionTreeNode::Split { .. } => None,
         };
@@ -247,7 +250,7 @@ impl RegressionTree {
 
 impl Forest {
     /// Predictions of rows of `width` columns each, in the unit of the target. NaN for a row that contains NaN, because
-    /// neither side of a split is right for it.
+    /// neither side of a split applies.
     pub fn predict(&self, x: &[f64], width: usize) -> Vec<f64> {
         let rows = x.par_chunks_exact(width.max(1));
         let mut out = vec![0.0; rows.len()];
@@ -265,7 +268,7 @@ impl Forest {
         if row.iter().any(|x| x.is_nan()) { f64::NAN } else { self.base }
     }
 
-    /// Checks a forest from elsewhere: columns below `width`, no node that leads back, and finite numbers.
+    /// Checks a forest from another source: columns below `width`, children after their parents, and finite numbers.
     ///
     /// # Errors
     /// Fails with [`BoostingError::Malformed`] for the first invalid node.
@@ -282,13 +285,13 @@ impl Forest {
 /// Trains a forest on rows `x` of `width` columns each and their targets `y`, in any units: monotonic functions of a
 /// column do not change the trees. `validation` has rows and targets of other lines or flights. `each` receives the
 /// number of trees so far (from 1) and the mean square errors of the training rows and of the validation rows (NaN
-/// without). It ends training with `Break`; the trees so far are returned.
+/// without). If it returns `Break`, training ends and the trees so far are returned.
 ///
 /// A constant column is never split. Training ends early if no split has a gain.
 ///
 /// # Errors
-/// Fails for values that are not finite, settings out of range, patience without validation, fewer rows than two leaves
-/// need, a first tree without a split, and a loss that overflows.
+/// Fails for values that are not finite, settings out of range, patience without validation, too few rows for two
+/// leaves, a first tree without a split, and a loss that overflows.
 pub fn boost(
     x: &[f64],
     width: usize,
@@ -303,8 +306,8 @@ pub fn boost(
 /// Callback after each tree with all trees so far, the training loss and the validation loss.
 pub type TreeCallback<'a> = dyn FnMut(&[RegressionTree], f64, f64) -> ControlFlow<()> + 'a;
 
-/// Resumes [`boost`] from the first trees of an interrupted training with the same rows and settings. The result has
-/// the same bits as that of an uninterrupted training. `each` receives all trees so far.
+/// Resumes [`boost`] from the first trees of an interrupted training with the same rows and settings. The result is
+/// bit-identical to the result of an uninterrupted training. `each` receives all trees so far.
 ///
 /// # Errors
 /// The same as for [`boost`], and [`BoostingError::Malformed`] for a tree that does not match these columns.
@@ -412,7 +415,7 @@ fn mean_square(x: &[f64]) -> f64 {
     sum_of(x.len(), |i| x[i] * x[i]) / x.len() as f64
 }
 
-/// The mean, with a second pass that corrects the rounding of the first.
+/// Mean; a second pass corrects the rounding of the first pass.
 pub(crate) fn mean(x: &[f64]) -> f64 {
     let rough = sum_of(x.len(), |i| x[i]) / x.len() as f64;
     rough + sum_of(x.len(), |i| x[i] - rough) / x.len() as f64

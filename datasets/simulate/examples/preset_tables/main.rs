@@ -1,6 +1,5 @@
-//! The presets compared with the theses: the residuals of Tolles-Lawson compensation of their readings, as the tables
-//! of
-//! `datasets/simulate/presets/README.md`.
+//! Tables of `datasets/simulate/presets/README.md`: residuals of Tolles-Lawson compensation of the presets' readings,
+//! compared with the theses.
 //!
 //! `cargo run -p magline-simulate --example preset_tables`
 
@@ -27,7 +26,7 @@ const DRONE: [(&str, &str, [f64; 2]); 4] = [
     ("flux_b", "flux_b", [180.28, 8.51]),
 ];
 
-/// Seeds of the ensembles: other landings, switches and drifts of the same aircraft.
+/// Seeds of the ensembles. They change landings, switching times and drifts, but not the aircraft.
 const SEEDS: std::ops::RangeInclusive<u32> = 1..=12;
 
 fn main() -> Result<(), Failed> {
@@ -109,7 +108,7 @@ fn cessna_seeds(ensemble: &[Vec<Line>]) -> Result<(), Failed> {
 
 const RIDGE: f64 = 1e-4;
 
-/// Standard deviation of a sensor beyond the core field, and the improvement ratio of core-field Tolles-Lawson.
+/// Standard deviation of a sensor minus the core field, and the improvement ratio of core-field Tolles-Lawson.
 fn improvement(flown: &[Line], name: &str, sensor: &str, flux: &str) -> Result<(f64, f64), Failed> {
     let (calibration, on) = (line(flown, "1")?, line(flown, name)?);
     let before = sd(&beyond_core(on, sensor)?);

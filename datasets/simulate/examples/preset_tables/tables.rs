@@ -49,7 +49,7 @@ impl Line {
         self.0.column_by_name("line").map_or("", |c| c.as_string::<i32>().value(0))
     }
 
-    /// A column of numbers; an unknown one is empty.
+    /// A column of numbers; empty for an unknown name.
     pub fn column(&self, name: &str) -> &[f64] {
         self.0.column_by_name(name).map_or(&[], |c| c.as_primitive::<Float64Type>().values())
     }
@@ -76,7 +76,7 @@ pub fn less(x: &[f64], y: &[f64]) -> Vec<f64> {
 }
 
 const TERMS: [&str; 3] = ["permanent", "induced", "eddy"];
-/// Gnadt 2022, section 3.1: the ridge, and the band of the fit.
+/// Ridge parameter and pass band of the fit. [Gnadt 2022, section 3.1]
 const RIDGE: f64 = 0.025;
 const BAND_HZ: (f64, f64) = (0.1, 0.9);
 /// Samples dropped at either end of a filtered line.
@@ -88,8 +88,8 @@ fn terms_of(line: &Line, flux: &str) -> Result<(Vec<f64>, usize), Failed> {
     Ok((matrix(&BodyFieldColumns { x, y, z, bt: None }, &terms, DEFAULT_SCALE_NT)?, terms.len()))
 }
 
-/// Classical Tolles-Lawson: fitted on the line `calibration`, band-passed; gives the magnetometer on `line` less the
-/// aircraft's field except its mean, in nT.
+/// Classical Tolles-Lawson compensation, fitted to the band-passed line `calibration`. Returns the magnetometer on
+/// `line` minus the predicted aircraft field without its mean, in nT.
 pub fn classical(calibration: &Line, line: &Line, mag: &str, flux: &str) -> Result<Vec<f64>, Failed> {
     let (mut a, terms) = terms_of(calibration, flux)?;
     let rate_hz = 1.0 / (calibration.column("tt")[1] - calibration.column("tt")[0]);
@@ -127,8 +127,8 @@ fn core(line: &Line) -> Result<(Vec<Vector3<f64>>, Vec<f64>), Failed> {
     Ok(out)
 }
 
-/// The 21 terms of core-field Tolles-Lawson: direction of the vector magnetometer, and its products with the core
-/// field (over 50,000 nT) and with that field's rate. [van der Meer 2025, 2.2.2]
+/// The 21 terms of core-field Tolles-Lawson: direction cosines of the vector magnetometer, and their products with the
+/// core field (divided by 50,000 nT) and with the rate of the core field. [van der Meer 2025, 2.2.2]
 fn core_terms(line: &Line, flux: &str) -> Result<Vec<[f64; 21]>, Failed> {
     let (b, _) = core(line)?;
     let [x, y, z] = line.flux(flux);
@@ -149,7 +149,7 @@ fn core_terms(line: &Line, flux: &str) -> Result<Vec<[f64; 21]>, Failed> {
     Ok((0..b.len()).map(row).collect())
 }
 
-/// The reading of a magnetometer less the core field, in nT: a scalar one, or a vector one's magnitude.
+/// Reading of a scalar magnetometer, or magnitude of a vector magnetometer, minus the core field, in nT.
 pub fn beyond_core(line: &Line, mag: &str) -> Result<Vec<f64>, Failed> {
     let (_, core_nt) = core(line)?;
     if mag.starts_with("mag_") {
@@ -159,8 +159,8 @@ pub fn beyond_core(line: &Line, mag: &str) -> Result<Vec<f64>, Failed> {
     Ok((0..x.len()).map(|i| Vector3::new(x[i], y[i], z[i]).norm() - core_nt[i]).collect())
 }
 
-/// Core-field Tolles-Lawson, without a band: its residual for a magnetometer less the core field on `line`, in nT.
-/// The terms are scaled to the same size; `ridge` is per sample of the fit.
+/// Residual of core-field Tolles-Lawson on `line`, for a magnetometer minus the core field, in nT. No band-pass filter
+/// is applied. The terms are scaled to equal size; `ridge` is the ridge parameter per sample of the fit.
 pub fn reference_free(calibration: &Line, line: &Line, mag: &str, flux: &str, ridge: f64) -> Result<Vec<f64>, Failed> {
     let fitted = core_terms(calibration, flux)?;
     let rows = fitted.len() as f64;

@@ -81,7 +81,7 @@ impl Current {
     }
 }
 
-/// Rises for `ramp_s` from `t` = 0 on, falls for as long from `for_s` on.
+/// Level that rises for `ramp_s` from `t` = 0, and falls for the same duration from `for_s`.
 fn trapezoid(t: f64, for_s: f64, ramp_s: f64) -> f64 {
     if ramp_s <= 0.0 {
         return if (0.0..for_s).contains(&t) { 1.0 } else { 0.0 };
@@ -100,7 +100,7 @@ fn periodic(t: f64, every_s: f64, for_s: f64, ramp_s: f64) -> f64 {
     trapezoid(within, for_s, ramp_s).max(before)
 }
 
-/// Intervals in which an alternating current is on, from `first_s` to beyond `last_s`.
+/// Intervals in which a randomly switched current is on, from `first_s` to beyond `last_s`.
 pub(super) fn switched(
     mean_off_on_s: (f64, f64),
     first_s: f64,
@@ -113,7 +113,7 @@ pub(super) fn switched(
     while from <= last_s {
         let until = from + random.exponential(if on { on_s } else { off_s });
         if on {
-            // A current that is on at the start was on before.
+            // A current that is on at the start has been on before the start.
             out.push([if out.is_empty() && from == first_s { f64::NEG_INFINITY } else { from }, until]);
         }
         (from, on) = (until, !on);
@@ -121,7 +121,7 @@ pub(super) fn switched(
     out
 }
 
-/// The throttle, 0 to 1: the drag at the speed, the drag of lift, the climb, and small corrections.
+/// Throttle, 0 to 1: contributions of parasitic drag, lift-induced drag and climb, and small corrections.
 fn throttle(engine: &EngineThrottle, motion: &AircraftMotion, random: &mut RandomStream) -> Vec<f64> {
     let process = GaussMarkov { sigma: engine.ripple, tau_s: engine.ripple_s };
     let ripple = process.realisation(&motion.since_s, || random.normal());
@@ -133,8 +133,8 @@ fn throttle(engine: &EngineThrottle, motion: &AircraftMotion, random: &mut Rando
     (0..motion.since_s.len()).map(level).collect()
 }
 
-/// Whether the heater is on: its thermostat starts at the temperature on board at the flight's start, and runs every
-/// second.
+/// Whether the heater is on. Its thermostat starts at the temperature on board at the flight's start, and is evaluated
+/// every second.
 fn heater(thermostat: &Thermostat, surroundings: &Temperature, since_s: &[f64]) -> Vec<f64> {
     let (mut warm_degc, mut on, mut looked) = (surroundings.at(0.0), false, 0_u64);
     let kept = (-LOOK_S / thermostat.tau_s).exp();

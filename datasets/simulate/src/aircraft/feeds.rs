@@ -1,5 +1,5 @@
-//! Effective currents, to which the fields of currents are proportional: the currents, modified by eddy currents,
-//! iron and parallel current paths.
+//! Effective currents, to which the fields of currents are proportional. They are the true currents modified by eddy
+//! currents, iron and parallel current paths.
 
 use super::{
     response::{RayleighHysteresis, first_order},
@@ -7,7 +7,7 @@ use super::{
 };
 use crate::reading::ComponentSwitches;
 
-/// The effective currents along a line, in A. The columns that report the currents do not include the difference.
+/// The effective currents along a line, in A. The recorded currents do not include these effects.
 pub(super) struct EffectiveCurrents {
     /// One column for each current, in order, then one for each wire with an effective current.
     pub(super) series_a: Vec<Vec<f64>>,
@@ -34,7 +34,7 @@ impl EffectiveCurrents {
         let mut series_a: Vec<Vec<f64>> = aircraft.currents.iter().zip(amperes).map(of_current).collect();
         let mut of_wires = vec![];
         for wire in &aircraft.wires {
-            // Without a return path there is no parallel path.
+            // If `return_path` is off, the parallel path carries no current.
             let opened = |a: &f64| if components.on("return_path") { carried(*a, wire.onset_a) } else { 0.0 };
             let whole = series_a.get(wire.current).filter(|_| wire.onset_a > 0.0);
             let part = whole.map(|whole| whole.iter().map(opened).collect::<Vec<f64>>());
@@ -45,8 +45,8 @@ impl EffectiveCurrents {
     }
 }
 
-/// The current and the iron near its wires, whose irreversible part keeps the fraction `remanence` of the full
-/// current's field after the current is switched off. The iron has carried the full current before the line begins.
+/// Effective current of a current and the iron near its wires. After the full current is switched off, the iron retains
+/// the fraction `remanence` of the current's field. The full current has flowed before the line begins.
 fn magnetised(current: &Current, true_a: &[f64], remanence: f64) -> Vec<f64> {
     let full_a = current.off_on_a.0.abs().max(current.off_on_a.1.abs());
     if remanence == 0.0 || full_a == 0.0 {
@@ -82,7 +82,7 @@ mod tests {
         assert_eq!(carried(0.0, 3.0), 0.0);
         assert_eq!((carried(3.0, 3.0), carried(-3.0, 3.0)), (1.5, -1.5));
         assert!((carried(3e6, 3.0) / 3e6 - 1.0).abs() < 2e-6);
-        // The part of a small current is proportional to its square.
+        // For a small current, this part is proportional to the square of the current.
         assert!((carried(0.02, 3.0) / carried(0.01, 3.0) - 4.0).abs() < 0.02);
     }
 }

@@ -9,18 +9,18 @@ use super::{
 };
 use crate::reading::ComponentSwitches;
 
-/// The field strength that the sizes of induced terms and of hysteresis refer to, in nT.
+/// Field strength to which the sizes of induced terms and hysteresis refer, in nT.
 pub(super) const SCALE_NT: f64 = 50_000.0;
 
-/// Step of the permanent field's random walk, in seconds; linear between steps.
+/// Step of the random walk of the permanent field, in seconds. The walk is linear between steps.
 const WALK_STEP_S: f64 = 10.0;
 
 /// The components of the field at a magnetometer, in the order in which they are added.
 pub(super) const FIELD_PARTS: [&str; 11] =
     ["core", "anomaly", "diurnal", "permanent", "induced", "eddy", "currents", "landing", "walk", "flex", "hysteresis"];
 
-/// The sources of the aircraft's field at one magnetometer in one flight, in the body frame:
-/// P + M B + E dB/dt + the sum of I_k D_k, the landing's shift and a walk of P, wing bending, and the remanence of the
+/// The sources of the aircraft's field at one magnetometer in one flight, in the body frame: P + M B + E dB/dt + the
+/// sum of I_k D_k, plus the shift of P at a landing, the random walk of P, wing bending, and the remanence of the
 /// airframe's iron. [Tolles & Lawson 1950; Gnadt 2022, (3.9)-(3.12)]
 pub(super) struct AircraftField {
     permanent_nt: Vector3<f64>,
@@ -55,9 +55,9 @@ pub(super) struct AircraftFieldInput<'a> {
 }
 
 impl AircraftField {
-    /// Draws the quantities that the spec does not fix for the sensor `name`: the same on all flights except the
-    /// landing's shift and the walk, which is known up to `until_s` after the flight's start. Components that are
-    /// switched off are zero.
+    /// Draws the quantities of the sensor `name` that the spec does not fix. They are the same on all flights, except
+    /// the shift at a landing and the random walk. The walk is drawn up to `until_s` after the flight's start.
+    /// Components that are switched off are zero.
     pub(super) fn draw(
         seed: u64,
         (flight, until_s): (&str, f64),
@@ -71,7 +71,7 @@ impl AircraftField {
         let m = Matrix3::from_fn(|_, _| random.normal());
         let induced = match source.induced {
             QuantitySpec::Exact(tensor) => tensor,
-            // Symmetric, as an induced tensor of isotropic iron is; each element keeps its standard deviation.
+            // The tensor is symmetric, as for isotropic iron. Each element keeps its standard deviation.
             QuantitySpec::Size(nt) if source.induced_symmetric => {
                 Matrix3::from_fn(|i, j| m[(i.min(j), i.max(j))]) * (nt / SCALE_NT)
             }

@@ -124,8 +124,8 @@ fn in_body(truth: &TrueTrajectory, ned_nt: [&Vec<Vector3<f64>>; 3]) -> EarthFiel
 }
 
 /// The irreversible magnetisation of the airframe's iron along each axis of the body, as a fraction of the reference
-/// loop's. It is empty if no sensor has hysteresis. Before the line begins, the aircraft has turned level through a
-/// full circle, to the right or to the left.
+/// loop's. It is empty if no sensor has hysteresis. Before the line begins, the aircraft has flown a level full circle,
+/// to the right or to the left.
 fn iron(scene: &SynthLineContext, earth_nt: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     let aircraft = &scene.spec.aircraft;
     let sources = aircraft.scalars.iter().map(|s| &s.source).chain(aircraft.vectors.iter().map(|v| &v.source));
@@ -179,7 +179,7 @@ pub(super) fn readings(
 }
 
 impl SensorEnvironment<'_> {
-    /// The readings of the sensors of currents, voltages and control signals.
+    /// Readings of the sensors of currents, voltages and control signals.
     fn electric(&self) -> Vec<Vec<f64>> {
         let (aircraft, scene) = (&self.scene.spec.aircraft, self.scene);
         let noisy = |x: &[f64], sigma: f64, what: &str, name: &str| -> Vec<f64> {

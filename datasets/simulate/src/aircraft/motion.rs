@@ -19,7 +19,7 @@ pub(super) struct AircraftMotion {
     pub(super) climb_mps: Vec<f64>,
     /// Upward specific force in the body, in excess of level flight, in m/s².
     pub(super) lift_mps2: Vec<f64>,
-    /// Magnitude of the specific force over gravity.
+    /// Magnitude of the specific force divided by gravity.
     pub(super) load: Vec<f64>,
 }
 

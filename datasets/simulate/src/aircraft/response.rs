@@ -11,7 +11,7 @@ pub(super) fn first_order(x: &[f64], rate_hz: f64, tau_s: f64) -> Vec<f64> {
     let mut last: Option<(f64, f64)> = None;
     for &new in x {
         let y = last.map_or(new, |(old, y)| {
-            // The response to a line of slope s lags it by s tau.
+            // The response to a ramp of slope s is s tau below the ramp.
             let behind = (new - old) * rate_hz * tau_s;
             new - behind + (y - old + behind) * kept
         });
@@ -39,7 +39,7 @@ pub(super) fn delayed(x: &[f64], rate_hz: f64, delay_s: f64) -> Vec<f64> {
     (0..x.len()).map(at).collect()
 }
 
-/// The thresholds of the play operators, and the largest of them in units of the reference amplitude.
+/// Number of play operators, and their largest threshold in units of the reference amplitude.
 const PLAYS: usize = 60;
 const LARGEST: f64 = 1.5;
 
@@ -47,9 +47,10 @@ const LARGEST: f64 = 1.5;
 /// a (Hm H ± (Hm² - H²) / 2) on the loop between ±Hm. The unit is the remanence of the loop between plus and minus the
 /// reference amplitude.
 ///
-/// It is a sum of play operators with evenly spaced thresholds (Prandtl and Ishlinskii), whose loops are Rayleigh's. It
-/// keeps each turning point until a larger excursion erases it, independent of the rate of the field. Beyond 1.5 times
-/// the reference it is linear. [Rayleigh 1887; IEC 60050-221, 221-03-32; Krejčí 1996, chapter II]
+/// The model is a sum of play operators with evenly spaced thresholds (Prandtl and Ishlinskii), whose loops follow
+/// Rayleigh's law. It stores each turning point until a larger excursion erases it. The rate of the field has no
+/// effect. Beyond 1.5 times the reference amplitude the model is linear. [Rayleigh 1887; IEC 60050-221, 221-03-32;
+/// Krejčí 1996, chapter II]
 pub(super) struct RayleighHysteresis {
     reference: f64,
     plays: [f64; PLAYS],
@@ -108,7 +109,7 @@ mod tests {
         let gain = 1.0 / (1.0 + (omega * tau_s).powi(2)).sqrt();
         for (i, y) in y.iter().enumerate().skip(200) {
             let expected = gain * (omega * i as f64 / RATE_HZ - (omega * tau_s).atan()).sin();
-            // A sine is straight between its samples to (omega / rate)² / 8.
+            // Linear interpolation between samples of a sine has an error of (omega / rate)² / 8.
             assert!((y - expected).abs() < 4e-4, "{i}: {y} {expected}");
         }
     }
@@ -150,7 +151,7 @@ mod tests {
                     assert!((m - expected).abs() < near, "{amplitude} {u}: {m} {expected}");
                 }
             }
-            // A second cycle repeats the loop to rounding.
+            // A second cycle repeats the loop, apart from rounding.
             let before = iron.follow(amplitude * reference);
             sweep(&mut iron, amplitude * reference, -amplitude * reference);
             let after = *sweep(&mut iron, -amplitude * reference, amplitude * reference).last().unwrap_or(&f64::NAN);

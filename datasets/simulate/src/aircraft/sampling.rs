@@ -5,7 +5,7 @@ use super::spec::SensorSampling;
 /// Timing of a sensor's readings relative to the rows of a table.
 pub(super) struct SensorClock {
     rows: usize,
-    /// Rows from one reading of the sensor to the next; `None` if it is as fast as the table.
+    /// Number of rows between two readings; `None` if the sensor is at least as fast as the table.
     rows_per_reading: Option<f64>,
     lag_rows: f64,
     hold: bool,
@@ -25,7 +25,7 @@ impl SensorClock {
         self.rows_per_reading.is_none() && self.lag_rows == 0.0
     }
 
-    /// The table's values of `x`, which is given at its rows.
+    /// Values of `x` in the table, as the sensor reads them. `x` has one value per row of the table.
     pub(super) fn read(&self, x: &[f64]) -> Vec<f64> {
         self.spread(|row| interpolate(x, row - self.lag_rows))
     }
@@ -46,7 +46,7 @@ impl SensorClock {
     }
 }
 
-/// `x` between its samples, by the cubic through four of them; the end values beyond the ends.
+/// Value of `x` between its samples, by the cubic through four samples. Beyond the ends, the end values.
 fn interpolate(x: &[f64], at: f64) -> f64 {
     let last = x.len().saturating_sub(1);
     let at = at.clamp(0.0, last as f64);

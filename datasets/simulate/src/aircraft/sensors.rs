@@ -112,8 +112,8 @@ impl MagnetometerSimulation<'_> {
         reading.add(self.wanted, drift.unwrap_or_else(|| vec![0.0; self.tt_s.len()]));
     }
 
-    /// The readings of a scalar magnetometer, in nT: the magnitude of the vector sum, and its own errors. Components of
-    /// the field are the increments of the magnitude, in order.
+    /// The readings of a scalar magnetometer, in nT: the magnitude of the vector sum plus the sensor's errors. The
+    /// components of the field are the increments of the magnitude when they are added in order.
     pub(super) fn scalar(
         &self,
         sensor: &ScalarMagnetometer,
@@ -217,7 +217,7 @@ impl MagnetometerSimulation<'_> {
             reading.add(self.wanted, std::mem::take(&mut calibration[axis]));
             self.linearity(reading, made.linearity[axis], sensor.full_scale_nt);
             self.core_hysteresis(reading, sensor.core_hysteresis_nt);
-            // The reading before the change of its scale with temperature.
+            // The reading before the temperature changes its scale.
             let felt_nt = reading.values_nt.clone();
             reading.add(self.wanted, vec![if moved { made.offset_nt[axis] } else { 0.0 }; self.tt_s.len()]);
             let per_degc = if self.on("temperature") { made.nt_per_degc[axis] } else { 0.0 };
@@ -268,7 +268,8 @@ impl MagnetometerSimulation<'_> {
         reading.add(self.wanted, reading.values_nt.iter().map(off).collect());
     }
 
-    /// The hysteresis of the core. Before the line begins, the core has completed the loop of its first reading.
+    /// The hysteresis of the core. Before the line begins, the core has passed through the loop between plus and minus
+    /// its first reading.
     fn core_hysteresis(&self, reading: &mut MagnetometerColumn, remanent_nt: f64) {
         let part = if remanent_nt == 0.0 || !self.on("core_hysteresis") {
             vec![0.0; self.tt_s.len()]
@@ -302,8 +303,8 @@ struct VectorMagnetometerErrors {
 }
 
 impl VectorMagnetometerErrors {
-    /// Draws the errors, the same on all flights. The rows of the matrix are the axes: x unchanged, y turned in the xy
-    /// plane, z turned by two angles. All are then turned and scaled.
+    /// Draws the errors, which are the same on all flights. The rows of the matrix are the axes: x unchanged, y turned
+    /// in the xy plane, z turned by two angles. All are then turned and scaled.
     fn draw(seed: u64, sensor: &VectorMagnetometer) -> VectorMagnetometerErrors {
         let mut random = RandomStream::new(seed, &["calibration", &sensor.name]);
         let mut three = |size: f64| Vector3::from_fn(|_, _| size * random.normal());

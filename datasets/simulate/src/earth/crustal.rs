@@ -2,16 +2,18 @@
 //!
 //! A level map gives the change of the magnitude of the core field by the crustal field b. To first order this is the
 //! component T of b along the core field. If all sources lie below, b is the gradient of a harmonic potential, and T
-//! determines b wave by wave ([`MapSpectrum::components`], the stable form of MagNav.jl's `vector_fft`).
+//! determines b at each wavenumber separately ([`MapSpectrum::components`], the stable form of MagNav.jl's
+//! `vector_fft`).
 //!
-//! This computation uses one direction of the core field for the whole map, although it changes by a degree in 100 km.
-//! It also neglects the second order, b²/2B: 2 nT for 500 nT. The map is therefore corrected at each node by the
-//! difference from the change of magnitude that the computed field causes, and the field is computed again. Each of the
-//! corrections leaves about b/B of the difference; after the last one it is below the rounding of the transform.
+//! This computation uses one direction of the core field for the whole map, although the direction changes by a degree
+//! in 100 km. It also neglects the second order, b²/2B: 2 nT for 500 nT. Therefore, at each node, the map is compared
+//! with the change of magnitude that the computed field causes. The map is corrected by the difference, and the field
+//! is computed again. Each correction reduces the difference to about b/B of its value. After the last correction it is
+//! below the rounding of the transform.
 //!
-//! Below an inclination of 15 degrees, T hardly contains waves across the core field, so a residual remains. It is
-//! added along the core direction, so that the scalar anomaly equals the map everywhere. It is the only part that is
-//! not a gradient.
+//! Below an inclination of 15 degrees, T hardly contains waves across the core field, so a residual remains. The
+//! residual is added along the core direction, so that the scalar anomaly equals the map everywhere. Only this part of
+//! the field is not a gradient.
 
 use std::{
     collections::BTreeMap,
@@ -87,13 +89,13 @@ pub(super) struct CrustalMap {
     steps_m: [f64; 2],
     /// The mean direction of the core field, east, north and up.
     direction: [f64; 3],
-    /// The map whose components in the mean direction are the required field.
+    /// Corrected map, from whose components in the mean direction the field is computed.
     corrected: PlaneGrid,
     /// The residual along the core field at the map's height.
     rest: PlaneGrid,
     /// Whether the four nodes around each grid square are known, by rows.
     known: Vec<bool>,
-    /// The cached levels, by the bits of the height above the map: independent of the order of requests.
+    /// Cached levels; the key is the bits of the height above the map. They do not depend on the order of requests.
     levels: Mutex<BTreeMap<u64, Arc<CrustalMapLevel>>>,
 }
 
@@ -155,10 +157,11 @@ impl CrustalMap {
     /// `core_ned_nt`. `moved` shifts each position by at most a few decimetres (degrees of latitude and longitude,
     /// metres up). A shift may lead past the edge of the map, where the splines at the position are extrapolated.
     ///
-    /// Positions at one height share a level. Otherwise the field is a cubic of height between levels. Levels are half
-    /// a spacing apart near the map, and a quarter of their height above it farther up. The slopes are those of a field
-    /// without sources or curl, so value and slope are continuous. For levels s apart, the relative error of the cubic
-    /// is (k s)⁴/384 at the wavenumber k: 6e-5 for a wavelength of eight spacings.
+    /// If all positions have one height, the field is computed at this level. Otherwise the field is interpolated
+    /// between levels by a cubic in height. Near the map, levels are half a grid spacing apart. Farther up, their
+    /// distance is a quarter of their height above the map. The slopes of the cubic follow from zero divergence and
+    /// curl, so value and slope are continuous. For levels s apart, the relative error of the cubic is (k s)⁴/384 at
+    /// the wavenumber k: 6e-5 for a wavelength of eight spacings.
     ///
     /// # Errors
     /// Fails at the first position without a field, or for a map that cannot be continued.
@@ -221,7 +224,7 @@ impl CrustalMap {
         if let Some(level) = known {
             return Ok(level);
         }
-        // Computed without the lock: a thread that waits for its own transform may start another flight meanwhile.
+        // The lock is not held here, because a thread that waits for its transform may start another flight.
         let wrong = |e: numerics::maps::continuation::ContinuationError| ReadError::data(&self.path, e.to_string());
         let spectrum = MapSpectrum::new(&self.corrected, up_m, &Padding::default()).map_err(wrong)?;
         let field = spectrum.components(self.direction, up_m, 0.0).map_err(wrong)?;
@@ -237,8 +240,8 @@ pub(super) fn change_of_magnitude(core: &Vector3<f64>, b: &Vector3<f64>) -> f64 
     (2.0 * core + b).dot(b) / ((core + b).norm() + core.norm())
 }
 
-/// The map whose components in one direction change the magnitude of each node's core field (east,
-/// north, up; nT) by the map; and the remaining difference.
+/// Corrected map, and the remaining difference. The components of the corrected map in one direction change the
+/// magnitude of each node's core field (east, north, up; nT) by the value of the map.
 fn corrected(
     map: &PlaneGrid,
     direction: [f64; 3],

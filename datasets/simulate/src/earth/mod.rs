@@ -88,10 +88,10 @@ const STEP_S: f64 = 1e-3;
 /// The earth's field along a line: the exact sum of its three vectors, and its rate.
 ///
 /// The rate in the body frame is Cᵀ dB/dt − ω × (Cᵀ B). C is the attitude and ω the exact angular rate of the body
-/// relative to north-east-down. dB/dt = (v·∇)B + ∂B/∂t is the rate of the components north, east and down. It is the
-/// difference of the field 1 ms ahead and behind on the tangent of the track, so it does not depend on the sample rate
-/// of the flight. The relative error of the difference is (k v h)²/6 at the wavenumber k: 1e-6 for 150 m at 60 m/s. The
-/// core field's secular variation, below 1e-5 nT/s, is not included in the rate.
+/// relative to north-east-down. dB/dt = (v·∇)B + ∂B/∂t is the rate of the components north, east and down. It is
+/// computed from the field at 1 ms ahead and 1 ms behind on the tangent of the track, so it does not depend on the
+/// sample rate of the flight. The relative error of the difference is (k v h)²/6 at the wavenumber k: 1e-6 for 150 m at
+/// 60 m/s. The core field's secular variation, below 1e-5 nT/s, is not included in the rate.
 ///
 /// # Errors
 /// Fails for a line that leaves the known map, goes below it or through a source; a time without a value of the
@@ -117,11 +117,11 @@ pub(super) fn along(
     Ok(out)
 }
 
-/// Core field, crustal field and temporal variation (north, east, down; nT) at a place of the body `arm_m` (nose,
-/// right, down) from the INS.
+/// Core field, crustal field and temporal variation (north, east, down; nT) at the point of the body at `arm_m` (nose,
+/// right, down; m) from the INS.
 ///
 /// # Errors
-/// Fails as [`along`].
+/// Fails in the cases of [`along`].
 pub(super) fn at_arm(
     scene: &SynthLineContext,
     truth: &TrueTrajectory,

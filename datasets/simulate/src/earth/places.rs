@@ -8,7 +8,7 @@ use crate::trajectory::TrueTrajectory;
 pub(super) struct OffsetTrack<'a> {
     /// The positions of the samples.
     pub(super) own: &'a TrueTrajectory,
-    /// The offsets of latitude and longitude (deg) and height (m) from these.
+    /// Offsets of latitude and longitude (deg) and height (m) from these positions.
     pub(super) moved: Vec<[f64; 3]>,
     pub(super) tt_s: Vec<f64>,
     pub(super) lat_deg: Vec<f64>,

@@ -150,9 +150,9 @@ params! {
     lat: f64, unit "deg", rule Rule::Between(-90.0, 90.0);
     /// Longitude of the centre.
     lon: f64, unit "deg", rule Rule::Between(-360.0, 360.0);
-    /// Depth of a dipole, or of a prism's top, below the WGS-84 ellipsoid. Excludes `alt_m`.
+    /// Depth of a dipole, or of a prism's top, below the WGS-84 ellipsoid. Cannot be combined with `alt_m`.
     depth_m: Option<f64>, unit "m", absent "`alt_m` is given", rule Rule::Finite;
-    /// Height of a dipole, or of a prism's top, above the WGS-84 ellipsoid. Excludes `depth_m`.
+    /// Height of a dipole, or of a prism's top, above the WGS-84 ellipsoid. Cannot be combined with `depth_m`.
     alt_m: Option<f64>, unit "m", absent "`depth_m` is given", rule Rule::Finite;
     /// Magnetic moment of a dipole. Required for a dipole.
     moment_am2: Option<f64>, unit "A m2", absent "a prism", rule Rule::Finite;

@@ -356,8 +356,9 @@ fn law_the_quiet_day_is_large_by_day_and_small_at_night() {
     let most = sizes.iter().copied().fold(0.0, f64::max);
     assert!((most - 40.0).abs() < 0.05, "{most}");
     assert!(at(0.0, 35.0).norm() < 1e-12 && (20..24).chain(0..4).all(|h| at(f64::from(h), 35.0).norm() < 8.0));
-    // Sq at observatories: in the northern hemisphere east in the morning, west in the afternoon and less down at noon,
-    // with reversed signs in the southern one. At noon it is more north at the equator and less at 60 degrees.
+    // Sq at observatories: in the northern hemisphere it is eastward in the morning, westward in the afternoon and
+    // upward at noon. In the southern hemisphere these signs are reversed. At noon it is northward at the equator and
+    // southward at 60 degrees.
     assert!(at(9.0, 40.0).y > 10.0 && at(15.0, 40.0).y < -10.0 && at(9.0, -40.0).y < -10.0);
     assert!(at(12.0, 40.0).z < -5.0 && at(12.0, -40.0).z > 5.0);
     assert!(at(12.0, 0.0).x > 20.0 && at(12.0, 60.0).x < -5.0);
@@ -417,7 +418,7 @@ fn law_a_storm_begins_suddenly_and_recovers_slowly() {
     let samples: Vec<f64> = (0..2000).map(|k| storm.at(100.0 * f64::from(k))).collect();
     let deepest = (0..2000).min_by(|a, b| samples[*a].total_cmp(&samples[*b])).unwrap();
     assert!((f64::from(deepest as u32) * 100.0 - 21_000.0).abs() < 500.0);
-    // The remainder of the commencement is 0.25 e^-6 of the depth.
+    // The unfinished part of the commencement is 0.25 e^-6 of the depth.
     assert!((samples[deepest] + 200.0).abs() < 0.3, "{}", samples[deepest]);
     assert!((storm.at(71_000.0) + 200.0 / 1f64.exp()).abs() < 1e-4);
     assert!(samples.windows(2).skip(30).all(|w| (w[1] - w[0]).abs() < 3.0), "smooth but for the commencement");

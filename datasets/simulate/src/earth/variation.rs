@@ -5,13 +5,14 @@
 //!
 //! * The quiet day is a potential of the harmonics of degree n = m + 1 and order m = 1 to 4, which carry most of the Sq
 //!   field [Chapman & Bartels 1940, Geomagnetism, chapter XX]. They are in phase at local noon; the induced part is 0.4
-//!   of the external part. At noon the field is north of its midnight value near the equator, and south of it beyond
-//!   about 40 degrees of latitude. In the northern hemisphere it is east in the morning and less down at noon. The
-//!   baseline is local midnight.
+//!   of the external part. Values are relative to local midnight. At noon the variation is northward near the equator,
+//!   and southward beyond about 40 degrees of latitude. In the northern hemisphere it is eastward in the morning and
+//!   upward at noon.
 //! * A storm is the field of a distant ring current, along the earth's dipole axis; the induced part is 0.27 of it. It
 //!   rises suddenly by a quarter of its depth, falls to its depth as a squared sine, and recovers as (1 + y) e^(−y).
-//! * Pulsations are sums of waves with frequencies drawn about a centre: packets that grow and decay over
-//!   1/(2π width) periods. The east component is 0.4 of north with a lag of a quarter period; down is -0.2 of north.
+//! * Pulsations are sums of waves with frequencies drawn about a centre: packets that grow and decay over 1/(2π width)
+//!   periods. The east component is 0.4 times the north component, with a lag of a quarter period. The down component
+//!   is -0.2 times the north component.
 //! * The irregular part is a first-order Gauss-Markov process along the core field. Its knots are 1 s apart (or 1/20 of
 //!   its time constant if that is less), with linear interpolation.
 
@@ -27,7 +28,7 @@ use super::{
 use crate::random::RandomStream;
 
 const DAY_S: f64 = 86_400.0;
-/// Maximum time of a moment before the flight's start, s; the first interval between knots is extrapolated.
+/// Maximum extrapolation of the first interval between knots before the flight's start, s.
 const SLACK_S: f64 = 5e-3;
 
 /// The temporal variation of one flight.
@@ -216,7 +217,7 @@ struct IrregularVariationKnots {
 }
 
 impl IrregularVariationKnots {
-    /// Knots from the start of the flight to the end of `tt_s`: the same ones at every call.
+    /// Knots from the start of the flight to the end of `tt_s`. Every call gives the same knots.
     fn new(process: GaussMarkov, start_tt_s: f64, tt_s: &[f64], random: &mut RandomStream) -> IrregularVariationKnots {
         let step_s = (process.tau_s / 20.0).clamp(0.01, 1.0);
         // Times just before the first sample must not move the knots.

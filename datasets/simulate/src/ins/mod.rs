@@ -69,10 +69,10 @@ struct InsCarryover {
 }
 
 impl FlightIns {
-    /// The INS of a flight before its first line. For an ensemble, this function flies all lines once, one at a time
-    /// in memory, to choose the member.
+    /// The INS of a flight before its first line. For an ensemble, this function simulates all lines once to choose the
+    /// member. One line is in memory at a time.
     ///
-    /// The linear error model ranks the members, in steps of 1 s, for either method.
+    /// For both methods, the members are ranked by the linear error model in steps of 1 s.
     ///
     /// # Errors
     /// Fails for a trajectory or a parameter outside the error model.
@@ -185,7 +185,7 @@ impl InsCarryover {
     }
 }
 
-/// The member of the ensemble of the requested rank.
+/// The member of the ensemble with the requested rank.
 fn chosen(path: &Path, spec: &SynthSpec, flight: &SynthFlight) -> Result<usize, ReadError> {
     let ins = &spec.ins;
     let mut blocks: Vec<RandomStream> = vec![];

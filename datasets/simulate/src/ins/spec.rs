@@ -61,10 +61,10 @@ params! {
     gyro_scale_ppm: f64, unit "1", default 0.0, rule Rule::Between(0.0, 1e5);
     /// Number of realisations that are drawn.
     ensemble: usize, unit "", default 1usize, rule Rule::Between(1.0, 10_000.0);
-    /// Rank of the realisation that is flown, by DRMS over the lines of the flight. Rank 1 has the largest DRMS.
+    /// Rank of the realisation that is used, by DRMS over the lines of the flight. Rank 1 has the largest DRMS.
     take: Option<usize>, unit "", absent "a tenth of `ensemble`, rounded up", rule Rule::Between(1.0, 10_000.0);
-    /// Maximum horizontal position error. A line that exceeds it is rejected, as neither the linear error model nor the
-    /// map applies there.
+    /// Maximum horizontal position error. A line that exceeds it is rejected, because neither the linear error model
+    /// nor the map applies there.
     error_limit_m: f64, unit "m", default 1e6, rule Rule::Positive;
 }
 
@@ -102,7 +102,7 @@ pub struct SynthIns {
     pub scale_ppm: [f64; 2],
     /// Number of realisations that are drawn.
     pub ensemble: usize,
-    /// Rank of the realisation that is flown, by DRMS; rank 1 has the largest.
+    /// Rank of the realisation that is used, by DRMS; rank 1 has the largest DRMS.
     pub take: usize,
     /// Maximum horizontal position error, in metres.
     pub error_limit_m: f64,
@@ -179,7 +179,8 @@ impl InsInitialErrors {
         }
         put(ALT, self.altitude_m.as_ref().map(std::slice::from_ref), -1.0);
         put(VN, self.velocity_mps.as_ref().map(<[f64; 3]>::as_slice), -1.0);
-        // The tilt from the INS to the truth is the turn from the truth to the INS.
+        // The sign stays: the tilt state is the rotation from the true attitude to the INS attitude, like the given
+        // tilt.
         put(TILT_N, self.tilt_deg.map(|tilt| tilt.map(f64::to_radians)).as_ref().map(<[f64; 3]>::as_slice), 1.0);
         put(ACC, self.acc_bias_mps2.as_ref().map(<[f64; 3]>::as_slice), -1.0);
         put(GYRO, self.gyro_bias_radps.as_ref().map(<[f64; 3]>::as_slice), -1.0);

@@ -1,4 +1,4 @@
-//! Presets: platforms with known sensors and sources that a spec can start from.
+//! Presets: platforms with known sensors and sources, on which a spec can be based.
 //!
 //! `preset = "cessna"` at the top of a spec adds the preset's keys. A key of the spec overrides the preset's. Tables
 //! are merged key by key, and lists of tables with a `name` entry by entry: `[[magnetometers]]` with the name
@@ -39,9 +39,9 @@ const EITHER: [[&str; 2]; 5] = [
 /// Merging of lists without names that occur in both tables.
 #[derive(Clone, Copy)]
 enum PresetListMerge {
-    /// The upper list replaces the lower one.
+    /// The overriding list replaces the base list.
     Replace,
-    /// The entries of the upper list follow those of the lower one.
+    /// The entries of the overriding list follow the entries of the base list.
     Append,
 }
 
@@ -70,7 +70,7 @@ pub(crate) fn applied<'a>(mut root: DeTable<'a>, faults: &SynthFaultList) -> DeT
         match DeTable::parse(text) {
             Ok(layer) => base = merged(base, placed(layer.into_inner(), &named.span()), PresetListMerge::Append),
             Err(error) => {
-                fault(Fault::new(format!("the preset `{name}` is broken: {}", error.message())));
+                fault(Fault::new(format!("the preset `{name}` is invalid: {}", error.message())));
                 return root;
             }
         }
@@ -130,7 +130,7 @@ fn leave_out(table: &mut DeTable, name: &str) -> bool {
     found
 }
 
-/// The same values, all with one position in the spec.
+/// The same values, all with the same position in the spec.
 fn placed<'a>(table: DeTable<'a>, at: &Range<usize>) -> DeTable<'a> {
     let one = |(key, value): (Spanned<std::borrow::Cow<'a, str>>, Spanned<DeValue<'a>>)| {
         (Spanned::new(at.clone(), key.into_inner()), placed_value(value, at))
@@ -147,7 +147,7 @@ fn placed_value<'a>(value: Spanned<DeValue<'a>>, at: &Range<usize>) -> Spanned<D
     Spanned::new(at.clone(), inner)
 }
 
-/// `over` on top of `base`.
+/// The keys of both tables; `over` takes precedence over `base`.
 fn merged<'a>(mut base: DeTable<'a>, over: DeTable<'a>, unnamed: PresetListMerge) -> DeTable<'a> {
     for [one, other] in EITHER {
         if over.contains_key(one) || over.contains_key(other) {

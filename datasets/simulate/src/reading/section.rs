@@ -31,7 +31,7 @@ impl<'a> SynthSection<'a> {
         self.group_of(base, &ChoiceRegistry::default())
     }
 
-    /// [`SynthSection::group`] with the lists that keys choose kinds from.
+    /// [`SynthSection::group`] with the lists of kinds for keys that choose a kind.
     pub(crate) fn group_of<T: Params>(&self, base: Option<&T>, lists: &ChoiceRegistry) -> Option<T> {
         let section = match schemas::SpecSection::from_table(self.table, self.span.clone()) {
             Ok(section) => section,
@@ -66,7 +66,7 @@ impl<'a> SynthSection<'a> {
         }
     }
 
-    /// The bytes of the key `name` of the table `table` in this one.
+    /// Byte range of the key `name` of the table `table` inside this table.
     pub(crate) fn key_at(&self, table: &str, name: &str) -> Range<usize> {
         let inner = self.table.get(table).and_then(|value| value.get_ref().as_table());
         let key = inner.and_then(|inner| inner.keys().find(|key| key.get_ref() == name));

@@ -1,4 +1,4 @@
-//! Tables with a key that chooses the kind. Each kind has its own keys and the keys of all kinds.
+//! Tables with a key that chooses the kind. Each kind has separate keys, and the keys that all kinds have in common.
 
 use std::sync::Arc;
 

@@ -58,7 +58,7 @@ pub struct Turbulence {
 pub(super) struct GustStatistics {
     /// Along, across and vertical, in m/s.
     pub(super) sigma_mps: [f64; 3],
-    /// Scale lengths of the same, in metres.
+    /// Scale lengths in the same directions, in metres.
     pub(super) length_m: [f64; 3],
 }
 
@@ -121,15 +121,15 @@ fn high_ftps(h_ft: f64, w20_ftps: f64) -> f64 {
     }
 }
 
-/// Wind at 20 feet of light turbulence, 15 knots, in m/s. It is twice as much for moderate and three times for severe
-/// turbulence.
+/// Wind speed at 20 feet for light turbulence, in m/s: 15 knots. It is twice as high for moderate and three times as
+/// high for severe turbulence.
 const LEVEL_MPS: f64 = 15.0 * 1852.0 / 3600.0;
 
 params! {
     /// The table `dynamics`: the performance of the aircraft and its response to gusts. The defaults are those of a
     /// light survey aircraft.
     pub struct Dynamics, all default;
-    /// Maximum bank angle. A turn without a radius is as tight as this angle allows downwind.
+    /// Maximum bank angle. If no radius is set, turns are as tight as this angle allows at the downwind ground speed.
     bank_deg: f64, unit "deg", default 25.0, rule Rule::Between(3.0, 70.0);
     /// Maximum roll rate into and out of a turn.
     roll_rate_degps: f64, unit "deg/s", default 10.0, rule Rule::Between(1.0, 180.0);
@@ -140,8 +140,8 @@ params! {
     trim_deg: f64, unit "deg", default 2.0, rule Rule::Between(-5.0, 15.0);
     /// Airspeed at which `trim_deg` applies.
     cruise_mps: Option<f64>, unit "m/s", default None, absent "the line's `speed_mps`", rule Rule::Between(1.0, 1000.0);
-    /// Time constants of the airframe's response to gusts, relative to a light survey aircraft. Those are 0.4 s in
-    /// roll, 1 s in heave, 2.1 s in the pitch oscillation and 3.1 s in the yaw oscillation. A small drone has
+    /// Time constants of the airframe's response to gusts, relative to those of a light survey aircraft: 0.4 s in roll,
+    /// 1 s in heave, 2.1 s in the pitch oscillation and 3.1 s in the yaw oscillation. For a small drone the factor is
     /// about 0.3.
     response_s: f64, unit "s", default 1.0, rule Rule::Between(0.05, 5.0);
     /// Wing span. It determines how strongly gusts roll the aircraft.

@@ -1,6 +1,6 @@
 //! Smooth curves through evenly spaced nodes, with exact derivatives.
 
-/// Nodes before the first and after the last instant at which a curve is needed.
+/// Number of nodes before the first and after the last instant at which a curve is evaluated.
 pub(super) const MARGIN: usize = 2;
 
 /// Values at the times (k - [`MARGIN`]) h, joined by polynomials of fifth degree that share value and two

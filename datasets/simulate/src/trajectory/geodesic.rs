@@ -45,8 +45,8 @@ impl RoutePosition {
         }
     }
 
-    /// The position `length_m` further along a track whose curvature is a function of the distance from
-    /// here, by Runge and Kutta's fourth order in steps of at most `step_m`.
+    /// Position `length_m` further along a track whose curvature is a function of the distance from this position. It
+    /// is integrated by the fourth-order Runge-Kutta method in steps of at most `step_m`.
     pub(super) fn along(&self, length_m: f64, step_m: f64, curvature_per_m: impl Fn(f64) -> f64) -> Self {
         let steps = (length_m.abs() / step_m).ceil().max(1.0);
         let h = length_m / steps;
@@ -64,8 +64,8 @@ impl RoutePosition {
         place
     }
 
-    /// The position `ahead_m` along the geodesic from here and then `right_m` perpendicular to the right of it, with
-    /// a course parallel to this one.
+    /// Position reached by `ahead_m` along the geodesic from this position and then `right_m` perpendicularly to its
+    /// right. Its course is parallel to the present course.
     pub(super) fn beside(&self, ahead_m: f64, right_m: f64) -> Self {
         const STEP_M: f64 = 1000.0;
         let quarter = TAU / 4.0;

@@ -1,5 +1,5 @@
-//! The motion of the aircraft in gusts: Dryden's random gusts through a linear model of the airframe under a pilot
-//! who holds track, height and speed; and the small motions that a spec requests directly.
+//! Motion of the aircraft in gusts. Dryden's random gusts drive a linear model of the airframe with a pilot who holds
+//! track, height and speed. This module also computes the small motions of the key `gusts_deg`.
 
 use std::f64::consts::{SQRT_2, TAU};
 
@@ -10,13 +10,13 @@ use super::{
     air::{Dynamics, GustStatistics, Turbulence},
 };
 
-/// A change of height, in metres, below which the gusts are not updated.
+/// Change of height, in metres, below which the statistics of the gusts are not updated.
 const SAME_HEIGHT_M: f64 = 5.0;
 /// The spin-up of the gusts before a line begins, in steps.
 const BEFORE: usize = 1200;
 
-/// The random gusts, as white noise through filters sampled exactly, each of variance 1.
-/// [MIL-F-8785C, 3.7.1.2; roll rate after Yeager 1998, NASA CR-206937, (8)-(10)]
+/// Random gusts: white noise through exactly discretised filters, each with an output of variance 1. [MIL-F-8785C,
+/// 3.7.1.2; roll rate after Yeager 1998, NASA CR-206937, (8)-(10)]
 #[derive(Clone, Debug)]
 pub(super) struct DrydenGusts {
     height_m: f64,
@@ -115,7 +115,7 @@ impl SecondOrderGustFilter {
     fn decay(&mut self, steps: f64) {
         self.keep = (-steps).exp();
         self.pass = steps;
-        // The stationary covariance minus the part kept over a step.
+        // The stationary covariance minus the part that remains after a step.
         let (k2, p) = (self.keep * self.keep, self.pass);
         let q11 = 1.0 - k2;
         let q12 = 0.5 - k2 * (p + 0.5);

@@ -130,8 +130,8 @@ pub struct SurveyLineGrid {
     pub spacing_m: f64,
     /// `count`: number of lines; 1 to 10 000.
     pub count: u32,
-    /// `tie_spacing_m`: distance between adjacent tie lines, in metres; no tie lines by default. As many as fit are
-    /// centred on the lines.
+    /// `tie_spacing_m`: distance between adjacent tie lines, in metres; no tie lines by default. The largest number of
+    /// tie lines that fits is centred on the lines.
     pub tie_spacing_m: Option<f64>,
     /// `side` of the first line on which the others lie, `right` or `left`.
     pub right: bool,
@@ -163,7 +163,7 @@ impl SurveyLineGrid {
             let ties = (self.line_m / spacing_m).floor() as u32 + 1;
             let first_m = 0.5 * (self.line_m - spacing_m * f64::from(ties - 1));
             for j in 0..ties {
-                // From the side where the survey lines end, in alternating directions.
+                // Tie lines begin at the side where the survey lines end, and alternate in direction.
                 let back = j % 2 == 0;
                 let across = if back { side * width_m } else { 0.0 };
                 let ahead = first_m + spacing_m * f64::from(j);
@@ -184,8 +184,8 @@ pub(super) struct GroundRoute {
     pub(super) marks_m: Vec<f64>,
 }
 
-/// Turns by more than this at a waypoint begin over it and end on course for the next, in radians; others
-/// begin before it and end on the next leg.
+/// Angle in radians. Turns by a larger angle begin over the waypoint and end on a course to the next waypoint. Other
+/// turns begin before the waypoint and end on the next leg.
 const FLY_OVER_RAD: f64 = 2.0;
 
 /// A route along waypoints: once, or repeated until it is `until_m` long. `swing` is the angle (rad) and the period (m)

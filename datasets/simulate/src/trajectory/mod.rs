@@ -1,5 +1,5 @@
-//! True trajectories: a planned route over the ellipsoid, flown at an airspeed through a wind, with the attitude
-//! of such flight, with gusts and manoeuvres.
+//! True trajectories. A planned route over the ellipsoid is flown at an airspeed through a wind, with the resulting
+//! attitude, gusts and manoeuvres.
 //!
 //! Position and attitude are smooth curves through nodes 0.05 s apart, at any sample rate: the flight is the same at 10
 //! Hz and at 250 Hz. Velocity, specific force and angular rates are the exact derivatives of these curves.
@@ -56,7 +56,7 @@ pub(super) struct TrueTrajectory {
     pub(super) attitude_deg: [Vec<f64>; 3],
     /// The rates of roll, pitch and yaw, in deg/s.
     pub(super) attitude_rates_degps: [Vec<f64>; 3],
-    /// Rates of turn of the body against north-east-down, about the body's axes: nose, right, down, in deg/s.
+    /// Angular rates of the body relative to north-east-down, about the body's axes: nose, right, down, in deg/s.
     pub(super) rates_degps: [Vec<f64>; 3],
 }
 
@@ -276,8 +276,8 @@ struct SteadyAttitude {
     heading_rad: f64,
 }
 
-/// The attitude at a node: no sideslip through the air, no force sideways, and the angle of attack of the
-/// load factor and the airspeed. The search begins at a nearby roll.
+/// The attitude at a node: no sideslip, no lateral force, and the angle of attack of the load factor and the airspeed.
+/// The search begins at a nearby roll.
 fn steady(position: &[QuinticSpline; 3], k: usize, roll_rad: f64, plan: &TrajectoryPlan) -> SteadyAttitude {
     let [lat, lon, alt] = position.each_ref().map(|curve| {
         let (first, second) = slopes(&curve.nodes, k);
@@ -307,7 +307,7 @@ fn coordinated(
     let sin_climb = -through_air.z / speed;
     let (sin, cos) = heading_rad.sin_cos();
     let (mut roll, mut pitch, mut slip) = (roll_rad, 0.0, 0.0);
-    // Each iteration reduces the error by the factor of the angle of attack.
+    // Each iteration multiplies the error by about the angle of attack in radians.
     for _ in 0..8 {
         let before: f64 = roll;
         let (sin_roll, cos_roll) = roll.sin_cos();

@@ -15,9 +15,9 @@ use super::{
 
 /// Straight flight between the manoeuvres of a box, in seconds.
 const SETTLE_S: f64 = 5.0;
-/// Half of the time in which a climb begins or ends, in seconds.
+/// Half of the duration of the transition at the start or end of a climb, in seconds.
 const ROUNDING_S: f64 = 5.0;
-/// Longest steps of the clock, in metres.
+/// Maximum distance per step of the timing, in metres.
 const CLOCK_STEP_M: f64 = 500.0;
 /// The largest latitude of a line, in degrees.
 const HIGHEST_DEG: f64 = 89.0;
@@ -29,8 +29,8 @@ const STRONGEST: f64 = 0.8;
 pub struct LineHeights {
     /// `alts_m`: height at each waypoint, in metres above the ellipsoid; default `alt_m`.
     pub alts_m: Option<Vec<f64>>,
-    /// `drape`: whether the heights are a surface to stay above, with climbs that begin early enough. Otherwise they
-    /// are flown exactly, and too steep a climb is a fault. Default `false`.
+    /// `drape`: whether the heights are a surface to stay above, with climbs that begin early enough. Otherwise the
+    /// heights are flown exactly, and a climb that is too steep is a fault. Default `false`.
     pub drape: bool,
 }
 
@@ -310,7 +310,7 @@ fn round(orbit: &kinds::Orbit, route: &RouteFactory) -> Result<Route, RouteError
     route(RoutePosition { course_rad: edge.course_rad + quarter, ..edge })
 }
 
-/// A route that begins before a centre, at the distance from which the loops lead back over it.
+/// A route that begins before a centre, at the distance that the loops of a cloverleaf require.
 fn before(center: (f64, f64), heading_deg: f64, route: &RouteFactory) -> Result<Route, RouteError> {
     let centre = RoutePosition::new(center, heading_deg.to_radians());
     let lead_m = kinds::lead_m(&route(centre)?);

@@ -1,6 +1,6 @@
 //! A route over the ground: straight segments, turns with smooth roll-in and roll-out, and swings.
 //!
-//! Distances are along the ellipsoid's surface; a route is planned by flying it there.
+//! Distances are along the surface of the ellipsoid, on which the planned route is integrated.
 
 use std::f64::consts::{PI, TAU};
 
@@ -10,7 +10,7 @@ use super::{
     geodesic::{Geodesic, RoutePosition},
 };
 
-/// Longest steps of the integration: along a geodesic and in a turn, in metres.
+/// Maximum steps of the integration, along a geodesic and in a turn, in metres.
 const STRAIGHT_STEP_M: f64 = 1000.0;
 const TURN_PARTS: f64 = 64.0;
 
@@ -83,14 +83,14 @@ pub(super) struct TurnShape {
 }
 
 impl TurnShape {
-    /// A turn by an angle (rad; right is positive) with a radius and a ramp. A turn too short to roll fully
-    /// into has a larger radius.
+    /// A turn by an angle (rad; right is positive) with a radius and a ramp. If the angle is too small for both ramps,
+    /// the radius is increased.
     pub(super) fn new(angle_rad: f64, radius_m: f64, ramp_m: f64) -> Self {
         let held_m = (angle_rad.abs() * radius_m).max(ramp_m);
         let curvature_per_m = angle_rad / held_m;
         let length_m = held_m + ramp_m;
-        // The turn is symmetric about its middle, and its chord has the course there. The ramp by Simpson's rule,
-        // the course in it in closed form; the circle exactly.
+        // The turn is symmetric about its middle, so its chord is parallel to the course there. The ramp is integrated
+        // by Simpson's rule, with its course in closed form. The circle is exact.
         let half = 0.5 * angle_rad;
         const PARTS: usize = 32;
         let cosine = |i: usize| {
@@ -106,14 +106,14 @@ impl TurnShape {
         Self { bend, length_m, chord_m, ahead_m: chord_m * half.cos(), right_m: chord_m * half.sin() }
     }
 
-    /// The distance before the corner of two legs at which the turn from the first into the second begins; negative if
-    /// it begins behind it.
+    /// Distance before the corner of two legs at which the turn from the first into the second begins; negative if the
+    /// turn begins after the corner.
     pub(super) fn tangent_m(&self, angle_rad: f64) -> f64 {
         0.5 * self.chord_m / (0.5 * angle_rad).cos()
     }
 }
 
-/// Reason that a route cannot be flown, and the key of the spec that causes it.
+/// Reason why a route cannot be flown, and the key of the spec that causes it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct RouteError {
     pub(super) key: &'static str,
@@ -175,7 +175,7 @@ impl Route {
         self.end = middle.along(0.5 * length_m, piece.step_m(), |s| piece.curvature_per_m(0.5 * length_m + s));
         self.length_m += length_m;
         for place in [middle, self.end] {
-            // NaN, which occurs at a pole, is kept as infinity.
+            // NaN, which occurs at a pole, is stored as infinity.
             let lat_rad = if place.lat_rad.is_finite() { place.lat_rad.abs() } else { f64::INFINITY };
             self.highest_lat_rad = self.highest_lat_rad.max(lat_rad);
         }
@@ -211,7 +211,7 @@ impl Route {
         if angle_rad == 0.0 || periods < 1.0 {
             return self.straight(ahead_m);
         }
-        // The path is longer than the progress by the mean cosine of the swing.
+        // The progress is the length of the path times the mean cosine of the swing.
         let parts = (64.0 * periods) as usize;
         let cosines = (0..parts).map(|i| (angle_rad * swing((i as f64 + 0.5) / parts as f64, periods)).cos());
         let mean = cosines.sum::<f64>() / parts as f64;
@@ -243,8 +243,8 @@ impl Route {
     }
 }
 
-/// A path by turn, straight and turn to a position ahead and to the right and a course, all relative to the
-/// start: first turn, straight, second turn.
+/// Path of a turn, a straight and a turn to a position (ahead, to the right) and a course, relative to the start.
+/// Returns the first turn, the straight and the second turn.
 fn shortest(route: &Route, target: (f64, f64), finally_rad: f64) -> Option<(f64, f64, f64)> {
     const DIRECTIONS: usize = 72;
     let mut best: Option<(f64, (f64, f64, f64))> = None;

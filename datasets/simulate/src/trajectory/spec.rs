@@ -183,14 +183,14 @@ variant! {
     cycles: usize, unit "", default 3usize, rule Rule::Between(1.0, 100.0);
     /// Number of legs.
     legs: usize, unit "", default 4usize, rule Rule::Between(1.0, 64.0);
-    /// First and last set of manoeuvres of Gnadt 2022, table 5.7. Each set is one line. They replace `amplitude_deg`
-    /// and `cycles`.
+    /// First and last set of manoeuvres of Gnadt 2022, table 5.7. Each set is one line. The sets replace
+    /// `amplitude_deg` and `cycles`.
     sets: Option<[usize; 2]>, unit "", absent "`amplitude_deg` and `cycles`", rule Rule::Between(1.0, 18.0);
 }
 
 variant! {
     /// Flies survey lines in alternating directions, then tie lines across them. With `split`, the survey lines are
-    /// named `NAME.01`, `NAME.02`... and the tie lines `NAME.T01`... They keep their order and times; turns are
+    /// named `NAME.01`, `NAME.02`... and the tie lines `NAME.T01`... The lines keep their order and times; turns are
     /// omitted.
     GRID: LinePathKeys = "grid", |keys| LinePathKeys::Grid(keys);
     struct GridKeys;
@@ -298,14 +298,14 @@ params! {
 }
 
 params! {
-    /// A table of `flights`: a flight. Its tables `lines` hold the lines.
+    /// A table of `flights`: a flight. Each of its tables `lines` defines one or more lines.
     pub struct FlightKeys;
     /// Identifier of the flight.
     name: String, unit "";
     /// Start of the first line, in s past midnight UTC.
     start_tt_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
-    /// Number of flights of a Monte Carlo study. They share plan and aircraft; all other random draws are independent.
-    /// The flights are named `<name>-1`, `<name>-2`, and so on.
+    /// Number of flights of a Monte Carlo study. They share the plan and the aircraft; all other random draws are
+    /// independent. The flights are named `<name>-1`, `<name>-2`, and so on.
     copies: Option<usize>, unit "", absent "one flight, named `name`", rule Rule::Between(1.0, 10_000.0);
 }
 
@@ -319,7 +319,7 @@ fn lines(s: &SynthSection, next_s: f64, air: &FlightConditions) -> Vec<SynthLine
         start_tt_s: keys.start_tt_s.unwrap_or(next_s),
         alt_m: keys.alt_m,
         speed_mps: keys.speed_mps,
-        // Survey lines and free flights have a radius too.
+        // Lines of the kinds `survey` and `free` also have a radius.
         radius_m: keys.radius_m,
         heights: LineHeights::default(),
         path: HorizontalPath::Free { waypoints: vec![] },

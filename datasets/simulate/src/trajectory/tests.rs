@@ -243,13 +243,13 @@ fn law_waypoints_are_reached_and_legs_are_geodesics() {
         };
         (0..flown.tt_s.len()).map(away).fold(f64::INFINITY, f64::min)
     };
-    // There and back: a turn by more than a right angle begins over its waypoint. Samples are 7 m apart.
+    // A return flight: a turn by more than a right angle begins over its waypoint. Samples are 7 m apart.
     let back = "kind = 'survey'\nduration_s = 800.0\nwaypoints = [[-22.0, 140.5], [-21.9, 140.5]]";
     let flown = fly(&line(WIND, back), 10.0);
     let later = TrueTrajectory { lat_deg: flown.lat_deg[3000..].to_vec(), ..TrueTrajectory::default() };
     assert!(nearest(&flown, (-21.9, 140.5)) < 4.0);
     assert!(later.lat_deg.iter().any(|lat| (lat + 22.0).abs() < 4e-5), "and back over the first");
-    // Turns by less are flown inside the corner, and the middle of each leg is on the geodesic.
+    // Smaller turns are flown inside the corner, and the middle of each leg is on the geodesic.
     let places = [(-22.0, 140.5), (-21.8, 140.5), (-21.8, 140.8), (-21.7, 140.8)];
     let list = places.map(|(lat, lon)| format!("[{lat:?}, {lon:?}]")).join(", ");
     let flown = fly(&line(WIND, &format!("kind = 'free'\nwaypoints = [{list}]")), 50.0);

@@ -10,7 +10,7 @@ use super::{
 /// Approximate size of a block, bytes.
 pub(super) const BLOCK: usize = 1 << 21;
 
-/// Maximum length of a record, bytes; a longer one has an open quote or is not part of a table.
+/// Maximum length of a record, bytes. A longer record has an open quote or is not part of a table.
 const LONGEST: usize = 1 << 28;
 
 const MARK: &[u8] = "\u{feff}".as_bytes();

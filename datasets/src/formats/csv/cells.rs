@@ -1,5 +1,5 @@
-//! The ends of the records of a text, and the cells of one of them: comma between cells, quotes around those that
-//! contain commas, newlines or (doubled) quotes, a carriage return or a newline after each record.
+//! Finds the ends of the records of a text, and the cells of a record. Commas separate cells. Cells that contain
+//! commas, newlines or (doubled) quotes are quoted. A carriage return or a newline ends a record.
 
 /// Whether a byte ends a record.
 pub(super) fn ends_record(byte: u8) -> bool {

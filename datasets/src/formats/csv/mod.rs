@@ -3,7 +3,7 @@
 //!
 //! A cell that is not a number in a column of numbers, and a row with more or fewer values than the header, are faults
 //! of their row. A row that repeats the header, as in concatenated files, is skipped and noted. A row that is another
-//! header is an error, since its columns differ.
+//! header is an error, because its columns differ.
 
 use std::{
     collections::{HashSet, VecDeque},
@@ -137,7 +137,7 @@ fn reader(path: &Path) -> Result<csv::Reader<TextFile>, ReadError> {
     Ok(csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(file))
 }
 
-/// The type that the contract or the options give a column; `None` infers it from the values.
+/// Type of a column according to its canonical name or the options; `None` if the values determine it.
 fn settled_kind(name: &str, options: &FlightOptions) -> Option<CsvColumnKind> {
     let ours = options.rename.get(name).map_or(name, String::as_str);
     let known = flight::describe(ours);

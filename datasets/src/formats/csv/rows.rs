@@ -111,7 +111,7 @@ impl CsvRowFault {
                         (format!("`{text}` is not a whole number"), format!("line {line} of the file"))
                     }
                     Ok(text) => {
-                        let help = format!("line {line} of the file; a word for missing values goes into `missing`");
+                        let help = format!("line {line} of the file; if it marks a missing value, add it to `missing`");
                         (format!("`{text}` is not a number"), help)
                     }
                     Err(error) => (format!("is not UTF-8 text: {error}"), format!("line {line} of the file")),
@@ -129,7 +129,7 @@ pub(super) struct CsvRows<'a> {
     cells: CsvCells,
     pub(super) rows: usize,
     pub(super) wrong: Vec<CsvRowFault>,
-    /// Rows at the start with the flight and line of the row before the block.
+    /// Number of rows at the start that take flight and line from the row before the block.
     orphans: usize,
     /// Newlines of the block.
     pub(super) newlines: u64,
@@ -277,8 +277,8 @@ impl<'a> CsvRows<'a> {
         words > 1 && words == numbers
     }
 
-    /// The rows as a batch. `keys` holds the last flight and line before the block, and on return those of its last
-    /// row.
+    /// The rows as a batch. `keys` holds the last flight and line before the block, and on return the flight and line
+    /// of its last row.
     pub(super) fn into_batch(
         self,
         path: &Path,

@@ -111,7 +111,7 @@ impl CsvScan {
         Ok(CsvScan { kinds, repeated, cut })
     }
 
-    /// Whether the last row is dropped, since its last number is truncated.
+    /// Whether the last row is dropped, because its last number is truncated.
     pub(super) fn drops_last(&self) -> bool {
         self.cut.as_ref().is_some_and(|c| c.short)
     }
@@ -151,7 +151,7 @@ impl CsvScan {
         let (repeated, line) = self.repeated;
         if repeated > 0 {
             let rows = if repeated == 1 { "a row repeats".to_owned() } else { format!("{repeated} rows repeat") };
-            notes.push(format!("{file}: {rows} the header (first in line {line} of the file); left out"));
+            notes.push(format!("{file}: {rows} the header (first in line {line} of the file); skipped"));
         }
         if let (Some(cut), Some(column)) = (&self.cut, names.last()) {
             let (value, line) = (&cut.value, cut.line);
@@ -159,7 +159,7 @@ impl CsvScan {
             notes.push(if cut.short {
                 format!(
                     "{ends}; the last value `{value}` of `{column}` (line {line} of the file) is shorter than all \
-                     others of its column, and its row is left out"
+                     others of its column, and its row is skipped"
                 )
             } else {
                 format!("{ends} inside the last value `{value}` of `{column}` (line {line} of the file)")
@@ -172,7 +172,7 @@ impl CsvScan {
 /// One result for each of some blocks, computed in parallel.
 pub(super) fn at_once<T: Send>(blocks: &[CsvBlock], one: impl Fn(&CsvBlock) -> T + Send + Sync) -> Vec<T> {
     match blocks {
-        // A pool would only give this thread unrelated work.
+        // A thread pool is not used here, because it would give this thread unrelated work.
         [block] => vec![one(block)],
         blocks => blocks.par_iter().map(one).collect(),
     }
@@ -273,7 +273,7 @@ impl CsvBlockScanner<'_> {
         None
     }
 
-    /// Columns with words in a whole row are columns of words.
+    /// Marks the columns that have words in a complete row as columns of words.
     fn settle(&mut self) {
         for column in self.doubts.drain(..) {
             self.open[column] = false;

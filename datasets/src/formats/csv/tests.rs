@@ -1,4 +1,4 @@
-//! Comparison of the reader with a slow and simple one, for files with every oddity and blocks of any size.
+//! Comparison of the reader with a slow and simple reader, for files with every irregularity and blocks of any size.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -101,7 +101,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
         let n = repeated.len();
         let rows = if n == 1 { "a row repeats".to_owned() } else { format!("{n} rows repeat") };
         let note =
-            format!("{}: {rows} the header (first in line {} of the file); left out", path.display(), repeated[0]);
+            format!("{}: {rows} the header (first in line {} of the file); skipped", path.display(), repeated[0]);
         told.notes.push(note);
     }
     if let Some((cut, line)) = last.filter(|(r, _)| r.len() == names.len()) {
@@ -117,7 +117,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
             records.pop();
             told.notes.push(format!(
                 "{start}; the last value `{value}` of `{column}` (line {line} of the file) is shorter than all others of its \
-                 column, and its row is left out"
+                 column, and its row is skipped"
             ));
         } else {
             told.notes.push(format!("{start} inside the last value `{value}` of `{column}` (line {line} of the file)"));
@@ -183,7 +183,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
                     format!("{place}: `{t}` is not a whole number ({at})")
                 }
                 Some(t) => {
-                    format!("{place}: `{t}` is not a number ({at}; a word for missing values goes into `missing`)")
+                    format!("{place}: `{t}` is not a number ({at}; if it marks a missing value, add it to `missing`)")
                 }
                 None => {
                     format!("{place}: is not UTF-8 text: {} ({at})", std::str::from_utf8(&record[column]).unwrap_err())

@@ -9,7 +9,7 @@ pub(super) const FMT: u8 = 0x80;
 /// The length of an FMT message.
 pub(super) const FMT_LENGTH: u8 = 89;
 
-/// A definition: name, length with the header, and columns with offsets behind the header.
+/// A definition: name, length including the header, and columns with offsets from the end of the header.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct MessageDefinition {
     pub(super) name: String,
@@ -133,7 +133,7 @@ impl FormatCharacter {
             'n' => (RecordFieldType::Text(4), 1.0),
             'N' => (RecordFieldType::Text(16), 1.0),
             'Z' => (RecordFieldType::Text(64), 1.0),
-            // Hundredths; division gives the number nearest to the decimal one.
+            // Hundredths. Division gives the number nearest to the decimal number.
             'c' => (RecordFieldType::I16, 1e2),
             'C' => (RecordFieldType::U16, 1e2),
             'e' => (RecordFieldType::I32, 1e2),
@@ -214,7 +214,7 @@ impl DataflashUnits {
             let known = units.get(i).and_then(|id| self.names.iter().find(|(known, _)| known == id));
             let Some(name) = known.map(|(_, name)| usual(name)).filter(|name| !name.is_empty()) else { continue };
             let factor = factors.get(i).and_then(|id| self.factors.iter().find(|(known, _)| known == id));
-            // A format that scales its numbers has applied the factor.
+            // A format that scales its numbers has already applied the factor.
             let factor = if definition.is_scaled(i) { 1.0 } else { factor.map_or(1.0, |(_, factor)| *factor) };
             let unit = prefixed(factor, name);
             for (column, _) in definition.columns.iter_mut().zip(&definition.fields).filter(|(_, of)| **of == i) {

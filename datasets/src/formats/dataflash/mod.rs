@@ -5,7 +5,7 @@
 //! others keep their logged values, in the unit of the FMTU, UNIT and MULT messages, including the multiplier. Logs
 //! before 2018 lack such messages and have units only for time, latitude and longitude.
 //!
-//! The file is read three times: for its units, to list and count its topics, and for the values of one.
+//! The file is read three times: for its units, to list and count its topics, and for the values of one topic.
 
 use std::path::Path;
 
@@ -89,7 +89,7 @@ fn some_message(path: &Path, walk: &DataflashScanner) -> Result<(), ReadError> {
     Ok(())
 }
 
-/// The requested topic: a name without an instance means the only instance.
+/// The requested topic. A name without an instance selects the only instance.
 fn instance<'a>(path: &Path, asked: Option<&'a str>, names: &'a [(String, u64)]) -> Result<Option<&'a str>, ReadError> {
     let Some(name) = asked.filter(|name| !names.iter().any(|(known, _)| known == name)) else { return Ok(asked) };
     let of = |(known, _): &&(String, u64)| known.split_once(':').is_some_and(|(message, _)| message == name);

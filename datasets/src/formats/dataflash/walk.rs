@@ -1,6 +1,6 @@
-//! The messages of a DataFlash log in sequence. A message has no checksum. It is valid only if the marks of another one
-//! or the end of the file follow it, so that a message with lost bytes is rejected. Invalid bytes are skipped up to the
-//! next valid message.
+//! The messages of a DataFlash log in sequence. A message has no checksum. It is valid only if the marks of another
+//! message or the end of the file follow it, so that a message with lost bytes is rejected. Invalid bytes are skipped
+//! up to the next valid message.
 
 use std::{
     collections::HashMap,
@@ -169,7 +169,7 @@ impl DataflashScanner {
     }
 
     /// Reads the next message and passes it to `visit` (topic, whether it is new, definition and body). Returns whether
-    /// there was one.
+    /// there was a message.
     ///
     /// # Errors
     /// Fails for a file that cannot be read.
@@ -205,7 +205,7 @@ impl DataflashScanner {
     /// Reads to the end of the file.
     ///
     /// # Errors
-    /// Fails as [`DataflashScanner::step`].
+    /// Fails in the cases of [`DataflashScanner::step`].
     pub(super) fn finish(
         &mut self,
         visit: &mut impl FnMut(usize, bool, &MessageDefinition, &[u8]),
@@ -238,7 +238,7 @@ impl DataflashScanState {
         }
     }
 
-    /// The offset of the next valid message; without one, the number of bytes examined.
+    /// The offset of the next valid message. If there is none, the number of bytes examined.
     fn next_message(&self, bytes: &[u8]) -> usize {
         let judged = if bytes.len() >= AHEAD { bytes.len() - AHEAD / 2 } else { bytes.len() };
         let stands = |at: &usize| {

@@ -184,7 +184,8 @@ impl<'a> MatByteReader<'a> {
         self.data(&tag, LONGEST)
     }
 
-    /// The array of this length after its head. With `outermost`, its own name decides whether its numbers are kept.
+    /// The array of this length after its head. With `outermost`, the name of the array determines whether its numbers
+    /// are kept.
     fn matrix(
         &mut self,
         bytes: u64,

@@ -7,7 +7,7 @@ fn unit_impossible_values_of_maps_are_rejected() {
     let fault = read_grid(&case("emag2.nc"), &MapOptions::default()).unwrap_err().to_string();
     for part in [
         "emag2.nc, column `anomaly`: in row ",
-        "99,999 nT is not a magnetic anomaly (-20,000 to 20,000 nT), and 1 more of 63 values are outside too",
+        "99,999 nT is not a magnetic anomaly (-20,000 to 20,000 nT), and 1 more of 63 values are out of range",
         "set `missing = [99999]` in the table of the spec or use `--missing=99999`",
         "`accept = [\"range\"]`",
     ] {
@@ -58,7 +58,7 @@ fn unit_impossible_values_of_maps_are_rejected() {
     assert!(read("99999", &slope).unwrap_err().contains("a derivative of a magnetic anomaly"));
     let heights = "lon,lat,anomaly,alt\n1,1,5,300\n2,1,6,300\n1,2,7,310\n2,2,8,1e7\n";
     let fault = bytes("m.csv", heights.as_bytes(), &MapOptions::default()).unwrap_err();
-    assert!(fault.contains("10000000 m is outside the possible heights of a map"), "{fault}");
+    assert!(fault.contains("10000000 m is outside the plausible range of map heights above the ellipsoid"), "{fault}");
     let map = bytes("m.csv", heights.replace("1e7", "-99999").as_bytes(), &MapOptions::default()).unwrap();
     assert!(matches!(&map.height, GridHeight::Cells(cells) if cells[3].is_nan()), "{:?}", map.height);
     let word = MapOptions { missing: vec!["dropout".into()], ..MapOptions::default() };
@@ -91,7 +91,7 @@ fn unit_impossible_values_of_survey_points_are_rejected() {
     assert!(read(&rows("inf", "100"), &plain).unwrap().value_nt[2].is_nan());
     let fault = read(&rows("7", "1e7"), &plain).unwrap_err();
     assert!(
-        fault.contains("column `alt`") && fault.contains("is outside the possible heights of an aircraft"),
+        fault.contains("column `alt`") && fault.contains("is outside the plausible range of flight heights"),
         "{fault}"
     );
     assert!(read(&rows("7", "-99999"), &plain).unwrap().height_m[1].is_nan());

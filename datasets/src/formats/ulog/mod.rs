@@ -91,7 +91,7 @@ fn notes(path: &Path, walk: &UlogScanner, number: usize) -> Vec<String> {
     }
     if state.dropouts > 0 {
         notes.push(format!(
-            "{}, {} ms in total, where the logger was too slow",
+            "{}, {} ms in total, because the logger was too slow",
             counted(state.dropouts, "dropout"),
             state.dropouts_ms
         ));
@@ -126,7 +126,7 @@ fn notes(path: &Path, walk: &UlogScanner, number: usize) -> Vec<String> {
     notes.into_iter().map(|note| format!("{file}: {note}")).collect()
 }
 
-/// Notes on the topics with messages that do not fit their definition.
+/// Notes on the topics with messages that do not match their definition.
 fn misfits(topics: &[walk::UlogTopic]) -> Vec<String> {
     /// Topics that are listed.
     const SHOWN: usize = 5;

@@ -1,5 +1,5 @@
-//! The messages of a ULog file in sequence. A message is valid only if another one or the end of the file follows it,
-//! so that a message with lost bytes is rejected. Invalid bytes are skipped up to the next valid message.
+//! The messages of a ULog file in sequence. A message is valid only if another message or the end of the file follows
+//! it, so that a message with lost bytes is rejected. Invalid bytes are skipped up to the next valid message.
 
 use std::{
     collections::HashMap,
@@ -176,7 +176,7 @@ impl UlogScanner {
     }
 
     /// Reads the next message and, if it is a data message, passes its topic and record to `visit`. Returns whether
-    /// there was one.
+    /// there was a message.
     ///
     /// # Errors
     /// Fails for a file that cannot be read or has unsupported features.
@@ -232,7 +232,7 @@ impl UlogScanner {
     /// Reads to the end of the file.
     ///
     /// # Errors
-    /// Fails as [`UlogScanner::step`].
+    /// Fails in the cases of [`UlogScanner::step`].
     pub(super) fn finish(&mut self, visit: &mut impl FnMut(usize, &[u8])) -> Result<(), ReadError> {
         while self.step(visit)? {}
         Ok(())
@@ -266,7 +266,7 @@ impl UlogScanState {
         if kind == b'D' {
             let fits = match word(bytes, 3).map(|id| self.subscription(id)) {
                 Some(Some(s)) if size < 2 || (s.least..=s.most).contains(&(size - 2)) => size >= 2,
-                // At the end of the file, a cut message cannot be distinguished from damage.
+                // At the end of the file, a truncated message cannot be distinguished from damage.
                 Some(Some(_)) => return body.map_or(UlogMatch::Nothing, |_| UlogMatch::Misfit(3 + size)),
                 Some(None) if size >= 2 => {
                     return if body.is_some() { UlogMatch::Unsure(3 + size) } else { UlogMatch::Nothing };
@@ -337,7 +337,7 @@ impl UlogScanState {
         }
     }
 
-    /// The offset of the next valid message; without one, the number of bytes examined.
+    /// The offset of the next valid message. If there is none, the number of bytes examined.
     fn next_sure(&self, bytes: &[u8]) -> usize {
         // Beyond this offset a message and its successor may exceed the window.
         let judged = if bytes.len() > AHEAD { bytes.len() - AHEAD } else { bytes.len() };

@@ -2,7 +2,7 @@
 
     python3 stages/learning/reference/importance/make_reference.py
 
-Versions are written into each table. The tests never run this; they read the tables beside it.
+Versions are written into each table. The tests do not run this script; they read the tables in this folder.
 """
 import itertools
 import math
@@ -31,7 +31,7 @@ def write(name, **columns):
 
 
 def model(x):
-    """The same function as the test's."""
+    """The same function as in the tests."""
     return 3 * np.tanh(x[:, 0] * x[:, 1] + x[:, 2] * x[:, 3]) + x[:, 2] ** 2 * x[:, 3] - 2 * x[:, 4] + np.sin(x[:, 0] + x[:, 3])
 
 
@@ -50,7 +50,7 @@ exact = shap.explainers.Exact(model, masker)(rows).values
 kernel = shap.KernelExplainer(model, background).shap_values(rows, nsamples="auto", silent=True)
 assert np.abs(exact - kernel).max() < 1e-9, np.abs(exact - kernel).max()
 permuted = shap.explainers.Permutation(model, masker, seed=1)(rows, max_evals=2000).values
-# What their sampling misses: the tests print it beside our own.
+# Sampling error of SHAP; the tests print it for comparison with magline's.
 print("permutation explainer, 2000 evaluations: largest difference from exact", np.abs(permuted - exact).max())
 columns |= {f"exact{j}": padded(exact)[:, j] for j in range(WIDTH)}
 
@@ -61,7 +61,7 @@ columns |= {f"linear{j}": padded(shares)[:, j] for j in range(WIDTH)}
 columns["coefficient"] = np.r_[linear.coef_, np.zeros(len(x) - WIDTH)]
 write("shapley.csv", **columns)
 
-# A forest as its nodes: TreeExplainer against the background ("interventional").
+# A forest as a list of nodes: TreeExplainer against the background ("interventional").
 more = np.round(rng.normal(size=(200, WIDTH)), 2)
 forest = HistGradientBoostingRegressor(max_iter=12, max_leaf_nodes=12, min_samples_leaf=5, early_stopping=False)
 forest.fit(more, model(more))
@@ -88,7 +88,7 @@ write(
     **{f"spearman_{k}": np.full(n, scipy.stats.spearmanr(*v).statistic) for k, v in pairs.items()},
 )
 
-# The best subset of three of eight moderately correlated columns, by trying all.
+# The best subset of three of eight moderately correlated columns, by exhaustive search.
 n = 60
 base = rng.normal(size=(n, 8))
 d = np.round(base + 0.3 * base[:, ::-1], 4)

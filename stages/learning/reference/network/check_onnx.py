@@ -1,4 +1,4 @@
-"""Runs the files of `onnx/` in onnxruntime on the samples, and writes what they predict.
+"""Runs the files of `onnx/` in onnxruntime on the samples, and writes their predictions.
 
     cargo test -p magline-learning --lib -- --ignored user_write_the_onnx_files
     pip install onnxruntime numpy && python3 stages/learning/reference/network/check_onnx.py

@@ -2,8 +2,8 @@
 
     pip install torch numpy && python3 stages/learning/reference/network/make_reference.py
 
-The tests never run this; they read the tables beside it. Parameters to begin with are 0.5 sin(0.9 i + k) for the i-th
-parameter, from 0, of case k; the order of the samples in an epoch is drawn here once more, by SplitMix64.
+The tests do not run this script; they read the tables in this folder. The initial value of parameter i (from 0) of case k
+is 0.5 sin(0.9 i + k). The order of the samples in an epoch is drawn by SplitMix64, as in Rust.
 """
 from pathlib import Path
 
@@ -61,7 +61,7 @@ class Model(nn.Module):
 
 
 class Windowed(nn.Module):
-    """A memory over windows of 4 samples before a dense network; parameters in the order of `Windowed` in Rust."""
+    """Memory layers over windows of 4 samples before a dense network; parameters in the order of `WindowedNetworkShape` in Rust."""
 
     def __init__(self, memory, form, case):
         super().__init__()
@@ -97,7 +97,7 @@ class Windowed(nn.Module):
 
 
 def windows(x, runs, length):
-    """The windows that end at each sample; before a run stands its first sample."""
+    """The window that ends at each sample; before a run, its first sample is repeated."""
     out, start = [], 0
     for run in runs:
         out += [[max(start, row - back) for back in reversed(range(length))] for row in range(start, start + run)]

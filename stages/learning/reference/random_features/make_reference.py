@@ -2,7 +2,7 @@
 
     python3 stages/learning/reference/random_features/make_reference.py
 
-Versions are written into the table. The tests never run this; they read the table beside it.
+Versions are written into the table. The tests do not run this script; they read the table in this folder.
 """
 from pathlib import Path
 
@@ -32,7 +32,7 @@ y = 4 * np.sin(1.3 * x[:, 0]) + 2 * x[:, 1] * x[:, 2] + 1.5 * x[:, 1] + 60 + 0.4
 y = np.round(y, 4)
 train = np.arange(n) < 160
 
-# A constant of large variance stands for the flat prior; the most likely variances of the rest are found.
+# A constant of large variance approximates the flat prior; the other variances are the most likely ones.
 plain = ConstantKernel(10.0, (1e-3, 1e5)) * RBF(LENGTH, "fixed")
 linear = ConstantKernel(10.0, (1e-3, 1e5)) * (RBF(LENGTH, "fixed") + DotProduct(0.0, "fixed"))
 columns = {}

@@ -2,7 +2,7 @@
 
     python3 stages/learning/reference/trees/make_reference.py
 
-Versions are written into each table. The tests never run this; they read the tables beside it.
+Versions are written into each table. The tests do not run this script; they read the tables in this folder.
 """
 from pathlib import Path
 
@@ -28,7 +28,7 @@ def model(**settings):
 
 
 def few_values():
-    """Columns of at most 255 distinct values, so that the bins are the same everywhere, and so are the trees."""
+    """Columns of at most 255 distinct values, so that bins and trees are the same in every implementation."""
     rng = np.random.default_rng(31)
     n = 300
     x = np.column_stack([
@@ -47,7 +47,7 @@ def few_values():
 
 
 def waves(first, last):
-    """The same numbers as the test's: columns of many distinct values and a target that is not a sum of functions."""
+    """The same numbers as in the tests: columns of many distinct values and a target that is not a sum of functions."""
     k = np.arange(first, last)
     x = np.column_stack([np.sin(k * (0.013 + 0.0171 * j) + 0.37 * j) + 0.2 * np.sin(k * (1.7 + 0.31 * j)) for j in range(8)])
     y = 10 * x[:, 0] * x[:, 1] + 5 * np.tanh(3 * x[:, 2]) + 4 * np.abs(x[:, 3]) + x[:, 4] + 0.5 * np.sin(k * k * 0.37)
@@ -55,7 +55,7 @@ def waves(first, last):
 
 
 def many_values():
-    """Errors with several numbers of bins: a tree that comes first decides about those that follow, so that they scatter."""
+    """Errors with several numbers of bins. They scatter, because the first trees affect all later trees."""
     x, y = waves(0, 6000)
     ahead, truth = waves(6000, 9000)
     rows = []

@@ -24,7 +24,8 @@ fn finite(a: &[f64], b: &[f64]) -> (Vec<f64>, Vec<f64>) {
 
 fn coefficient(a: &[f64], b: &[f64]) -> SampleStatistic {
     let n = a.len();
-    // The computed mean of equal values may differ from them by rounding, which would correlate.
+    // The computed mean of equal values may differ from the values by rounding, and the differences would appear
+    // correlated.
     let constant = |x: &[f64]| x.windows(2).all(|pair| pair[0] == pair[1]);
     if n < 2 || constant(a) || constant(b) {
         return SampleStatistic { value: f64::NAN, n };

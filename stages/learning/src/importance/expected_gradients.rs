@@ -10,15 +10,17 @@ use crate::{draws, rows::setting};
 
 /// Expected gradients: the mean of (x − b) df/dx at b + a (x − b), over background rows b and over a from 0 to 1,
 /// summed over the columns of a group [Erion et al. 2021, "Improving performance of deep learning models with axiomatic
-/// attribution priors and expected gradients"]. Their sum is the prediction minus the mean prediction of the
-/// background, up to sampling errors. `gradient` returns the derivatives with respect to all columns, row by row.
+/// attribution priors and expected gradients"]. The sum of a row's values is its prediction minus the mean prediction
+/// of the background, up to sampling errors. `gradient` returns the derivatives with respect to all columns, row by
+/// row.
 ///
-/// Background rows are used in turn, with counts that differ by at most one. The interval of a is divided into as many
-/// equal parts as there are samples, with one draw from each. Errors are those of independent draws, an upper estimate.
+/// Background rows are used in turn, so their counts differ by at most one. The interval of a is divided into one equal
+/// part per sample, and a is drawn once from each part. The standard errors assume independent draws and are therefore
+/// upper estimates.
 ///
 /// # Errors
-/// Fails for values that are not finite, a column in no group or in two, and fewer than two samples. Also fails if the
-/// model fails or returns anything but one finite number per row and column.
+/// Fails for values that are not finite, a column that is not in exactly one group, and fewer than two samples. Also
+/// fails if the model fails or returns anything but one finite number per row and column.
 pub fn expected_gradients<E: Send>(
     gradient: &PredictionFunction<'_, E>,
     rows: &[f64],

@@ -8,14 +8,15 @@ const TOLERANCE: f64 = 1e-10;
 /// Maximum number of steps.
 const STEPS: usize = 100_000;
 
-/// c and κ of the paper's step length: the margin to the longest stable step, and the factor that shortens a step.
+/// Constants c and κ of the step length of Blumensath and Davies 2010: margin below the longest stable step, and factor
+/// by which a step is shortened.
 const MARGIN: f64 = 0.01;
 const SHORTER: f64 = 2.0;
 
 /// A linear model with few terms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SparseLinearModel {
-    /// One per column, in the unit of the target per unit of the column; 0 for omitted columns.
+    /// One coefficient per column, in the unit of the target per unit of the column; 0 for omitted columns.
     pub coefficients: Vec<f64>,
     /// The number of steps.
     pub steps: usize,
@@ -26,11 +27,11 @@ pub struct SparseLinearModel {
 /// Fits a linear model without a constant, with at most `keep` terms and a small squared error, by normalised iterative
 /// hard thresholding [Blumensath and Davies 2010, "Normalized iterative hard thresholding: guaranteed stability and
 /// performance"]. Each step follows the gradient and then sets all but the `keep` largest coefficients to 0. The error
-/// never increases, and the coefficients of the kept terms converge to least squares. Another set of terms may have a
-/// smaller error, mainly if columns are correlated. Columns must be standardised and the target centred.
+/// never increases, and the coefficients of the kept terms converge to the least-squares solution. Another set of terms
+/// may have a smaller error, mainly if columns are correlated. Columns must be standardised and the target centred.
 ///
 /// # Errors
-/// Fails for values that are not finite, and for a `keep` outside 1 to the number of columns.
+/// Fails for values that are not finite, and if `keep` is not between 1 and the number of columns.
 pub fn iterative_hard_thresholding(
     x: &[f64],
     width: usize,
@@ -118,7 +119,7 @@ impl GramSystem {
     }
 }
 
-/// The columns of the `keep` largest absolute values, ascending; the first of equal values.
+/// Columns of the `keep` largest absolute values, ascending. Of equal values, the first is kept.
 fn largest(b: &[f64], keep: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..b.len()).collect();
     order.sort_by(|&i, &j| b[j].abs().total_cmp(&b[i].abs()));

@@ -12,7 +12,8 @@ use crate::{
 /// Block length, number of repeats and seed of a permutation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PermutationBlocks {
-    /// Rows per block. A block must be longer than the correlation time, or permuted values resemble the originals.
+    /// Rows per block. A block must be longer than the correlation time. Otherwise permuted values resemble the
+    /// original ones.
     pub rows: usize,
     /// Number of permutations.
     pub repeats: usize,
@@ -31,10 +32,10 @@ pub struct PermutationImportance {
 
 /// Increase of the mean square error of the targets `y` when the columns of a group come from other rows [Breiman 2001,
 /// "Random forests", section 10]. Rows, of `width` columns each, are in time order. They are cut into blocks, the last
-/// of which may be shorter. The order of the blocks becomes a random single cycle, so that no block keeps its position.
+/// of which may be shorter. The blocks are permuted by a random single cycle, so that no block keeps its position.
 /// Single samples are not permuted, because a slow series would become noise.
 ///
-/// In each repeat all groups have the same permutation, so that they are comparable. Groups may share columns.
+/// In each repeat all groups are permuted in the same way, so that they are comparable. Groups may share columns.
 ///
 /// # Errors
 /// Fails for values that are not finite, invalid groups or settings, and fewer than two blocks. Also fails if the model
@@ -75,7 +76,7 @@ fn source_rows(blocks: &PermutationBlocks, repeat: usize, rows: usize) -> Vec<u3
     order.into_iter().flat_map(block).map(|row| row as u32).collect()
 }
 
-/// The mean square error if the columns of `group` come from the rows `source`.
+/// Mean square error when the columns of `group` are taken from the rows `source`.
 fn exchanged<E>(
     model: &PredictionFunction<'_, E>,
     x: &[f64],

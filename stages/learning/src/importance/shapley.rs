@@ -15,16 +15,17 @@ use crate::{
 };
 
 /// The Shapley values of the prediction of each row: the mean change of the prediction when a group's columns change
-/// from the background row's to the row's own, over all orders of the groups and all background rows [Strumbelj and
-/// Kononenko 2014; the background: Lundberg and Lee 2017, (9)-(12)]. Orders are drawn anew for each background row,
-/// each together with its reverse [Mitchell et al. 2022, "Sampling permutations for Shapley value estimation"]. The
-/// values of a row therefore always add up to its prediction minus the base. Up to two groups are exact.
+/// from the values of the background row to the values of the row, over all orders of the groups and all background
+/// rows [Strumbelj and Kononenko 2014; the background: Lundberg and Lee 2017, (9)-(12)]. Orders are drawn anew for each
+/// background row, each together with its reverse [Mitchell et al. 2022, "Sampling permutations for Shapley value
+/// estimation"]. The values of a row therefore always add up to its prediction minus the base. For up to two groups the
+/// values are exact.
 ///
 /// Cost: 2 `samples` (groups − 1) predictions for each row and background row.
 ///
 /// # Errors
-/// Fails for values that are not finite, a column in no group or in two, and fewer than two samples. Also fails if the
-/// model fails or returns anything but one finite number per row.
+/// Fails for values that are not finite, a column that is not in exactly one group, and fewer than two samples. Also
+/// fails if the model fails or returns anything but one finite number per row.
 pub fn shapley_sampled<E: Send>(
     model: &PredictionFunction<'_, E>,
     rows: &[f64],
@@ -85,7 +86,7 @@ impl<E> ShapleySampler<'_, E> {
         (0..self.sampling.samples).map(|_| draws::shuffled(&mut bits, self.groups.len())).collect()
     }
 
-    /// For each order, the rows on the path from the background to `x`, then those of the reverse order.
+    /// For each order: rows on the path from the background row to `x`, then rows on the path in the reverse order.
     fn mixed(&self, x: &[f64], some: Range<usize>, orders: &[Vec<usize>]) -> Vec<f64> {
         let mut out = vec![];
         for (b, orders) in some.zip(orders.chunks(self.sampling.samples)) {
@@ -130,9 +131,9 @@ impl<E> ShapleySampler<'_, E> {
     }
 }
 
-/// The Shapley values of a linear model with these coefficients and independent features: the coefficient times the
-/// difference of a column from `means`, the mean of the background, summed over a group [Lundberg and Lee 2017,
-/// corollary 1]. Groups may overlap, and columns may be in no group.
+/// Shapley values of a linear model with the given coefficients, for independent features. The value of a group is the
+/// sum over its columns of the coefficient times the column minus `means`, its mean over the background [Lundberg and
+/// Lee 2017, corollary 1]. Groups may overlap, and columns may be in no group.
 ///
 /// # Errors
 /// Fails for values that are not finite, the wrong number of values, and invalid groups.

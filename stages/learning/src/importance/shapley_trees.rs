@@ -9,13 +9,13 @@ use crate::trees::{BoostingError, Forest, RegressionTreeNode};
 /// [`shapley_sampled`](super::shapley_sampled) for many samples [Lundberg et al. 2020, "From local explanations to
 /// global understanding with explainable AI for trees", algorithm 3].
 ///
-/// A row and a background row traverse each tree together. At a split that separates them, the path branches by the
-/// node's group; deeper splits of that group follow the same choice. Consider a leaf that requires the row's columns of
-/// n groups and the background's columns of m groups. It adds (n − 1)! m!/(n + m)! of its value to each of the n groups
-/// and subtracts n! (m − 1)!/(n + m)! from each of the m groups.
+/// A row and a background row traverse each tree together. At a split that separates them, the path branches: the
+/// node's group takes its values from one of the two rows, and deeper splits by that group use the same row. Consider a
+/// leaf that requires the row's columns of n groups and the background's columns of m groups. It adds (n − 1)! m!/(n +
+/// m)! of its value to each of the n groups and subtracts n! (m − 1)!/(n + m)! from each of the m groups.
 ///
 /// # Errors
-/// Fails for values that are not finite, a column in no group or in two, and a malformed forest.
+/// Fails for values that are not finite, a column that is not in exactly one group, and a malformed forest.
 pub fn shapley_trees(
     forest: &Forest,
     rows: &[f64],
@@ -46,9 +46,9 @@ struct ShapleyTreeTraversal<'a> {
     group_of: &'a [usize],
     x: &'a [f64],
     b: &'a [f64],
-    /// Groups whose columns must be the row's own on this path.
+    /// Groups whose columns must have the values of the explained row on this path.
     own: Vec<usize>,
-    /// Groups whose columns must be the background's on this path.
+    /// Groups whose columns must have the values of the background row on this path.
     other: Vec<usize>,
     values: &'a mut [f64],
 }

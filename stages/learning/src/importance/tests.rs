@@ -68,7 +68,8 @@ fn ref_sampled_values_agree_with_shap_within_their_errors() {
         .map(|((v, t), e)| (v - t) / e)
         .collect();
     let typical = (ratios.iter().map(|r| r * r).sum::<f64>() / ratios.len() as f64).sqrt();
-    // 24 differences, of which the five of a row are correlated: one standard error, within about a third.
+    // The root mean square of the 24 differences is one standard error. The five differences of a row are correlated,
+    // so the tolerance is about a third.
     assert!(ratios.len() >= 20 && (0.6..1.5).contains(&typical), "{typical} {ratios:?}");
     // The additive term -2 x4 has no sampling error.
     let mean = background.iter().skip(4).step_by(5).sum::<f64>() / 20.0;
@@ -152,13 +153,13 @@ fn ref_values_of_a_forest_are_those_of_tree_explainer() {
     let (rows, background, _) = shapley_case();
     assert!(worst(&forest.predict(&rows, 5), &truth["prediction"]) < 1e-12);
     let found = shapley_trees(&forest, &rows, &background, 5, &each_alone(5)).unwrap();
-    // SHAP computes trees partly in 32 bits.
+    // SHAP evaluates trees partly in single precision.
     assert!(
         worst(&found.values, &expected(&truth, "value")) < 1e-5,
         "{}",
         worst(&found.values, &expected(&truth, "value"))
     );
-    // Group values equal those of sampling with enough orders to cover all.
+    // The group values equal sampled values if there are enough samples to cover all orders.
     let groups = [vec![2, 0], vec![1, 3], vec![4]];
     let exact = shapley_trees(&forest, &rows, &background, 5, &groups).unwrap();
     let predict = |x: &[f64]| Ok::<_, Never>(forest.predict(x, 5));
@@ -182,7 +183,7 @@ fn law_permutation_of_a_linear_model_is_twice_the_explained_variance() {
     let found = permutation(&model, &x, 3, &y, &groups, &blocks).unwrap();
     assert!(found.base < 1e-20);
     for (increases, truth) in found.increases.iter().zip([8.0, 2.0, 0.0, 10.0]) {
-        // Squares of 40,000 differences: 2^0.5/200 of their mean.
+        // The standard error of a mean of 40,000 squared differences is 2^0.5/200 of the mean.
         assert!(
             increases.len() == 3 && increases.iter().all(|i| (i - truth).abs() < 0.035 * truth + 1e-12),
             "{found:?}"

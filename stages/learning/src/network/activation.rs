@@ -121,13 +121,13 @@ pub(super) fn sigmoid(z: f64) -> (f64, f64) {
 
 /// eˣ within two units in the last place, bit-identical on every machine, for results between e⁻⁷⁰⁸ and e⁷⁰⁹.
 ///
-/// x = n ln 2 + r with |r| at most half of ln 2. The exponential of r is its Taylor polynomial of degree 13; n is added
-/// to the exponent. Branch-free, so that it vectorises.
+/// x = n ln 2 + r with |r| at most half of ln 2. The exponential of r is computed by the Taylor polynomial of degree
+/// 13, and n is added to its exponent. Branch-free, so that it vectorises.
 #[inline(always)]
 fn exp(x: f64) -> f64 {
     const LN_2_HIGH: f64 = 6.931_471_803_691_238e-1;
     const LN_2_LOW: f64 = 1.908_214_929_270_587_7e-10;
-    // Added to a number of moderate size, it leaves the nearest integer in the last bits.
+    // Adding this constant to a number of moderate size leaves the nearest integer in the last bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
     const INVERSE_FACTORIALS: [f64; 12] = [
         1.0 / 479_001_600.0,

@@ -1,9 +1,10 @@
 //! Causal convolutions with a dilation that doubles from layer to layer. [van den Oord et al. 2016; Bai, Kolter &
 //! Koltun 2018]
 //!
-//! Each layer combines two samples, 1, 2, 4, … samples apart: h(t) = f(W₀ h′(t − d) + W₁ h′(t) + b). The last sample of
-//! a window depends on every second result of the layer before. Along a window of 2ⁿ samples in order, these are always
-//! pairs of neighbours. A layer is therefore a dense layer whose rows are pairs of neighbours.
+//! Each layer combines two samples that are 1, 2, 4, … samples apart: h(t) = f(W₀ h′(t − d) + W₁ h′(t) + b). The last
+//! sample of a window depends only on every second result of the previous layer. With a window of 2ⁿ samples in order,
+//! each layer therefore combines adjacent pairs of these results. It is computed as a dense layer whose rows are the
+//! pairs.
 
 use super::activation::ActivationFunction;
 use super::kernels::{WeightPanels, add_outer, affine, padded};
@@ -33,7 +34,7 @@ struct ConvolutionLayer {
     forward: WeightPanels,
     backward: WeightPanels,
     gradient: WeightPanels,
-    /// Weights or their gradient with the padding of the inputs.
+    /// Weights, or their gradient, with padded inputs.
     spread: Vec<f64>,
     /// The activations of all rows, and their derivatives.
     out: Vec<f64>,

@@ -25,7 +25,7 @@ pub(super) fn gather(from: &[f64], columns: usize, rows: &[u32], to: &mut Vec<f6
 #[expect(unsafe_code, reason = "the standard library has no other way to prefetch")]
 fn prefetch(numbers: &[f64]) {
     use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-    // SAFETY: a prefetch is a hint that reads and writes nothing, and every processor of this architecture has it.
+    // SAFETY: a prefetch is a hint that reads and writes nothing, and every processor of this architecture supports it.
     unsafe { _mm_prefetch::<_MM_HINT_T0>(numbers.as_ptr().cast()) }
 }
 

@@ -1,11 +1,11 @@
 //! The two products of a layer, for a block of rows: its sums, and the gradient of its weights.
 //!
-//! Units lie along the vector, in panels of eight or four, so that no sum is across lanes. Each sum is over inputs or
-//! rows in order, by fused multiply-add. The bits do not depend on the vector width.
+//! The lanes of a SIMD vector hold different units, in panels of eight or four, so that no sum is across lanes. Each
+//! sum is over inputs or rows in order, by fused multiply-add. The bits do not depend on the vector width.
 
 use pulp::{Simd, WithSimd};
 
-/// Units of a panel, unless at most half as many remain.
+/// Number of units of a panel. If at most half as many remain, a small panel is used.
 const PANEL: usize = 8;
 /// Units of a small panel.
 const SMALL: usize = 4;
@@ -81,13 +81,13 @@ pub(super) fn affine(x: &[f64], stride: usize, layer: &WeightPanels, out: &mut [
     pulp::Arch::new().dispatch(AffineKernel { x, stride, layer, out });
 }
 
-/// Adds Σ d xᵀ over the rows to the gradient of the weights, and Σ d to that of the biases. Rows of `x` are `stride`
-/// apart; rows of `d` are padded to whole panels.
+/// Adds Σ d xᵀ over the rows to the gradient of the weights, and Σ d to the gradient of the biases. Rows of `x` are
+/// `stride` apart; rows of `d` are padded to whole panels.
 pub(super) fn add_outer(x: &[f64], stride: usize, d: &[f64], gradient: &mut WeightPanels) {
     pulp::Arch::new().dispatch(OuterProductKernel { x, stride, d, gradient });
 }
 
-// Structs: closures of this size would not be inlined and compiled for the wider vectors.
+// These are structs, because closures of this size would not be inlined and compiled for wide vectors.
 struct AffineKernel<'a> {
     x: &'a [f64],
     stride: usize,
@@ -182,7 +182,7 @@ fn affine_tile<S: Simd, const R: usize, const K: usize>(
     for (row, x) in rows.iter_mut().zip(x.chunks_exact(stride)) {
         *row = &x[..weights.len()];
     }
-    // Only the vectors that K numbers require are used.
+    // Only as many vectors are used as K numbers fill.
     let mut sums = [[simd.splat_f64s(0.0); K]; R];
     for sum in &mut sums {
         for (sum, bias) in sum.iter_mut().zip(S::as_simd_f64s(bias).0) {

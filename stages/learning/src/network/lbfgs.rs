@@ -1,9 +1,9 @@
 //! Limited-memory BFGS with a line search for the strong Wolfe conditions. [Nocedal & Wright 2006, algorithms 3.5, 3.6,
 //! 7.4 and 7.5]
 
-/// Sufficient decrease, as a fraction of the first slope (c₁).
+/// Sufficient decrease, as a fraction of the initial slope (c₁).
 const DECREASE: f64 = 1e-4;
-/// Maximum slope at the end of a step, as a fraction of the first slope (c₂).
+/// Maximum slope at the end of a step, as a fraction of the initial slope (c₂).
 const CURVATURE: f64 = 0.9;
 /// Maximum number of evaluations in a line search.
 const EVALUATIONS: usize = 25;
@@ -76,7 +76,7 @@ impl LbfgsState {
         parameters.iter_mut().zip(&direction).for_each(|(x, d)| *x += end.step * d);
         let moved: Vec<f64> = direction.iter().map(|d| end.step * d).collect();
         let change: Vec<f64> = end.gradient.iter().zip(&self.gradient).map(|(after, before)| after - before).collect();
-        // A pair without curvature would make the next direction an ascent.
+        // A pair without positive curvature could make the next direction an ascent direction.
         if dot(&moved, &change) > 1e-10 * dot(&change, &change) {
             self.pairs.push((moved, change));
             let surplus = self.pairs.len().saturating_sub(memory);
@@ -106,7 +106,7 @@ impl LbfgsState {
     }
 }
 
-/// A step that satisfies the Wolfe conditions; the best evaluated step if the evaluations do not suffice.
+/// A step that satisfies the Wolfe conditions. If the number of evaluations does not suffice, the best evaluated step.
 fn search(
     start: &LineSearchPoint,
     first: f64,
@@ -148,7 +148,7 @@ fn search(
         if !(step >= least && step <= most) {
             step = 0.5 * (least + most);
         }
-        // Two steps near the same end make no progress.
+        // Two successive steps near the same end of the bracket make no progress.
         if (most - step).min(step - least) < margin {
             if stuck || step >= most || step <= least {
                 step = if most - step < step - least { most - margin } else { least + margin };
@@ -176,7 +176,7 @@ fn search(
     low
 }
 
-/// The minimum of the cubic with the values and slopes of two points; their midpoint if it has none.
+/// Minimum of the cubic through the values and slopes of two points. If the cubic has no minimum, the midpoint.
 fn cubic_minimum(one: &LineSearchPoint, other: &LineSearchPoint) -> f64 {
     let (a, b) = if one.step <= other.step { (one, other) } else { (other, one) };
     let d1 = a.slope + b.slope - 3.0 * (a.objective - b.objective) / (a.step - b.step);
@@ -236,7 +236,7 @@ mod tests {
             f64::NAN
         });
         assert!(x == [1.0] && state.ended);
-        // An infinite wall beyond 2. The minimum is before it.
+        // The objective is infinite beyond 2, and its minimum is below 2.
         let (x, _) = minimised(&[0.0], 50, |x, gradient| {
             gradient[0] = -1.0 + 1.0 / (2.0 - x[0]).powi(2);
             if x[0] < 2.0 { -x[0] + 1.0 / (2.0 - x[0]) } else { f64::INFINITY }

@@ -15,7 +15,7 @@ use super::windowed::{FeatureExtractor, NetworkArchitecture};
 
 /// Number of blocks whose gradients are in memory together.
 const ROUND: usize = 64;
-/// Products of rows and parameters below which a second thread costs more than it saves.
+/// Number of rows times number of parameters below which a second thread costs more than it saves.
 const LEAST_TO_SPREAD: usize = 200_000;
 
 /// Rows over which the objective is averaged.
@@ -41,7 +41,7 @@ impl BatchRows<'_> {
 pub(super) struct ObjectiveMean {
     /// Mean loss of the errors, without penalties.
     pub loss: f64,
-    /// Loss plus the distance from Tolles-Lawson and the penalty on weights. The gradient is that of this value.
+    /// Loss plus the distance from Tolles-Lawson and the penalty on weights. The gradient is the gradient of this sum.
     pub objective: f64,
 }
 
@@ -50,7 +50,7 @@ pub(super) struct TrainingObjective<'a> {
     model: NetworkArchitecture<'a>,
     training: &'a NetworkTraining,
     samples: NetworkSamples<'a>,
-    /// The first row of the run of each row, for a network over a window.
+    /// For a network over a window: the first row of each row's run.
     first: Vec<u32>,
     tolles_lawson: Vec<f64>,
     /// The linear terms of each row times their coefficients, if these are fixed.
@@ -66,7 +66,7 @@ struct ObjectiveWorkspace {
     body: Option<Box<dyn FeatureExtractor>>,
     features: Vec<f64>,
     d_features: Vec<f64>,
-    /// Factors of dropout for the features.
+    /// Dropout factors of the features.
     factors: Vec<f64>,
     a: Vec<f64>,
     y: Vec<f64>,
@@ -90,7 +90,7 @@ struct GradientBlock<'r> {
     dropout: Option<Dropout>,
 }
 
-/// Objective of one of several networks to evaluate over the same rows, and its gradient as output.
+/// Objective of one of several networks that are evaluated over the same rows, and its gradient.
 pub(super) struct GradientRequest<'p, 'a> {
     pub objective: &'p mut TrainingObjective<'a>,
     pub parameters: &'p [f64],
@@ -100,7 +100,7 @@ pub(super) struct GradientRequest<'p, 'a> {
     pub gradient: &'p mut [f64],
 }
 
-/// A pass over rows for several means that share the gathered inputs. The work buffers are kept for the next pass.
+/// Pass over rows that computes several means from the same gathered inputs. The next pass reuses its work buffers.
 #[derive(Default)]
 pub(super) struct GradientPass {
     /// Contribution of each block of a round to each mean.
@@ -190,8 +190,8 @@ impl<'a> TrainingObjective<'a> {
         }
     }
 
-    /// Uses the linear coefficients of these parameters for all later calls, if training does not change them, so that
-    /// the terms need not be read again.
+    /// Stores the sums of terms with the linear coefficients of these parameters for all later calls, if training does
+    /// not change the coefficients. The terms are then not read again.
     pub fn hold_fixed(&mut self, parameters: &[f64]) {
         let head = self.model.head;
         let linear = self.samples.terms(head);
@@ -220,7 +220,7 @@ impl<'a> TrainingObjective<'a> {
         self.of_body.extend_from_slice(of_body);
     }
 
-    /// The inputs of a block of rows; for a network over a window, those of each row's window.
+    /// Inputs of a block of rows. For a network over a window, the inputs of each row's window.
     fn inputs<'x>(&'x self, rows: BatchRows<'_>, range: &Range<usize>, gathered: &'x mut Vec<f64>) -> &'x [f64] {
         let (x, inputs) = (self.samples.x, self.model.inputs());
         gathered.clear();

@@ -13,8 +13,8 @@ use super::shape::{NetworkForm, NetworkShape};
 pub struct NetworkScales<'a> {
     /// Scaling from columns to inputs.
     pub inputs: &'a InputScaling,
-    /// Offsets added to the linear terms, and then their factors, one entry per term each. `None` if the terms are
-    /// unscaled.
+    /// Offsets that are added to the linear terms, and factors by which the sums are multiplied; one of each per term.
+    /// `None` if the terms are unscaled.
     pub linear: Option<(&'a [f64], &'a [f64])>,
     /// The mean of the target, in nT.
     pub target_mean: f64,
@@ -26,7 +26,7 @@ pub struct NetworkScales<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum OnnxError {
     /// Sizes do not match.
-    #[error("{what}: {given} values are given, but the network has {expected}")]
+    #[error("{what}: there are {given} values, but the network requires {expected}")]
     Length {
         /// Quantity of the wrong size.
         what: &'static str,
@@ -44,9 +44,9 @@ pub enum OnnxError {
 }
 
 impl NetworkShape {
-    /// The network as the bytes of an ONNX file, in double precision, including the scaling. Its input `x` has rows of
-    /// columns in their own units. Its input `a`, if the form has linear terms, has rows of these. Its output `y` is
-    /// the target in nT. The number of rows is free.
+    /// The network as the bytes of an ONNX file, in double precision, including the scaling. Input `x` has rows of
+    /// unscaled columns. Input `a`, if the form has linear terms, has rows of unscaled linear terms. Output `y` is the
+    /// target in nT. The number of rows is free.
     ///
     /// # Errors
     /// Fails for parameters and scales that do not match the network or are not finite.

@@ -45,7 +45,7 @@ impl<'a> PackedNetwork<'a> {
 
 /// Workspace of a block of rows.
 pub(super) struct BlockWorkspace {
-    /// The sums of each layer, replaced by its activations; rows padded to whole panels.
+    /// Sums of each layer, which are replaced by its activations; rows padded to whole panels.
     layers: Vec<Vec<f64>>,
     /// The derivatives of the activations of each hidden layer.
     slopes: Vec<Vec<f64>>,
@@ -188,7 +188,8 @@ impl BlockWorkspace {
         }
     }
 
-    /// Replaces `delta`, the derivatives with respect to the sums of a layer, by those of the layer before.
+    /// Replaces `delta`, the derivatives with respect to the sums of a layer, by the derivatives with respect to the
+    /// sums of the previous layer.
     fn step_back(&mut self, network: &PackedNetwork<'_>, number: usize, rows: usize) {
         let shape = network.shape;
         let stride = padded(shape.hidden.get(number).copied().unwrap_or(shape.outputs()));
@@ -200,8 +201,8 @@ impl BlockWorkspace {
         std::mem::swap(&mut self.delta, &mut self.delta_before);
     }
 
-    /// The gradient with respect to the parameters of a sum over the rows, given the derivatives of the sum with
-    /// respect to the predictions. Requires [`forward`](Self::forward) with slopes.
+    /// Gradient of a sum over the rows with respect to the parameters, given the derivatives of the sum with respect to
+    /// the predictions. Requires [`forward`](Self::forward) with slopes.
     pub fn backward(
         &mut self,
         network: &PackedNetwork<'_>,
@@ -254,8 +255,8 @@ impl BlockWorkspace {
         self.step_to_inputs(network, rows, out);
     }
 
-    /// The derivatives with respect to the inputs, from those with respect to the sums of the first layer, the final
-    /// state of [`backward`](Self::backward).
+    /// Derivatives with respect to the inputs, computed from the derivatives with respect to the sums of the first
+    /// layer. [`backward`](Self::backward) leaves the latter in the workspace.
     pub fn step_to_inputs(&mut self, network: &PackedNetwork<'_>, rows: usize, out: &mut [f64]) {
         let shape = network.shape;
         let stride = padded(shape.hidden.first().copied().unwrap_or(shape.outputs()));

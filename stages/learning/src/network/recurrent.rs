@@ -173,7 +173,7 @@ impl FeatureExtractor for RecurrentLayer {
             add_outer(&self.h[step][..rows * stride], stride, d_u, &mut self.gradient_of_units);
             let before = &mut self.d_h_before[..rows * stride];
             affine(d_u, sums_stride, &self.of_units_back, before);
-            // `d_h` holds the gradient that passes a GRU's step unchanged.
+            // `d_h` holds the gradient that passes through a GRU's step unchanged.
             self.d_h.iter_mut().zip(before).for_each(|(d_h, before)| *d_h += *before);
         }
         let [w, u, b, c] = split(sums, self.inputs, units, gradient);
@@ -234,8 +234,8 @@ impl pulp::NullaryFnOnce for RecurrentStep<'_> {
     }
 }
 
-/// Backpropagation through a step: derivatives by its sums, from the derivatives by its units. `d_h` and `d_s` become
-/// the parts that reach the previous step without passing U.
+/// Backpropagation through a step: derivatives with respect to its sums, from the derivatives with respect to its
+/// units. `d_h` and `d_s` become the parts that reach the previous step without passing through U.
 struct RecurrentStepGradient<'a> {
     units: usize,
     rows: usize,

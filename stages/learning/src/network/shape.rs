@@ -15,11 +15,11 @@ choice! {
         Plain = "m1",
         /// a·N(x): model 2a, whose network has an output for each linear term.
         Weights = "m2a",
-        /// N(x) + a·b with b as it was given: model 2b.
+        /// N(x) + a·b with b given and fixed: model 2b.
         FixedLinear = "m2b",
-        /// N(x) + a·b with b trained along: model 2c.
+        /// N(x) + a·b with b trained: model 2c.
         TrainedLinear = "m2c",
-        /// a·(N(x) + b) with b as it was given: model 2d.
+        /// a·(N(x) + b) with b given and fixed: model 2d.
         WeightsAroundFixed = "m2d",
     }
 }
@@ -102,7 +102,7 @@ impl NetworkShape {
         layers
     }
 
-    /// Start of the coefficients of the linear terms, equal to the number of the network's own parameters.
+    /// Start of the coefficients of the linear terms, equal to the number of weights and biases.
     pub(super) fn linear_start(&self) -> usize {
         self.layers().iter().map(|layer| layer.units * (layer.inputs + 1)).sum()
     }

@@ -52,8 +52,8 @@ pub enum TrainingStateError {
 }
 
 impl TrainingState {
-    /// The start of a training from parameters: [`NetworkShape::initial`], or those of a trained model. The physics
-    /// term uses their coefficients of the linear terms.
+    /// Start of a training from the parameters of [`NetworkShape::initial`] or of a trained model. The physics term
+    /// uses the coefficients of the linear terms among these parameters.
     pub fn new(shape: &NetworkShape, parameters: Vec<f64>) -> Self {
         Self::beginning(parameters, shape.linear_start())
     }
@@ -78,8 +78,8 @@ impl TrainingState {
         }
     }
 
-    /// The state as bytes: a head, every number in the order of the fields, little-endian, with a count before each
-    /// list, and a checksum (FNV-1a).
+    /// State as bytes: a header, the fields in order as little-endian numbers with a count before each list, and a
+    /// checksum (FNV-1a).
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut out = HEAD.to_vec();
         let count = |out: &mut Vec<u8>, n: usize| out.extend((n as u64).to_le_bytes());

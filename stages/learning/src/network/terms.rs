@@ -9,18 +9,19 @@ use crate::inputs::{InputScalingError, LEAST_COMPONENT, LEAST_DEVIATION};
 /// Rows per task of a thread.
 const CHUNK: usize = 4096;
 
-/// The scaling of linear terms for training, and of the parameters that belong to them.
+/// Scaling of linear terms and of their parameters for training.
 ///
 /// A step of Adam moves every coefficient by about the learning rate, so terms should have equal size and low
-/// correlation. If their coefficients are trained ([`NetworkForm::TrainedLinear`]), the terms a become u = (a − mean) M
-/// with variance 1, and with `whiten` uncorrelated. The coefficients b = M c become c, and the output's bias absorbs
-/// mean·b. M is invertible, so both networks give the same predictions, up to rounding.
+/// correlation. If their coefficients are trained ([`NetworkForm::TrainedLinear`]), the terms a become u = (a − mean)
+/// M, which have variance 1 and, with `whiten`, are uncorrelated. The coefficients b = M c become c, and the output's
+/// bias absorbs mean·b. M is invertible, so both networks give the same predictions, up to rounding.
 ///
 /// Terms that the network weights ([`NetworkForm::Weights`], [`NetworkForm::WeightsAroundFixed`]) are not scaled: each
-/// has its own output, and scaling would amplify terms that hardly vary. The other forms train no factors of terms.
+/// has its own output, and scaling would amplify terms that hardly vary. The other forms do not train coefficients of
+/// terms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TermScaling {
-    /// Value of Tolles-Lawson at the mean of the terms.
+    /// Tolles-Lawson value at the mean of the terms.
     offset: f64,
     maps: Option<TermTransform>,
 }
@@ -59,7 +60,7 @@ impl TermScaling {
         }
         let moments = RegressionMoments::from_matrix(a, width, &[])?;
         let mean = moments.term_means();
-        // A constant term has no effect with any divisor.
+        // A constant term is 0 after centring, so its divisor has no effect.
         let usable = |size: f64| if size > 0.0 && size.is_finite() { size } else { 1.0 };
         let maps = match whiten {
             Some(keep) => {
@@ -84,8 +85,8 @@ impl TermScaling {
         Ok(Self { offset: dot(&maps.mean, tolles_lawson), maps: Some(maps) })
     }
 
-    /// Offset subtracted from the target, in its scale: Tolles-Lawson at the mean of the terms. With it, the scaled
-    /// terms with the scaled coefficients are Tolles-Lawson of the rows.
+    /// Offset subtracted from the target, in its scale: the Tolles-Lawson value at the mean of the terms. With this
+    /// offset, the scaled terms times the scaled coefficients give the Tolles-Lawson value of each row.
     pub fn offset(&self) -> f64 {
         self.offset
     }
@@ -114,7 +115,7 @@ impl TermScaling {
         self.maps.as_ref().map_or_else(|| b.to_vec(), |maps| product(&maps.back, b))
     }
 
-    /// Converts the parameters of a network of the terms to those of the network of scaled terms.
+    /// Converts the parameters of a network with unscaled terms to the parameters of the network with scaled terms.
     pub fn scaled(&self, shape: &NetworkShape, parameters: &[f64]) -> Vec<f64> {
         let Some(maps) = &self.maps else { return parameters.to_vec() };
         let mut out = parameters.to_vec();
@@ -125,7 +126,7 @@ impl TermScaling {
         out
     }
 
-    /// Converts the parameters of a network of scaled terms to those of the network of the terms.
+    /// Converts the parameters of a network with scaled terms to the parameters of the network with unscaled terms.
     pub fn original(&self, shape: &NetworkShape, parameters: &[f64]) -> Vec<f64> {
         let Some(maps) = &self.maps else { return parameters.to_vec() };
         let mut out = parameters.to_vec();
@@ -166,11 +167,11 @@ impl TermTransform {
     }
 }
 
-/// The standard deviation of the last kept component, of all in descending order.
+/// Standard deviation of the last kept component; `deviations` are in descending order.
 fn last_kept(deviations: &[f64], keep: f64) -> Result<f64, InputScalingError> {
     let width = deviations.len();
     let count = if keep >= 1.0 && keep.fract() == 0.0 && keep.is_finite() {
-        // A number of components of the inputs may exceed the number of terms.
+        // The number of components that is set for the inputs may exceed the number of terms.
         (keep as usize).min(width)
     } else if keep > 0.0 && keep < 1.0 {
         let total: f64 = deviations.iter().map(|d| d * d).sum();

@@ -39,8 +39,9 @@ pub fn train(
     alone(TrainingJob::new(shape, start, training, *samples, validation.copied(), Box::new(each))?)
 }
 
-/// Trains a network over windows, as [`train`]. An epoch predicts every sample of the runs once, with its window. The
-/// sparse group lasso applies to the input weights of the memory, and dropout also to the features.
+/// Trains a network over windows, as [`train`]. Each epoch predicts every sample of the runs once, from the window that
+/// ends at the sample. The sparse group lasso applies to the input weights of the memory, and dropout also to the
+/// features.
 ///
 /// # Errors
 /// Fails in the cases of [`train`], and if the lengths of the runs do not add up to the number of samples.
@@ -61,8 +62,8 @@ fn alone(mut job: TrainingJob<'_>) -> Result<TrainingResult, TrainingError> {
 }
 
 /// Trains several networks with the same result as one at a time. Jobs with the same samples in the same order (one
-/// slice of inputs, one seed, one batch size) share a pass, so that the inputs of a batch are gathered once. A job that
-/// cannot start returns its error.
+/// slice of inputs, one seed, one batch size) share a pass, so that the inputs of a batch are gathered once. If a job
+/// cannot start, its error is returned.
 pub fn train_together(
     mut jobs: Vec<Result<TrainingJob<'_>, TrainingError>>,
 ) -> Vec<Result<TrainingResult, TrainingError>> {
@@ -73,7 +74,7 @@ pub fn train_together(
 fn run(jobs: &mut [&mut TrainingJob<'_>]) {
     let mut pass = GradientPass::default();
     loop {
-        // Jobs with fewer epochs run first, so that networks stopped at different epochs align.
+        // Jobs with fewer completed epochs run first, so that interrupted trainings reach the same epoch.
         let going = jobs.iter().enumerate().filter(|(_, job)| job.ended.is_none());
         let Some((first, next)) = going.min_by_key(|(_, job)| job.state.epoch) else { return };
         let together =
@@ -156,7 +157,7 @@ impl<'a> TrainingJob<'a> {
         Ok(Self { model, training, samples, validation, layers, objective, state, gradient, each, ended })
     }
 
-    /// Its request for the means over a batch.
+    /// Request for the mean over a batch and its gradient.
     fn part(&mut self, batch: usize) -> GradientRequest<'_, 'a> {
         let (training, state) = (self.training, &self.state);
         let numbers = [NetworkRandomStream::Dropout as u64, state.epoch as u64, batch as u64];
@@ -179,7 +180,7 @@ impl<'a> TrainingJob<'a> {
         gathers && alike(self) == alike(other) && std::ptr::eq(self.samples.x, other.samples.x)
     }
 
-    /// Work after the steps of an epoch.
+    /// Completes an epoch: computes the losses and records them in the state.
     fn conclude(&mut self, train_loss: f64, learning_rate: f64) {
         let (training, state) = (self.training, &mut self.state);
         state.epoch += 1;
@@ -210,7 +211,7 @@ impl<'a> TrainingJob<'a> {
     }
 }
 
-/// Runs one epoch of trainings that share it.
+/// Runs one joint epoch of several trainings.
 fn epoch(jobs: &mut [&mut TrainingJob<'_>], pass: &mut GradientPass) {
     if jobs.iter().all(|job| job.by_adam()) {
         let rates: Vec<f64> = jobs.iter().map(|job| job.training.rate(&job.state)).collect();
@@ -264,7 +265,7 @@ pub(super) fn order(samples: usize, seed: u64, epoch: usize) -> Vec<u32> {
     order
 }
 
-/// An epoch of Adam of trainings that share it. Returns the mean loss of each over its samples.
+/// Joint epoch of Adam of several trainings. Returns the mean loss of each training over its samples.
 fn adam_epoch(jobs: &mut [&mut TrainingJob<'_>], rates: &[f64], pass: &mut GradientPass) -> Vec<f64> {
     let Some(first) = jobs.first() else { return vec![] };
     let rows = first.samples.y.len();

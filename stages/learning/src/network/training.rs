@@ -97,7 +97,8 @@ pub enum LearningRateSchedule {
         /// The factor.
         factor: f64,
     },
-    /// Half a cosine, down to a fraction of the learning rate after the last epoch of Adam. [Loshchilov & Hutter 2017]
+    /// Half a cosine, from the learning rate down to a fraction of it after the last epoch of Adam. [Loshchilov &
+    /// Hutter 2017]
     Cosine {
         /// The final fraction.
         last: f64,
@@ -111,8 +112,8 @@ pub enum LearningRateSchedule {
     },
 }
 
-/// The sparse group lasso of the weights of the first layer, λ Σⱼ (1 − α) ‖wⱼ‖₁ + α ‖wⱼ‖₂ over the inputs j, as a part
-/// of the objective. Weights of an irrelevant input become small, not 0. [Gnadt 2022, (4.10)]
+/// The sparse group lasso of the weights of the first layer, λ Σⱼ (1 − α) ‖wⱼ‖₁ + α ‖wⱼ‖₂ over the inputs j. It is
+/// added to the objective. Weights of an irrelevant input become small, not 0. [Gnadt 2022, (4.10)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SparseGroupLasso {
     /// λ, in the scale of the loss.
@@ -128,8 +129,8 @@ pub struct NetworkTraining {
     pub optimiser: NetworkOptimiser,
     /// Number of epochs of Adam: passes over all samples.
     pub epochs: usize,
-    /// Maximum number of samples of a step. An epoch has the fewest batches that this permits, with sizes that differ
-    /// by at most one. With fewer samples there is one batch.
+    /// Maximum number of samples per step. Each epoch uses the smallest possible number of batches, whose sizes differ
+    /// by at most one.
     pub batch: usize,
     /// Adam's learning rate.
     pub learning_rate: f64,
@@ -176,8 +177,8 @@ impl Default for NetworkTraining {
 /// A row of the training curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrainingEpoch {
-    /// Mean loss of the errors over the samples, with dropout and without penalties. For Adam, of each sample before
-    /// the step that uses it; for L-BFGS, after the step.
+    /// Mean loss of the errors over the samples, with dropout and without penalties. For Adam, the loss of a sample is
+    /// evaluated before the step that uses it; for L-BFGS, after the step.
     pub train_loss: f64,
     /// Mean loss of the errors over the validation samples after the epoch; NaN without validation.
     pub validation_loss: f64,
@@ -206,7 +207,7 @@ pub enum TrainingError {
         what: &'static str,
     },
     /// The number of values does not match the rows.
-    #[error("{given} values of {of} are given {what}, but {rows} rows require {expected}")]
+    #[error("there are {given} values of {of} {what}, but {rows} rows require {expected}")]
     Length {
         /// `to train on` or `to validate with`.
         what: &'static str,
@@ -296,15 +297,20 @@ impl NetworkTraining {
             ("beta_2", "at least 0 and below 1", beta_2, part(beta_2)),
             ("epsilon", "a number above 0", epsilon, above_0(epsilon)),
             ("the memory of L-BFGS", "at least 1", lbfgs_memory as f64, lbfgs_memory > 0 || lbfgs_epochs == 0),
-            ("the epochs between two learning rates", "at least 1", steps as f64, steps > 0),
+            ("the number of epochs between two learning rates", "at least 1", steps as f64, steps > 0),
             ("the factor of the learning rate", "above 0 and at most 1", factor, factor > 0.0 && factor <= 1.0),
-            ("the last part of the learning rate", "between 0 and 1", last, (0.0..=1.0).contains(&last)),
+            ("the final fraction of the learning rate", "between 0 and 1", last, (0.0..=1.0).contains(&last)),
             ("the delta of the Huber loss", "a number above 0", delta, above_0(delta)),
             ("the weight decay", "a number of at least 0", self.weight_decay, at_least_0(self.weight_decay)),
-            ("the dropout", "at least 0 and below 1", self.dropout, part(self.dropout)),
-            ("the sparse group lasso", "a number of at least 0", lasso.strength, at_least_0(lasso.strength)),
-            ("its group part", "between 0 and 1", lasso.alpha, (0.0..=1.0).contains(&lasso.alpha)),
-            ("the weight of the physics", "a number of at least 0", self.physics, at_least_0(self.physics)),
+            ("the dropout probability", "at least 0 and below 1", self.dropout, part(self.dropout)),
+            (
+                "the strength of the sparse group lasso",
+                "a number of at least 0",
+                lasso.strength,
+                at_least_0(lasso.strength),
+            ),
+            ("alpha of the sparse group lasso", "between 0 and 1", lasso.alpha, (0.0..=1.0).contains(&lasso.alpha)),
+            ("the weight of the physics term", "a number of at least 0", self.physics, at_least_0(self.physics)),
         ];
         if let Some((what, wanted, given, _)) = settings.into_iter().find(|(.., good)| !good) {
             return Err(TrainingError::Setting { what, wanted, given });
@@ -313,7 +319,7 @@ impl NetworkTraining {
             return Err(TrainingError::NoValidation { what: "the patience" });
         }
         if !validated && matches!(self.schedule, LearningRateSchedule::Plateau { .. }) {
-            return Err(TrainingError::NoValidation { what: "a learning rate that follows plateaus" });
+            return Err(TrainingError::NoValidation { what: "a learning rate that is reduced on plateaus" });
         }
         let expect =
             |given, expected| if given == expected { Ok(()) } else { Err(TrainingError::Start { given, expected }) };
@@ -327,7 +333,7 @@ impl NetworkTraining {
         pairs.into_iter().try_for_each(|given| expect(given, parameters))?;
         if self.physics > 0.0 {
             if model.head.linear == 0 {
-                let what = "the number of linear terms, which the physics needs,";
+                let what = "the number of linear terms, which the physics term requires,";
                 return Err(TrainingError::Setting { what, wanted: "at least 1", given: 0.0 });
             }
             expect(state.tolles_lawson.iter().filter(|x| x.is_finite()).count(), model.head.linear)?;

@@ -1,4 +1,4 @@
-//! Networks over a window of samples that predict its last sample.
+//! Networks that predict the target at the last sample of a window.
 
 use params::choice;
 use rayon::prelude::*;
@@ -58,7 +58,7 @@ pub struct SampleRuns<'a> {
 }
 
 impl SampleRuns<'_> {
-    /// The first row of the run of each row.
+    /// For each row, the first row of its run.
     pub(super) fn first_rows(&self) -> Result<Vec<u32>, TrainingError> {
         first_rows(self.lengths, self.samples.y.len()).ok_or(TrainingError::Length {
             what: "as runs",
@@ -177,8 +177,9 @@ impl WindowedNetworkShape {
         names
     }
 
-    /// Initial parameters from a seed. Those of `gru` and `lstm` are uniform between ±1/√units, as in PyTorch; those of
-    /// `tcn` as for dense layers; those of the dense network as in [`NetworkShape::initial`].
+    /// Initial parameters from a seed. The parameters of `gru` and `lstm` are uniform between ±1/√units, as in PyTorch.
+    /// The parameters of `tcn` are drawn as for dense layers. The parameters of the dense network are drawn as in
+    /// [`NetworkShape::initial`].
     pub fn initial(&self, seed: u64, linear: &[f64]) -> Vec<f64> {
         let mut bits = SplitMix64::new(derived_seed(seed, &[NetworkRandomStream::Memory as u64]));
         let mut within = |most: f64| most * (2.0 * unit_uniform(bits.draw()) - 1.0);
@@ -214,7 +215,12 @@ impl WindowedNetworkShape {
             ("the number of units", "at least 1", self.units, self.units > 0),
             ("the window", "at least 1 sample", self.window, self.window > 0),
             ("the window of convolutions", "a power of two of samples, at least 2", self.window, powers),
-            ("the inputs of the dense network", "the units", self.head.inputs, self.head.inputs == self.units),
+            (
+                "the number of inputs of the dense network",
+                "the number of units",
+                self.head.inputs,
+                self.head.inputs == self.units,
+            ),
         ];
         match settings.into_iter().find(|(.., good)| !good) {
             Some((what, wanted, given, _)) => Err(TrainingError::Setting { what, wanted, given: given as f64 }),
@@ -250,7 +256,8 @@ impl WindowedNetworkShape {
     }
 
     /// Predictions for runs of scaled inputs and linear terms (empty without), run after run, in the scale of the
-    /// target. All are NaN if parameters, terms or lengths do not match. A row is NaN if an input of its window is.
+    /// target. All are NaN if parameters, terms or lengths do not match. The prediction of a row is NaN if an input of
+    /// its window is NaN.
     pub fn predict(&self, parameters: &[f64], x: &[f64], a: &[f64], lengths: &[usize]) -> Vec<f64> {
         let rows = x.len() / self.inputs.max(1);
         match first_rows(lengths, rows) {

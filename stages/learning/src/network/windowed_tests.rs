@@ -180,7 +180,7 @@ fn unit_mismatched_windows_are_rejected() {
     refused(
         &WindowedNetworkShape { units: 5, ..gru.clone() },
         &[50],
-        "the inputs of the dense network must be the units",
+        "the number of inputs of the dense network must be the number of units",
     );
     refused(&WindowedNetworkShape { memory: MemoryLayers::Tcn, window: 6, ..gru }, &[50], "a power of two");
 }

@@ -1,4 +1,4 @@
-//! Search for the best values of some quantities: at random, by Sobol's sequence, and by the tree-structured Parzen
+//! Search for the best values of hyper-parameters: at random, by Sobol's sequence, and by the tree-structured Parzen
 //! estimator; and selection of trials by successive halving.
 //!
 //! Trial `i` depends only on the seed, on `i` and on the given results. It depends neither on threads nor on proposals
@@ -32,7 +32,7 @@ pub enum SearchDimension {
         /// Whether the scale is logarithmic; `low` is then above 0.
         log: bool,
     },
-    /// One of this number of unordered choices, at least one.
+    /// An unordered choice; the number of choices, at least one.
     Choice(usize),
 }
 
@@ -113,7 +113,7 @@ pub fn kept(costs: &[Option<f64>], eta: usize) -> Vec<usize> {
     kept
 }
 
-/// A source of random bits for one purpose and one trial (or other number).
+/// Generator of random bits for one purpose and one trial (or another number).
 fn bits(seed: u64, of: &str, number: u64) -> SplitMix64 {
     SplitMix64::new(seed_of(seed, &["search", of, &number.to_string()]))
 }
@@ -153,7 +153,7 @@ impl SearchDimension {
     /// The value at the fraction `u` of its scale, from 0 to 1.
     fn at(&self, u: f64) -> TrialValue {
         let (from, to) = self.ends();
-        // Rounding of the logarithm may miss the end.
+        // Rounding of the logarithm may change the lower end.
         if let SearchDimension::Real { low, .. } = *self
             && u <= 0.0
         {

@@ -65,7 +65,7 @@ fn regret(
     outcomes.iter().filter_map(|o| o.cost).fold(f64::INFINITY, f64::min)
 }
 
-/// Mean and standard error over seeds 0 to 99.
+/// Mean and standard error of the regret over seeds 0 to 99.
 fn of_seeds(one: impl Fn(u64) -> f64) -> (f64, f64) {
     let all: Vec<f64> = (0..100).map(one).collect();
     let mean = all.iter().sum::<f64>() / 100.0;
@@ -74,7 +74,8 @@ fn of_seeds(one: impl Fn(u64) -> f64) -> (f64, f64) {
 
 #[test]
 fn val_the_regret_agrees_with_optuna() {
-    // Mean and standard error of Optuna 5.0.0, one trial at a time, by `reference/search_reference.py`.
+    // Mean and standard error of the regret of Optuna 5.0.0, run one trial at a time, from
+    // `reference/search_reference.py`.
     let theirs = |function: &str, sampler: &str| -> (f64, f64) {
         let rows = include_str!("../../reference/regret.csv").lines().skip(1).map(|r| r.split(',').collect::<Vec<_>>());
         let row = rows.into_iter().find(|r| r[0] == function && r[1] == sampler).unwrap();
@@ -85,7 +86,7 @@ fn val_the_regret_agrees_with_optuna() {
         for size in [1, 8] {
             let ours = of_seeds(|seed| regret(tpe, f, &dimensions, seed, size));
             let optuna = theirs(name, "optuna_tpe");
-            // A mean above this limit, three standard errors of the difference, would be significantly worse.
+            // The mean may exceed Optuna's by at most three standard errors of the difference.
             let limit = optuna.0 + 3.0 * ours.1.hypot(optuna.1);
             assert!(ours.0 < limit, "{name}, {size} at a time: {ours:?}, theirs {optuna:?}");
         }
@@ -144,11 +145,11 @@ fn unit_values_cover_their_range_including_the_ends() {
     ];
     let points = propose(ProposalMethod::Random, &dimensions, 1, 0, 4000, &[]);
     let count = |k: usize, wanted: TrialValue| points.iter().filter(|p| p[k] == wanted).count();
-    // A third of 4000 each, with a standard deviation of 30.
+    // The expected count of each choice is a third of 4000, with a standard deviation of 30.
     for n in -1..=1 {
         assert!((count(1, TrialValue::Whole(n)) as f64 - 4000.0 / 3.0).abs() < 120.0);
     }
-    // On a logarithmic scale: ln(1.5 / 0.5) of ln(8.5 / 0.5).
+    // The expected fraction on a logarithmic scale is ln(1.5 / 0.5) / ln(8.5 / 0.5).
     let ones = 4000.0 * 3.0_f64.ln() / 17.0_f64.ln();
     assert!((count(2, TrialValue::Whole(1)) as f64 - ones).abs() < 130.0, "{}", count(2, TrialValue::Whole(1)));
     assert!(count(2, TrialValue::Whole(8)) > 0 && (count(3, TrialValue::Choice(1)) as f64 - 2000.0).abs() < 130.0);
@@ -171,7 +172,7 @@ fn unit_trials_repeat_only_after_all_values_were_proposed() {
         }
     }
     assert_eq!(outcomes.len(), 12);
-    // All values were proposed before: one of them is repeated.
+    // All values have been proposed, so one of them is repeated.
     assert_eq!(propose(ProposalMethod::Tpe { start: 1 }, &dimensions, 3, 12, 2, &outcomes).len(), 2);
 }
 

@@ -1,9 +1,9 @@
-//! The tree-structured Parzen estimator: proposes trials where good trials are dense and others are not (Bergstra et
-//! al. 2011).
+//! The tree-structured Parzen estimator: proposes trials where the density of good trials is high and the density of
+//! other trials is low (Bergstra et al. 2011).
 //!
 //! Both densities are mixtures of one kernel per trial, over all dimensions together (Falkner et al. 2018), and of one
-//! wide kernel. The proposal is the draw from the density of good trials with the largest ratio of the two densities,
-//! where the expected improvement is largest.
+//! wide kernel. Candidates are drawn from the density of good trials. The candidate with the largest ratio of the two
+//! densities is proposed, because its expected improvement is largest.
 
 use numerics::random::SplitMix64;
 
@@ -64,7 +64,7 @@ pub fn propose(
     }
     match best {
         (true, _, values) => values,
-        // The neighbourhood is exhausted: any new value, if there is one.
+        // All values nearby have been proposed: any new value is taken, if there is one.
         (false, _, values) => {
             let anything = || dimensions.iter().map(|d| d.at(uniform(bits))).collect::<Vec<TrialValue>>();
             std::iter::repeat_with(anything).take(1000).find(|v| !known(v)).unwrap_or(values)
@@ -72,7 +72,7 @@ pub fn propose(
     }
 }
 
-/// Parzen density over all dimensions: mean of a kernel about each trial and of a wide one.
+/// Parzen density over all dimensions: mean of one kernel about each trial and one wide kernel.
 struct ParzenDensity<'a> {
     dimensions: &'a [SearchDimension],
     /// The centre of each trial's cell, on the scale of each dimension.
@@ -120,8 +120,8 @@ impl<'a> ParzenDensity<'a> {
         each.collect()
     }
 
-    /// The kernel weight of a choice: 1 for the trial's own choice, plus a total for all choices that equals one of
-    /// many kernels.
+    /// Total weight of the kernel of an unordered choice: 1 for the trial's choice, plus the reciprocal of the number
+    /// of kernels for each choice.
     fn share(&self, choices: usize) -> f64 {
         1.0 + choices as f64 / self.kernels()
     }
@@ -159,7 +159,7 @@ fn normal(bits: &mut SplitMix64, centre: f64, width: f64) -> f64 {
         // Never 0, which has no logarithm.
         let radius = (-2.0 * (1.0 - uniform(bits)).ln()).sqrt();
         let x = centre + width * radius * (std::f64::consts::TAU * uniform(bits)).cos();
-        // The centre is within the range, so at least a third of the draws are.
+        // The centre is within the range, so at least a third of the draws are within it.
         if (0.0..=1.0).contains(&x) {
             return x;
         }
@@ -182,6 +182,6 @@ fn log_normal((from, to): (f64, f64), centre: f64, width: f64) -> f64 {
 /// The probability of the standard normal distribution between two values.
 fn between(from: f64, to: f64) -> f64 {
     let tail = |z: f64| 0.5 * libm::erfc(z / std::f64::consts::SQRT_2);
-    // Differences of small tail probabilities are accurate.
+    // Differences of small tail probabilities avoid cancellation.
     if from > 0.0 { tail(from) - tail(to) } else { tail(-to) - tail(-from) }
 }

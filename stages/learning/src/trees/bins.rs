@@ -5,7 +5,7 @@ use rayon::prelude::*;
 /// Maximum number of bins of a column.
 pub(super) const BINS: usize = 256;
 
-/// Number of columns whose bins are adjacent, so that one load fetches four.
+/// Number of columns whose bins are stored together, so that one load fetches four.
 pub(super) const TOGETHER: usize = 4;
 
 /// Maximum number of rows for quantiles, spread evenly over all rows.
@@ -129,7 +129,7 @@ mod tests {
         let column = |j: usize| bins.packed(0).iter().map(|b| b[j]).collect::<Vec<_>>();
         assert_eq!(column(0), [1, 2, 0, 0]);
         assert_eq!((column(1), bins.count(1)), (vec![0; 4], 1));
-        // One value in nine of ten rows: it has its own bin, and the other values keep theirs.
+        // Nine of ten rows have one value. It has a separate bin, and the other values keep their bins.
         let x: Vec<f64> = (0..10_000).map(|k| if k % 10 == 0 { f64::from(k) } else { 0.5 }).collect();
         let bins = ColumnBins::from_rows(&x, 1);
         assert!(bins.count(0) > 20 && bins.count(0) < 40, "{}", bins.count(0));

@@ -9,7 +9,7 @@ use super::{
     bins::{BINS, ColumnBins, TOGETHER},
 };
 
-/// Minimum gain relative to the terms of its difference; smaller gains are rounding.
+/// Minimum ratio of a gain to the terms whose difference it is; smaller gains are rounding errors.
 const ROUNDING: f64 = 1e-12;
 
 /// Sum of the residuals and number of rows of each bin.
@@ -112,7 +112,7 @@ impl<'a> TreeGrower<'a> {
         }
     }
 
-    /// The leaf with the largest gain; the first node of equals.
+    /// Leaf with the largest gain. Of equal gains, the first node is chosen.
     fn best(&self) -> Option<(usize, LeafSplit)> {
         let candidates = self.leaves.iter().enumerate().filter_map(|(at, leaf)| Some((at, leaf.node, leaf.split?)));
         let better = |a: &(usize, usize, LeafSplit), b: &(usize, usize, LeafSplit)| {
@@ -256,7 +256,7 @@ fn best_of_four(
     first_best(histogram.chunks_exact(BINS).enumerate().map(one))
 }
 
-/// The best split of a leaf by one column; the lowest bin of equals.
+/// Best split of a leaf by one column. Of equal gains, the lowest bin is chosen.
 fn best_of(histogram: &[[f64; 2]], column: usize, sum: f64, rows: f64, how: &BoostingSettings) -> Option<LeafSplit> {
     let least = how.least_rows as f64;
     let score = |sum: f64, rows: f64| sum * sum / (rows + how.l2);
@@ -284,7 +284,7 @@ fn best_of(histogram: &[[f64; 2]], column: usize, sum: f64, rows: f64, how: &Boo
     best
 }
 
-/// The split with the largest gain, the first of equals.
+/// Split with the largest gain. Of equal gains, the first is chosen.
 fn first_best(splits: impl IntoIterator<Item = Option<LeafSplit>>) -> Option<LeafSplit> {
     splits.into_iter().flatten().reduce(|a, b| if b.gain > a.gain { b } else { a })
 }

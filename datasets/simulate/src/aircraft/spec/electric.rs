@@ -89,7 +89,8 @@ params! {
     pub struct ChannelKeys;
     /// Delay of the recorded value.
     delay_s: f64, unit "s", default 0.0, rule Rule::Between(0.0, 60.0);
-    /// Time constant of the column's first-order response, such as of a filter or an induction sensor around the wire.
+    /// Time constant of the column's first-order response, for example of a filter or of an induction sensor around the
+    /// wire.
     response_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
     /// Largest magnitude that the column can hold, in the column's unit. Larger values are clipped to it.
     limit: Option<f64>, unit "", absent "none", rule Rule::Positive;
@@ -121,8 +122,8 @@ params! {
     closed: bool, unit "", default false;
     /// Number of turns along the path.
     turns: f64, unit "1", default 1.0, rule Rule::Finite;
-    /// Current at which half of it takes this path, as through bonded joints of the airframe parallel to a wire. The
-    /// path carries I abs(I) / (abs(I) + `onset_a`). At 0 it carries the whole current.
+    /// Current at which half of the current takes this path. Simulates bonded joints of the airframe parallel to a
+    /// wire. The path carries I abs(I) / (abs(I) + `onset_a`). At 0 it carries the whole current.
     onset_a: f64, unit "A", default 0.0, rule Rule::NotNegative;
     /// Position of a small coil in the body frame (nose, right, down). It replaces `path`.
     place_m: Option<[f64; 3]>, unit "m", absent "no coil", rule Rule::Finite;

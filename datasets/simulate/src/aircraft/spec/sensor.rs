@@ -32,8 +32,8 @@ pub struct ScalarMagnetometer {
     pub dead_polar_deg: f64,
     /// Dead zone about the plane normal to the optical axis, in degrees.
     pub dead_equatorial_deg: f64,
-    /// Dropouts: mean interval from the end of one to the next and mean duration, both exponentially distributed,
-    /// in seconds.
+    /// Dropouts: mean interval from the end of one dropout to the next and mean duration, both exponentially
+    /// distributed, in seconds.
     pub dropouts: Option<(f64, f64)>,
     /// Whether missing readings are recorded as 0, as by some recorders, instead of NaN.
     pub lost_is_zero: bool,
@@ -152,7 +152,7 @@ choice! {
 params! {
     /// Sampling of a sensor: its rate, if below the table's, and its lag.
     pub struct SamplingKeys;
-    /// Readings per second. A rate above the table's has no effect.
+    /// Readings per second. A rate above the table's rate has no effect.
     rate_hz: Option<f64>, unit "Hz", absent "`rate_hz` of the spec", rule Rule::Positive;
     /// Lag of the readings. Positive when a reading is late.
     lag_s: f64, unit "s", default 0.0, rule Rule::Between(0.0, 60.0);
@@ -228,12 +228,12 @@ params! {
     /// Remanence of each axis: its reading at zero field after a loop of its field between ±50,000 nT. It is half the
     /// width of the hysteresis loop (Rayleigh's law).
     core_hysteresis_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// Coupling of each current into the readings through cables and supply, per ampere, by the name of the current. It
-    /// affects this sensor only. A vector, or a magnitude whose direction is drawn.
+    /// Coupling of each current into the readings of this sensor through cables and supply, per ampere. Keys are names
+    /// of currents. A value is a vector, or a magnitude whose direction is drawn.
     crosstalk: Option<BTreeMap<String, CurrentFieldSpec>>, unit "nT", absent "none", rule Rule::Finite;
     /// Corner frequency (-3 dB) of the first-order response.
     bandwidth_hz: Option<f64>, unit "Hz", absent "no response delay", rule Rule::Positive;
-    /// Lag of each axis in addition to `lag_s`, as of a converter that reads the axes in turn.
+    /// Lag of each axis in addition to `lag_s`. Simulates a converter that reads the axes in turn.
     axis_lag_s: [f64; 3], unit "s", default [0.0; 3], rule Rule::Between(0.0, 60.0);
     /// Slow drift of each axis.
     drift: Option<NestedParams<DriftKeys>>, unit "", absent "none";

@@ -8,7 +8,7 @@ use schemas::{Fault, Literal, ParamValue, Rule, params};
 use super::Current;
 use crate::reading::SynthSection;
 
-/// A quantity that the spec gives exactly, or by a size from which it is drawn.
+/// Quantity with a given value, or with a size from which the value is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum QuantitySpec<T> {
     /// The exact value.
@@ -32,8 +32,8 @@ impl QuantitySpec<Matrix3<f64>> {
 pub struct AircraftFieldSpec {
     /// Position relative to the aircraft's reference point, in metres; without it wires have no effect.
     pub position_m: Option<Vector3<f64>>,
-    /// The permanent field in nT. Keys `permanent = [x, y, z]`, or `permanent_nt`, its magnitude (0), the
-    /// direction drawn.
+    /// The permanent field in nT. Keys `permanent = [x, y, z]`, or `permanent_nt`, its magnitude (0), with a drawn
+    /// direction.
     pub permanent: QuantitySpec<Vector3<f64>>,
     /// The induced tensor in nT per nT of the earth's field. Keys `induced = [[..], [..], [..]]`, of any symmetry,
     /// or `induced_nt`, the standard deviation of a symmetric tensor's elements times 50,000 nT (0).
@@ -120,7 +120,7 @@ params! {
     permanent_walk_nt_per_sqrt_h: f64, unit "nT", default 0.0, rule Rule::NotNegative;
     /// Field caused by wing bending, nT per m/s² of vertical specific force in excess of level flight.
     flex: Option<[f64; 3]>, unit "nT", absent "drawn with the magnitude `flex_nt_per_mps2`", rule Rule::Finite;
-    /// Magnitude of a field of wing bending whose direction is drawn, nT per m/s².
+    /// Magnitude of the field caused by wing bending, nT per m/s². Its direction is drawn.
     flex_nt_per_mps2: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
     /// Excess specific force at which wing bending saturates.
     flex_limit_mps2: f64, unit "m/s2", default 20.0, rule Rule::Positive;
@@ -130,8 +130,8 @@ params! {
     /// Standard deviation of the elements of a drawn matrix `hysteresis`. Iron in the earth's field keeps up to 3 % of
     /// the induced field.
     hysteresis_nt: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
-    /// Field of each current per ampere, by the name of the current: a vector, or a magnitude whose direction is drawn.
-    /// The field of `wires` is added.
+    /// Field of each current per ampere. Keys are names of currents. A value is a vector, or a magnitude whose
+    /// direction is drawn. The field of `wires` is added.
     currents: Option<BTreeMap<String, CurrentFieldSpec>>, unit "nT", absent "only the field of `wires`", rule Rule::Finite;
 }
 

@@ -102,7 +102,7 @@ fn law_in_a_steady_turn_the_rate_is_that_of_the_rotating_horizontal_field() {
         (roll_deg.to_radians().sin_cos(), pitch_deg.to_radians().sin_cos());
     for i in 0..flown.tt_s.len() {
         let (sin, cos) = (w * flown.tt_s[i]).sin_cos();
-        // Ahead and to the right on the level, then pitched and rolled.
+        // The components ahead and to the right in the horizontal plane, rotated by pitch and roll.
         let ahead = w * (ned_nt.y * cos - ned_nt.x * sin);
         let right = -w * (ned_nt.x * cos + ned_nt.y * sin);
         let expected = Vector3::new(
@@ -130,13 +130,13 @@ fn law_a_circle_in_the_core_field_has_the_rate_of_a_steady_turn() {
     let mut within = 0;
     for i in 0..line.num_rows() {
         let rate = at("flux_b", i) - at("flux_a", i);
-        // The roll into the turn and out of it is not steady.
+        // The turn is not steady during roll-in and roll-out.
         if (column(line, "yaw")[i] - column(line, "yaw")[(i + 1).min(line.num_rows() - 1)]).abs() > 300.0 {
             continue;
         }
         within += usize::from((rate.norm() / expected - 1.0).abs() < 2e-3);
     }
-    // The field changes by 10 nT/km, 0.6 nT/s of 1800.
+    // The field changes by 10 nT/km, which is 0.6 nT/s of 1800 nT/s.
     assert!(within > line.num_rows() * 8 / 10, "{within} of {}", line.num_rows());
 }
 

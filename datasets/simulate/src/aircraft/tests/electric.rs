@@ -14,7 +14,10 @@ fn law_wires_and_flex_have_the_declared_fields() {
     let line = &lines_of("component_columns = true", sensors, SURVEY)[0];
     // 3 A at 4 m: 200 nT m/A / 4 m × 3 A, downwards on the right of a forward current.
     assert!(column(line, "part_currents_flux_a_z").iter().all(|b| (b - 150.0).abs() < 1e-3));
-    assert!(column(line, "part_currents_flux_b_z").iter().all(|b| *b == 0.0), "without a place no wire is felt");
+    assert!(
+        column(line, "part_currents_flux_b_z").iter().all(|b| *b == 0.0),
+        "without a position, wires have no effect"
+    );
     let flex = column(line, "part_flex_flux_b_y");
     assert!(flex.iter().all(|b| b.abs() <= 0.1 + 1e-12) && flex.contains(&0.1) && sd(flex) > 0.0);
 }
@@ -56,7 +59,7 @@ fn law_currents_follow_their_schedules() {
         assert_eq!(*a, if i % 15 < 3 { 2.2 } else { 0.0 }, "{i}");
     }
     let switches = c("cur_h").windows(2).filter(|w| w[0] != w[1]).count();
-    assert!((3..60).contains(&switches), "the heater comes and goes: {switches}");
+    assert!((3..60).contains(&switches), "the heater switches on and off: {switches}");
     // Level flight at the cruising speed; the earth's curvature and the weave change the load by 1e-6.
     assert!(c("cur_e").iter().all(|a| (a - 40.0).abs() < 2e-4) && (c("throttle")[7] - 40.0).abs() < 2e-4);
     // 40 A through 0.05 ohm, 1 A without a sensor through 1 ohm, and a discharge of 0.01 V/s.

@@ -132,7 +132,7 @@ fn law_eddy_currents_delay_the_declared_share_with_the_declared_time_constant() 
     let (field, reported) = (column(&line, "part_currents_flux_a_z"), column(&line, "cur_x"));
     for i in 0..590 {
         let t = i as f64 / 10.0;
-        assert_eq!(reported[i], if t < 20.0 { 0.0 } else { 4.0 }, "the column knows nothing of it");
+        assert_eq!(reported[i], if t < 20.0 { 0.0 } else { 4.0 }, "the column excludes it");
         // The current rises linearly over one sample, 0.1 s; the expected value is the mean of the exponential over
         // this rise.
         let mean = 2.0 / 0.1 * ((-(t - 20.0) / 2.0).exp() - (-(t - 19.9) / 2.0).exp());

@@ -1,4 +1,4 @@
-//! The training with candle's tensors and its AdamW without decay, which is Adam.
+//! Training with candle's tensors and its AdamW optimiser. Without weight decay, AdamW is Adam.
 
 use candle_core::{DType, Device, Tensor, Var};
 use candle_nn::{AdamW, Optimizer, ParamsAdamW, loss};

@@ -1,11 +1,11 @@
-//! The work of `../networks.rs` in candle: a network of 77 inputs, 8 units with swish and one output, 400,000 samples
+//! Benchmark of `../networks.rs` in candle: a network of 77 inputs, 8 units with swish and one output, 400,000 samples
 //! reshuffled in every epoch, batches of 2048, Adam, mean squared error.
 //!
 //! `cargo run --release` runs `../networks.rs`, then candle in single and double precision, on one and on two threads.
-//! For each case it prints the milliseconds of an epoch on the clock and on the processors, the ratio to magline in
+//! For each case it prints the wall-clock time and the processor time of an epoch in ms, their ratios to magline in
 //! double precision, and whether one and two threads give bit-identical weights. `cargo run --release -- PROGRAM` runs
-//! that program instead of building the bench. Each case asserts that the loss falls. The number of threads is a
-//! setting of the process, so each case runs in a separate process.
+//! that program instead of building the bench. Each case asserts that the loss falls. Each case runs in a separate
+//! process, because the number of threads is a setting of the process.
 
 use std::{process::Command, time::Instant};
 
@@ -86,7 +86,7 @@ fn all(mut bench: Command) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Time of magline for `m1` with one hidden layer of 8 units, ms: on the clock and on the processors.
+/// Wall-clock time and processor time of magline for `m1` with one hidden layer of 8 units, ms.
 fn magline(said: &str, threads: usize) -> Result<[f64; 2], Failure> {
     let row = format!("m1 [8], {threads} threads: ");
     let found = said.lines().find_map(|line| line.strip_prefix(&row)).and_then(|times| {
@@ -123,7 +123,7 @@ fn case(framework: &str, precision: &str, threads: &str) -> Result<Told, Failure
     })
 }
 
-/// Trains once and prints clock time, processor time, the last loss, and a hash of the trained weights.
+/// Trains once and prints wall-clock time, processor time, the last loss, and a hash of the trained weights.
 fn one(framework: &str, double: bool) -> Result<(), Failure> {
     let work = work();
     let mut times: Vec<(f64, f64)> = vec![];
@@ -163,7 +163,7 @@ fn work() -> Work {
     Work { x, y, hidden, output, orders }
 }
 
-/// SplitMix64, and normal numbers by Box and Muller.
+/// SplitMix64 generator, with normal numbers by the method of Box and Muller.
 struct Draws(u64);
 
 impl Draws {

@@ -55,7 +55,7 @@ pub enum CurrentControl {
     Periodic {
         /// Period from one start to the next, in seconds.
         every_s: f64,
-        /// Duration of each period on, in seconds.
+        /// Time for which the current is on in each period, in seconds.
         for_s: f64,
         /// First start, in seconds after the flight's start.
         first_s: f64,
@@ -70,7 +70,7 @@ pub enum CurrentControl {
         axes: Vector3<f64>,
         /// Rate at which the level is 1, in degrees per second.
         full_dps: f64,
-        /// Adds the signed rates, as for the iron of a deflected surface, instead of their magnitudes.
+        /// Adds the signed rates instead of their magnitudes, as for the iron of a deflected control surface.
         signed: bool,
     },
     /// Follows a thermostat's heater.
@@ -136,7 +136,7 @@ variant! {
     struct PeriodicKeys;
     /// Period from one start to the next.
     every_s: f64, unit "s", rule Rule::Positive;
-    /// Duration of each period on. At most `every_s`.
+    /// Time for which the current is on in each period. At most `every_s`.
     for_s: f64, unit "s", rule Rule::Positive;
     /// First start, in s after the flight's start.
     first_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
@@ -179,7 +179,7 @@ variant! {
     axes: [f64; 3], unit "1", default [1.0; 3], rule Rule::Finite;
     /// Rate at which the level is 1.
     full_dps: f64, unit "deg/s", default 20.0, rule Rule::Positive;
-    /// Adds the signed rates, as for the iron of a deflected surface. If false, adds their magnitudes.
+    /// Adds the signed rates, as for the iron of a deflected control surface. If false, adds their magnitudes.
     signed: bool, unit "", default false;
 }
 
