@@ -75,7 +75,7 @@ impl Default for Catalogue {
         Catalogue {
             models: fit::MODELS.to_vec(),
             filters: navigate::FILTERS.to_vec(),
-            metrics: score::SCORERS.to_vec(),
+            metrics: score::metrics::SCORERS.to_vec(),
             stages: vec![],
         }
     }

@@ -5,7 +5,7 @@
 mod line;
 mod map;
 mod metric;
-mod metrics;
+pub mod metrics;
 mod signal;
 mod source;
 #[cfg(test)]
@@ -33,7 +33,6 @@ pub use self::{
     line::{CompensationSignals, HorizontalErrors, ScoreLine},
     map::MAP_STD_ERROR,
     metric::{QuantileSamplesFn, Scorer, metric},
-    metrics::SCORERS,
     signal::STD_ERROR,
     source::ScoreSource,
 };

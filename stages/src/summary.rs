@@ -288,7 +288,7 @@ mod tests {
     use schemas::ChoiceList;
 
     use super::*;
-    use crate::score::SCORERS;
+    use crate::score::metrics::SCORERS;
 
     fn summary(train: &[&str]) -> Summary {
         Summary {

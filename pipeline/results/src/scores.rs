@@ -292,7 +292,7 @@ pub fn all(plan: &Plan, pooled: &[PooledMetric], warnings: &[Warning]) -> Vec<(S
 #[cfg(test)]
 pub fn declared<const N: usize>(names: [&str; N]) -> [Metric; N] {
     names.map(|name| {
-        stages::score::SCORERS
+        stages::score::metrics::SCORERS
             .iter()
             .find(|s| s.metric.name == name)
             .unwrap_or_else(|| panic!("no metric {name}"))

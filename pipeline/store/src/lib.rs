@@ -22,7 +22,7 @@
 //! thus leaves a partial file that is read. Only `tables/<pipeline>` is ever replaced under the same name, so a reader
 //! keeps the version it opened.
 //!
-//! A store in an object store has the same layout below an address. Its folder is then a copy: see `store/remote`.
+//! A store in an object store has the same layout below an address. Its folder is then a copy: see `remote`.
 
 pub mod arithmetic;
 pub mod attempts;

@@ -10,7 +10,7 @@ use super::*;
 
 /// Metrics of the stage `score`.
 pub(super) fn declared<const N: usize>(names: [&str; N]) -> [Metric; N] {
-    names.map(|name| stages::score::SCORERS.iter().find(|s| s.metric.name == name).unwrap().metric)
+    names.map(|name| stages::score::metrics::SCORERS.iter().find(|s| s.metric.name == name).unwrap().metric)
 }
 
 /// Runs an example in a separate store with the assignments `ran`, and views it with the assignments `asked`.

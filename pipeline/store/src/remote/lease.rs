@@ -1,4 +1,4 @@
-//! Lock of a pipeline in an object store: the lease of `store/lock.rs`, as objects that only one process can create.
+//! Lock of a pipeline in an object store: the lease of `lock.rs`, as objects that only one process can create.
 
 use std::{
     sync::{
