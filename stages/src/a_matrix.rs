@@ -18,8 +18,8 @@ stage! {
     /// sample and s `bt_scale_nt`. The terms are: permanent B_i/Bt, induced B_i B_j/(Bt s), eddy B_i dB_j/(Bt s),
     /// derivative dB_i, bias 1.
     ///
-    /// The field's metadata `terms` lists the terms, and `per_sample` lists those that are differences. `rate_hz` holds
-    /// the sample rate where a `resample` set it. `fit` writes this rate to its table, and stages that apply a model
+    /// The column's metadata list the terms (`terms`) and those terms that are differences (`per_sample`). `rate_hz`
+    /// holds the sample rate if `resample` set it. `fit` writes this rate to its table, and stages that apply a model
     /// convert its coefficients to the rate of their input.
     ///
     /// Differences are one-sided at the ends of a line and at gaps. They never cross a gap. A sample without a vector

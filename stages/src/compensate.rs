@@ -37,14 +37,15 @@ stage! {
     /// = 0.2 Hz this is 0.3 % at 10 Hz and 1 % at 5 Hz. If the rates may differ, a model without a stored rate or with
     /// a lagged feature is rejected.
     ///
-    /// The metadata of `mag_c` list the corrections that `mag` has had, such as the removal of the diurnal variation.
+    /// The metadata of `mag_c` list the corrections already applied to `mag`, such as the removal of the diurnal
+    /// variation.
     ///
     /// A model fitted to band-passed data does not determine the constant part of the aircraft field. `detrend` leaves
     /// the mean of the prediction over the line in the signal, as MagNav.jl's examples do.
     ///
     /// `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau` are the noise of `mag_c`, estimated from the residual of the
-    /// model on its calibration lines. They are the same for all samples. `navigate` uses them where its own noise
-    /// parameters are `"auto"`.
+    /// model on its calibration lines. They are equal for all samples. `navigate` uses them for noise parameters that
+    /// are `"auto"`.
     ///
     /// `mag_aircraft_sigma` is the standard deviation of the prediction, from the spread of an ensemble. It is null if
     /// the model does not provide one. A nonlinear model predicts the constant part if its target includes it.

@@ -33,9 +33,9 @@ stage! {
     /// more tables, are averaged at each sample with weights 1/distance^`power`. A sample is NaN if one station has no
     /// value for it.
     ///
-    /// A station contributes its variation only. Its level is set by `level`: the mean of the whole record, or its mean
-    /// over the time of the line. `level_nt` gives it explicitly, for example the level of a quiet night. A variation
-    /// record (IAGA `Data Type variation`) has no absolute level.
+    /// The level of each record is subtracted, so that a station contributes only its variation. `level` selects the
+    /// mean of the whole record, or its mean over the time of the line. `level_nt` sets the level explicitly, for
+    /// example that of a quiet night. A variation record (IAGA `Data Type variation`) has no absolute level.
     Diurnal = "diurnal", version 2, grain Line, inputs [input: Lines, record: ManyRecords],
     example r#"
 [[stages]]

@@ -46,8 +46,8 @@ stage! {
     /// Three names denote sets: `down_selected` (Gnadt 2022, Table C.1), `small_1` and `small_2` (Gnadt 2022, section
     /// 4.9). The small sets use the magnetometer `mag` and the vector magnetometer `vector`.
     ///
-    /// Differences and lags are per sample. The field's metadata `per_sample` lists them, and `rate_hz` holds the
-    /// sample rate where a `resample` set it. A stage that applies a model at another rate converts the differences and
+    /// Differences and lags are per sample. The column's metadata `per_sample` list them, and `rate_hz` holds the
+    /// sample rate if `resample` set it. A stage that applies a model at another rate converts the differences and
     /// rejects the lags. A column of the table, such as one of `derivative`, is used unchanged at any rate.
     ///
     /// Differences, lags and filters stay within a run of samples without gaps. A feature is NaN where it cannot be
@@ -69,7 +69,7 @@ features = ["mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"]
     terms: Option<Vec<String>>, unit "", absent "permanent, induced and eddy; for a set of Gnadt 2022: permanent, induced and derivative";
     /// Scale of the induced, eddy and core-field terms.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
-    /// Vector magnetometer of the small sets. Its direction also projects the inputs of `ETL_...`.
+    /// Vector magnetometer of the small sets. The inputs of `ETL_...` are projected on its direction.
     vector: Option<String>, unit "", absent "`ETL_...` and the small sets are rejected";
     /// Scalar magnetometer of the small sets.
     mag: Option<String>, unit "nT", absent "the small sets are rejected";

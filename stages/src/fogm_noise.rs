@@ -19,14 +19,15 @@ use crate::{
 
 stage! {
     /// Fits white noise and first-order Gauss-Markov noise to a residual, on the lines that `where` selects. The
-    /// standard deviation and the time constant of the Gauss-Markov noise suit `fogm_sigma_nt` and `fogm_tau_s` of
-    /// `navigate`. The white noise suits `measurement_sigma_nt`. `assume_noise` reads the table.
+    /// standard deviation and the time constant of the Gauss-Markov noise can be used as `fogm_sigma_nt` and
+    /// `fogm_tau_s` of `navigate`. The white noise can be used as `measurement_sigma_nt`. `assume_noise` reads the
+    /// table.
     ///
     /// The residual is `column`, minus `truth` if that is set. Examples are a compensated signal minus the true one,
     /// the variation of a base station, or the `residual` of a track over a stretch where its filter used no
     /// measurements. `residual_noise` gives the smallest noise that bounds a signal at every time span, for a cautious
     /// filter. `fogm_noise` gives the best fit for noise with one time scale. It represents noise with several time
-    /// scales only in part.
+    /// scales only partly.
     ///
     /// `autocorrelation` fits the variance minus the autocovariance at lags from one sample to a quarter of the longest
     /// run. `allan` fits the Allan variance. Neither depends on a constant. A gap ends a run. If the Gauss-Markov noise
@@ -50,7 +51,7 @@ truth  = "mag_1_c"
     /// Residual, or the signal from which `truth` is subtracted.
     column: String, unit "nT", default "residual";
     /// Column to subtract, such as `mag_1_c`.
-    truth: Option<String>, unit "nT", absent "nothing";
+    truth: Option<String>, unit "nT", absent "nothing is subtracted";
     /// Statistic that is fitted.
     method: NoiseFitStatistic, unit "", default NoiseFitStatistic::Autocorrelation;
 }

@@ -18,17 +18,18 @@ use crate::{
 };
 
 stage! {
-    /// Appends columns of another table (`with`) to each line, from its line of the same flight and name, by time.
+    /// Appends columns of another table (`with`) to each line. Rows are matched by flight, line and time.
     ///
-    /// `exact` takes the row of the same time, within a microsecond, and a row without one is an error: for tables on
-    /// one grid, such as two that came from the same `resample`. `nearest` takes the nearest row within `tolerance_s`,
-    /// the earlier of two. `linear` interpolates between the rows around it, angles (unit deg) along the shorter arc,
-    /// where they are not more than `tolerance_s` apart; text, integers and booleans take the nearest of them, and
-    /// whole numbers without a unit stay whole, as in `resample`. Where there is no such row the value is missing (NaN
-    /// or null). Where both tables have a date, their times count from the same midnight.
+    /// `exact` uses the row at the same time, within one microsecond, and fails if there is none. Use it for tables
+    /// with the same times, such as two tables computed from the same `resample`. `nearest` uses the nearest row within
+    /// `tolerance_s`; of two equally near rows, the earlier one. `linear` interpolates between the rows before and
+    /// after, if they are at most `tolerance_s` apart. It interpolates angles (unit deg) along the shorter arc. Text,
+    /// integers and booleans take the nearest value, and whole numbers without a unit stay whole, as in `resample`.
+    /// Without a matching row the value is missing (NaN or null). If both tables have a date, their times are converted
+    /// to a common midnight.
     ///
-    /// A line that `with` does not have is left out, and so is named neither here nor in what follows. A column that
-    /// `input` has too is an error, unless `suffix` gives it another name. Repeated or backward time is an error.
+    /// A line that is absent from `with` is omitted without a message, here and in later stages. A column that is also
+    /// in `input` is rejected, unless `suffix` renames it. Repeated or decreasing times are rejected.
     Join = "join", version 3, grain Line, inputs [input: Lines, with: Lines],
     example r#"
 [[stages]]
@@ -38,13 +39,13 @@ input   = "resample"
 with    = "bandpass"
 columns = ["mag_4_uc_bp"]
 "#;
-    /// The columns that are appended.
-    columns: Option<Vec<String>>, unit "", absent "all that `input` does not have";
-    /// How a row finds its partner.
+    /// Columns to append.
+    columns: Option<Vec<String>>, unit "", absent "all columns that are not in `input`";
+    /// Method that matches rows.
     method: JoinMethod, unit "", default JoinMethod::Exact;
-    /// How far the nearest row may be away, or the two that are interpolated apart.
+    /// Maximum time to the nearest row, or between the two rows of an interpolation.
     tolerance_s: f64, unit "s", default 1.0, rule Rule::Positive;
-    /// Suffix of the name of each column.
+    /// Suffix of the name of each appended column.
     suffix: String, unit "", default "";
 }
 

@@ -25,14 +25,14 @@ stage! {
     /// A lag of 0.06 s means column(t) = reference(t - 0.06 s), up to a factor and a constant. Both must measure the
     /// same quantity. Examples are two magnetometers in a manoeuvre, the magnitude of a vector magnetometer and a
     /// scalar magnetometer, or the turn rate and the derivative of a heading. Slow signals have a flat peak, so remove
-    /// them with `low_hz` or with a `derivative` stage before this one. Samples must be evenly spaced. Bring sensors
-    /// with different rates onto one grid with `resample`, at a rate not below theirs.
+    /// them with `low_hz` or with a `derivative` stage before this one. Samples must be evenly spaced. Resample sensors
+    /// with different rates to one grid with `resample`, at the highest of their rates or above.
     ///
     /// `sd_s` is the standard error if the difference of the two signals is white noise. It is too small for correlated
-    /// noise. `correlation` is the correlation coefficient at the peak. `next_peak` is the height of the next highest
-    /// peak divided by that of the peak. Near 1 the lag is ambiguous, as for periodic signals. `n` is the number of
-    /// pairs of samples. The lag is NaN, with a warning, if a line has no peak within `most_s`, a column is constant,
-    /// or a line is too short. Missing samples are omitted.
+    /// noise. `correlation` is the correlation coefficient at the peak. `next_peak` is the height of the second highest
+    /// peak divided by the height of the highest. If it is near 1, the lag is ambiguous, as for periodic signals. `n`
+    /// is the number of pairs of samples. The lag is NaN, with a warning, if a line has no peak within `most_s`, a
+    /// column is constant, or a line is too short. Missing samples are omitted.
     ///
     /// Source: Carter 1987, Coherence and time delay estimation, Proc. IEEE 75(2).
     LagStage = "lag", version 1, grain Survey, inputs [input: Lines],

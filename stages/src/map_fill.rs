@@ -69,11 +69,11 @@ method = "minimum_curvature"
     neighbours: usize, unit "1", default 3usize, rule Rule::Positive;
     /// Weights neighbours by 1/distance^`power`.
     power: Option<f64>, unit "1", absent "equal weights", rule Rule::Positive;
-    /// Leaves nodes unknown that are farther than this from a known node.
+    /// Distance from the nearest known node beyond which nodes remain unknown.
     within_m: Option<f64>, unit "m", absent "all nodes are filled", rule Rule::Positive;
     /// Width of the transition between a map and the next at its edge.
     feather_m: f64, unit "m", default 1000.0, rule Rule::NotNegative;
-    /// Difference to the map, estimated in the overlap, that is removed from the other maps.
+    /// Difference to the map that is estimated in the overlap and removed from the other maps.
     bias: MapOverlapBias, unit "", default MapOverlapBias::Constant;
     /// Extends the map to the extent of all maps together.
     extend: bool, unit "", default false;

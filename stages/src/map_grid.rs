@@ -60,7 +60,7 @@ stage! {
     /// potential field on a level, by default at the highest point, which can be continued. `minimum_curvature`
     /// interpolates at the heights flown and requires no heights. Levelling is part of this stage because crossings are
     /// found among the gridded points, on the plane of the map and after the reduction. Do not grid the lines that are
-    /// navigated: the filter would then know the field along them.
+    /// navigated: the map would then contain the field along them.
     ///
     /// These points are omitted: points without a position, a value or, for equivalent sources, a height; duplicates;
     /// outliers along a line; points far from all others; and lines of fewer than five points. These inputs are
@@ -107,7 +107,7 @@ level_m   = 300.0
     bounds: Option<Vec<f64>>, unit "m", absent "all points";
     /// Side of the blocks to which points are reduced. 0 keeps every point.
     block_m: Option<f64>, unit "m", absent "a quarter of the distance between lines, at most 200 m", rule Rule::NotNegative;
-    /// Leaves nodes unknown that are farther than this from any point. `inf` for no limit.
+    /// Distance from the nearest point beyond which nodes are unknown. `inf` for no limit.
     mask_m: Option<f64>, unit "m", absent "twice the distance between lines";
     /// Keeps points that deviate from their line, and points far from all others.
     keep_outliers: bool, unit "", default false;

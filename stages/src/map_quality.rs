@@ -19,25 +19,25 @@ use crate::{
 };
 
 stage! {
-    /// Appends the value of a map for navigation along a planned or flown track. `map_gradient_n` and `map_gradient_e`
-    /// are the slope of the map to the north and east, `map_gradient` is its magnitude. `map_sd_sample` is the position
-    /// accuracy of one measurement along that slope. `map_sd_expected` is the expected root mean square horizontal
-    /// error from the measurements within `window_s` about the sample. Use it to plan flights over informative parts of
-    /// a map, and to find where no filter could have done better.
+    /// Appends measures of a map's usefulness for navigation along a planned or flown track. `map_gradient_n` and
+    /// `map_gradient_e` are the slopes of the map to the north and east, and `map_gradient` is the magnitude of the
+    /// slope. `map_sd_sample` is the position accuracy of one measurement along that slope. `map_sd_expected` is the
+    /// expected root mean square horizontal error from the measurements within `window_s` about the sample. Use it to
+    /// plan flights over informative parts of a map, and to find where no filter could have been more accurate.
     ///
-    /// `map_sd_sample` is sigma divided by slope. `map_sd_expected` is the Cramér-Rao bound, the root of the trace of
-    /// the inverse Fisher information sum(g g')/sigma^2 of the slopes g in the window. It holds for an unbiased filter
-    /// with perfect knowledge of its motion within the window and no earlier position. It assumes independent sample
-    /// errors with standard deviation `sigma_nt`. At ten samples per second, errors of the map and of the temporal
-    /// variation are correlated. Multiply `sigma_nt` by the root of the number of samples that are correlated.
-    /// `unknown_constant` subtracts the mean slope, which gives the bound for a measurement with an unknown constant
-    /// (`map_position_bound` of `score` is this bound over the whole line).
+    /// `map_sd_sample` is sigma divided by slope. `map_sd_expected` is the Cramér-Rao bound: the square root of the
+    /// trace of the inverse Fisher information sum(g g')/sigma^2 of the slopes g in the window. It holds for an
+    /// unbiased filter with perfect knowledge of its motion within the window and no earlier position. It assumes
+    /// independent sample errors with standard deviation `sigma_nt`. At ten samples per second, errors of the map and
+    /// of the temporal variation are correlated. Multiply `sigma_nt` by the square root of the number of correlated
+    /// samples. `unknown_constant` subtracts the mean slope, which gives the bound for a measurement with an unknown
+    /// constant (`map_position_bound` of `score` is this bound over the whole line).
     ///
     /// All columns are NaN for a sample off the map, in a cell with an unknown node, or without a position. Both bounds
     /// are NaN where the map is flat. `map_sd_expected` is also NaN where all slopes in the window have one direction.
     /// The slope of the core field is not included.
     ///
-    /// A line without a sample on the map is rejected, and so are times that do not ascend.
+    /// A line without a sample on the map is rejected, and so are times that do not increase.
     ///
     /// Source: Kay 1993, section 3.7; Gnadt 2022, section 2.3.
     MapQuality = "map_quality", version 1, grain Line, inputs [input: Lines, map: Map],
@@ -49,8 +49,8 @@ input    = "resample"
 map      = "anomaly"
 window_s = 20.0
 "#;
-    /// Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS. At the true position the
-    /// columns have the role truth and require `allow_truth` as features.
+    /// Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS. Columns computed at the true
+    /// position have the role truth, so using them as features requires `allow_truth`.
     position: PositionSource, unit "", default PositionSource::Truth;
     /// Standard deviation of the error of a measurement: sensor, map and residual of the compensation, per sample.
     sigma_nt: f64, unit "nT", default 5.0, rule Rule::Positive;

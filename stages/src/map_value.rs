@@ -36,8 +36,8 @@ input        = "resample"
 map          = "anomaly"
 map_levels_m = [300.0, 400.0]
 "#;
-    /// Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS. At the true position the
-    /// columns have the role truth and require `allow_truth` as features.
+    /// Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS. Columns computed at the true
+    /// position have the role truth, so using them as features requires `allow_truth`.
     position: Option<PositionSource>, unit "", absent "the INS position if the flight has `ins_lat`, `ins_lon` and `ins_alt`, otherwise the true position";
     /// Interpolation of the map: bilinear, or a natural cubic spline.
     map_interpolation: MapInterpolation, unit "", default MapInterpolation::Linear;

@@ -15,12 +15,12 @@ stage! {
     /// Each harmonic is removed at its alias in the samples, for example 10 Hz for 150 Hz sampled at 160 Hz. If the
     /// sensor sampled at another rate than the line and no filter was applied in between, set `sampled_hz` to that
     /// rate. The alias at that rate is then folded to the rate of the line. Any signal within the width is removed too.
-    /// A harmonic whose alias is within half of the width of 0 Hz or of the Nyquist frequency is an error. Remove it
-    /// before resampling to a lower rate.
+    /// A harmonic is rejected if its alias is less than half a notch width from 0 Hz or from the Nyquist frequency.
+    /// Remove it before resampling to a lower rate.
     ///
-    /// A second-order notch at each frequency runs forwards and backwards. It settles in about 1/width, so part of the
-    /// sinusoid remains that close to each end of a run. Angles are filtered along the shorter arc. Gaps, short runs
-    /// and uneven samples are treated as in `bandpass`.
+    /// A second-order notch at each frequency runs forwards and backwards. It settles in about 1/`width_hz`, so part of
+    /// the sinusoid remains for this time at each end of a run. Angles are filtered along the shorter arc. Gaps, short
+    /// runs and uneven samples are treated as in `bandpass`.
     ///
     /// Source: S. J. Orfanidis, Introduction to signal processing, 1995, section 11.3.
     Notch = "notch", version 2, grain Line, inputs [input: Lines],
@@ -41,7 +41,7 @@ harmonics  = 2
     harmonics: usize, unit "", default 3usize, rule Rule::Between(1.0, 50.0);
     /// Full width of each notch. At half the width from the notch frequency, half of the amplitude remains.
     width_hz: f64, unit "Hz", default 0.5, rule Rule::Positive;
-    /// Rate at which the sensor sampled.
+    /// Original sample rate of the sensor.
     sampled_hz: Option<f64>, unit "Hz", absent "the rate of the line", rule Rule::Positive;
 }
 

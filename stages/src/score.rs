@@ -70,23 +70,23 @@ stage! {
     /// line has a null value and the reason in `note`. An example is an upper corner above half the sample rate. The
     /// other metrics are kept. The run reports a warning, or fails if `metrics` names the metric.
     ///
-    /// The published table also has `in_sample`: true where the model, noise or map behind the score was made from this
-    /// line, or where a search chose a parameter by it. Such a score is an error of the fit, not of a prediction, and
-    /// is never the best of a sweep. Noise that `navigate` estimates on the navigated line uses no truth and does not
-    /// count. Models read from files count as made from other lines.
+    /// The published table also has `in_sample`: true if the line was used to make the model, noise or map behind the
+    /// score, or to choose a parameter in a search. Such a score is an error of the fit, not of a prediction, and is
+    /// never selected as the best of a sweep. Noise that `navigate` estimates on the navigated line uses no truth, so
+    /// it does not make the line in sample. Models read from files are assumed to be fitted to other lines.
     ///
     /// The table `scores_pooled` of the pipeline has one row per point and metric. Its `value` pools the lines that are
-    /// not in sample (all lines if every line is in sample), and `value_in_sample` pools the others. `spread` holds the
-    /// quantiles of the samples behind a radius, from which lines are pooled.
+    /// not in sample (all lines if every line is in sample), and `value_in_sample` pools the others. For a radius,
+    /// `spread` holds the quantiles of its samples, from which the pooled radius is computed.
     ///
     /// With `truth`, errors are against the truth. Without it, `std_uncompensated` and the ratios are those of the
-    /// signals themselves and include the anomaly. The run notes the metrics that lack only a truth.
+    /// signals themselves and include the anomaly. The run lists the metrics that would require only a truth.
     ///
-    /// With a table of `map_value` the map is scored: the agreement of the signal with the map, the slope of the map
-    /// along the track, and the expected accuracy of navigation. `igrf` and, if available, `diurnal` are first
+    /// A table computed by `map_value` adds scores of the map: the agreement of the signal with the map, the slope of
+    /// the map along the track, and the expected accuracy of navigation. `igrf` and, if available, `diurnal` are first
     /// subtracted from the signal. `map_position_bound` is the Cramér-Rao bound for a constant horizontal offset and an
     /// unknown constant of the measurement. It assumes independent sample errors of `map_sigma_nt`; correlated errors,
-    /// as of maps and the temporal variation, increase the error.
+    /// such as those of maps and the temporal variation, increase the actual error.
     ///
     /// A track is also tested against its own covariance: `nees_consistent` and `nis_consistent` are tests at 95 %.
     /// `whiteness`, `error_within_3sigma` and `divergence` are shares of lags or samples with known expected values for

@@ -22,21 +22,23 @@ use crate::{
 };
 
 stage! {
-    /// Pools the scores of lines, each figure with a confidence interval.
+    /// Pools the scores of lines, with a confidence interval for each pooled value.
     ///
-    /// Errors in nT and m are pooled as root mean squares, ratios and biases as means, both weighted by samples; `cep`
-    /// and `r95` are the radii of all samples together; numbers of samples are added. The interval is that of
-    /// percentiles over `draws` resamples of whole lines with replacement: the samples of a line err together, so they
-    /// are no independent evidence. One line alone has no interval (null).
+    /// Errors in nT and m are pooled as root mean squares, ratios and biases as means. Both are weighted by the number
+    /// of samples. `cep` and `r95` are radii of the samples of all lines. Numbers of samples are added. The interval
+    /// consists of percentiles over `draws` resamples of lines with replacement. Whole lines are resampled because the
+    /// errors within a line are correlated. A single line has no interval (null).
     ///
-    /// Each metric is pooled over the held-out lines. Where no held-out line has a value, it is pooled over the lines
-    /// in sample, and `in_sample` is true. A line is in sample if a model, noise or map behind its scores was made from
-    /// it, or a search chose by it. `scores_pooled` also pools the lines in sample, where there are others.
+    /// Each metric is pooled over the held-out lines. If no held-out line has a value, it is pooled over the lines in
+    /// sample, and `in_sample` is true. A line is in sample if it was used to make a model, noise or map behind its
+    /// scores, or to choose a parameter in a search. The table `scores_pooled` also pools the lines in sample if other
+    /// lines exist.
     ///
-    /// With `train`, the lines that the model was fitted on, there is one more metric: `overfitting_ratio`, the pooled
-    /// `std_error` (without it, the rms of `map_std_error`) of all other lines, in sample or not, over that of these; 1
-    /// for a model that is as good on new lines as on its own, more for one that overfits. In its resamples training
-    /// lines and other lines are drawn each among themselves.
+    /// `train` lists the lines to which the model was fitted, and adds the metric `overfitting_ratio`. It is the pooled
+    /// `std_error` of all other lines, in sample or not, divided by that of the training lines. Without `std_error` it
+    /// uses the root mean square of `map_std_error`. The ratio is 1 for a model that is as accurate on new lines as on
+    /// its training lines, and larger for one that overfits. In its resamples, training lines are drawn only from
+    /// training lines, and other lines only from other lines.
     ///
     /// Source: van der Meer 2025, (2.42) and section 4.1; Efron & Tibshirani 1993, chapter 13.
     Summary = "summary", version 4, grain Survey, inputs [input: Scores],
@@ -47,14 +49,14 @@ stage = "summary"
 input = "score"
 "#;
     /// Metrics to pool.
-    metrics: ChoiceSubset<Scorer>, unit "", absent "everything that was scored";
-    /// The lines that a model was fitted on, for `overfitting_ratio`.
+    metrics: ChoiceSubset<Scorer>, unit "", absent "all scored metrics";
+    /// Lines to which the model was fitted, for `overfitting_ratio`.
     train: Vec<String>, unit "", default Vec::<String>::new();
-    /// The confidence level of the interval.
+    /// Confidence level of the interval.
     level: f64, unit "1", default 0.95, rule Rule::Between(0.5, 0.999);
-    /// How many resamples.
+    /// Number of resamples.
     draws: usize, unit "", default 1000usize, rule Rule::Between(10.0, 100000.0);
-    /// Where the draws begin.
+    /// Seed of the resamples.
     seed: usize, unit "", default 0usize;
 }
 
@@ -71,7 +73,7 @@ const METRICS: [Metric; 1] = [OVERFITTING_RATIO];
 const OVERFITTING_RATIO: Metric = Metric {
     name: "overfitting_ratio",
     unit: "1",
-    meaning: "error of all other lines over that of the lines that the model was fitted on",
+    meaning: "pooled error of all other lines divided by that of the training lines",
     pool: PoolingRule::Mean,
     better: MetricPreference::Lower,
     shown: MetricDisplay::NOWHERE,

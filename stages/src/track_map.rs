@@ -78,8 +78,8 @@ spacing_m       = 500.0
     interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
     /// Source of the hyper-parameters of the kernel: maximum likelihood on the lines, or the spec.
     hyperparameters: HyperparameterSource, unit "", default HyperparameterSource::Fitted;
-    /// Standard deviation north and east that is added to that of the track. It is for an error outside the track's
-    /// covariance, such as that of `slam` before its first revisit.
+    /// Standard deviation, north and east, that is added to that of the track. It describes an error that the track's
+    /// covariance omits, such as that of `slam` before its first revisit.
     position_sigma_m: f64, unit "m", default 0.0, rule Rule::NotNegative;
     /// Covariance function of the anomaly over distance.
     covariance: CovarianceFunction, unit "", default CovarianceFunction::Matern52;

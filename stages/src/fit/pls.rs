@@ -20,10 +20,10 @@ model! {
     /// Source: Wold, Sjöström and Eriksson 2001; Gnadt 2022, (3.19) to (3.43).
     PartialLeastSquares = "pls", version 2, scaling Standardise, intercept true, made of Moments,
     choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], example "components = 6";
-    /// Number of components, or the maximum number if it is chosen. As many components as terms give ordinary least
-    /// squares, which causes a warning.
+    /// Number of components, or the maximum number if `choose` selects it. As many components as terms give ordinary
+    /// least squares, which causes a warning.
     components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
-    /// Further columns that are fitted together with `target`, by common components. The table holds the coefficients
+    /// Further columns that are fitted together with `target`, with common components. The table holds the coefficients
     /// of `target`.
     with_targets: Vec<String>, unit "nT", default Vec::<String>::new();
 }

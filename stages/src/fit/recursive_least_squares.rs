@@ -14,12 +14,12 @@ use super::{
 use crate::columns::data;
 
 model! {
-    /// Recursive least squares with exponential `forgetting` of older rows. It starts from zero coefficients and the
-    /// ridge `lambda`, with columns divided by their standard deviations.
+    /// Recursive least squares with exponential `forgetting` of older rows. It starts from zero coefficients with the
+    /// ridge parameter `lambda`. Columns are divided by their standard deviations.
     ///
-    /// Forgotten information is replaced by a ridge about the current coefficients. A direction that the flight does
-    /// not excite for long therefore keeps its value. The textbook recursion also forgets its initial ridge. With
-    /// `forgetting = 1.0` nothing is forgotten, and both are equal to the ridge.
+    /// Forgotten information is replaced by a ridge penalty about the current coefficients. A direction that the flight
+    /// does not excite for long therefore keeps its value. The textbook recursion also forgets its initial ridge
+    /// penalty. With `forgetting = 1.0` nothing is forgotten, and both recursions give the ridge solution.
     ///
     /// Source: Haykin 2002, "Adaptive Filter Theory", chapter 9.
     RecursiveLeastSquares = "recursive_least_squares", version 1, scaling Standardise, intercept false, made of Rows,

@@ -37,7 +37,7 @@ params! {
     /// Ridge parameter.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
     /// Values of `lambda` to choose from.
-    lambdas: Option<Vec<f64>>, unit "", absent "a grid that suits the features";
+    lambdas: Option<Vec<f64>>, unit "", absent "a grid computed from the features";
 }
 
 /// A model that is a ridge. It has its own name and columns; the fit is the same.

@@ -34,18 +34,19 @@ choice! {
 }
 
 model! {
-    /// Minimises a loss that grows more slowly than squares, of columns as they are, row by row: spikes do not spoil
-    /// it. `threshold` is of the loss `huber`, `degrees_of_freedom` of `student_t`.
+    /// Minimises a loss that grows more slowly than the square of the residual, so that spikes have little influence.
+    /// Columns are not scaled. `threshold` applies to the loss `huber`, `degrees_of_freedom` to `student_t`.
     ///
     /// Source: Huber 1981, "Robust Statistics"; Lange, Little and Taylor 1989.
     Robust = "robust", version 1, scaling None, intercept true, made of Rows, choose [Given], takes [], example "loss = \"huber\"";
-    /// The strength of the penalty.
+    /// Ridge parameter.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
-    /// The loss.
+    /// Loss function of a residual.
     loss: FitLossFunction, unit "", default FitLossFunction::Huber;
-    /// How the size of ordinary residuals is found: by their median, or together with the coefficients.
+    /// Estimator of the scale of the residuals: their median absolute deviation, or an estimate together with the
+    /// coefficients.
     scale: FitScaleMethod, unit "", default FitScaleMethod::Mad;
-    /// Where Huber's loss turns from squares to straight lines, in sizes of ordinary residuals.
+    /// Residual at which Huber's loss changes from quadratic to linear, in units of the scale.
     threshold: f64, unit "1", default 1.345, rule Rule::Positive;
     /// Degrees of freedom of Student's t.
     degrees_of_freedom: f64, unit "1", default 4.0, rule Rule::Positive;

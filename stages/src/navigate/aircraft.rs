@@ -19,9 +19,9 @@ params! {
     pub struct AircraftModelKeys;
     /// List column of the terms, as made by `a_matrix`.
     terms: String, unit "", default "tl";
-    /// Prior standard deviation of a permanent coefficient, about 0, unless `model` gives its prior.
+    /// Standard deviation of the zero-mean prior of a permanent coefficient, unless `model` supplies a prior.
     permanent_sigma_nt: f64, unit "nT", default 2000.0, rule Rule::Positive;
-    /// Prior standard deviation of an induced coefficient, as for `permanent_sigma_nt`.
+    /// Standard deviation of the prior of an induced coefficient, as for `permanent_sigma_nt`.
     induced_sigma_nt: f64, unit "nT", default 1000.0, rule Rule::Positive;
     /// Prior standard deviation of an eddy coefficient. Its term is the change of the field from sample to sample
     /// divided by the scale. The value is multiplied by the sample rate of the line.
@@ -35,10 +35,10 @@ params! {
     /// harmonic of the angle between its axis and the field, `heading_1`, `heading_2` and `heading_4`. Requires
     /// `vector`.
     heading_error_sigma_nt: Option<f64>, unit "nT", absent "the heading error is not estimated", rule Rule::Positive;
-    /// Factor on the standard deviations of the calibrations under `model`. With one calibration they are those of its
-    /// fit, with several the scatter between them. Coefficients of differences per sample are converted from the rate
-    /// of the fit to that of the line. Below about 5 Hz the differences are inaccurate in manoeuvres: they lack the
-    /// fraction (2 pi f / rate)^2 / 6 of a change at frequency f.
+    /// Factor on the prior standard deviations from `model`. With one calibration these are the standard deviations of
+    /// its fit, with several they are the scatter between the calibrations. Coefficients of differences per sample are
+    /// converted from the rate of the fit to that of the line. At rates below about 5 Hz the differences are inaccurate
+    /// in manoeuvres: they underestimate a change at frequency f by the fraction (2 pi f / rate)^2 / 6.
     prior_factor: f64, unit "1", default 1.0, rule Rule::Positive;
 }
 

@@ -27,20 +27,21 @@ filter! {
     /// aircraft fields that are nonlinear in the features, such as those of switched currents. For linear aircraft
     /// fields `ekf_online_tl` is more accurate.
     ///
-    /// The weights are first trained on the part of the line before GNSS is lost; `gnss_lost_s` is required. There the
-    /// aircraft field is the measurement minus the map and the core field at the position by GNSS. The training is
+    /// The weights are first trained on the part of the line before GNSS is lost; `gnss_lost_s` is required. In this
+    /// part the aircraft field is the measurement minus the map and the core field at the GNSS position. Training uses
     /// recursive least squares. During training GNSS aids the INS, and the measurement is `missing` so that it is not
     /// used twice. Afterwards the measurement noise is the residual of the training, if it exceeds
     /// `measurement_sigma_nt`. The network also estimates a constant, so `offset_window_s` is ignored.
     ///
     /// `model` is the table of a fit of `m1` with one hidden layer to the aircraft field (targets `c` and `d`). With it
-    /// the weights start from that network, and `hidden` and `activation` must equal its units and activation. The
-    /// recursion then estimates their covariance and later changes. Features that are differences per sample are
-    /// converted to the rate of that fit.
+    /// the weights start from that network, and `hidden` and `activation` must equal those of that network. The
+    /// recursion then estimates the covariance of the weights and their later changes. Features that are differences
+    /// per sample are converted to the rate of that fit.
     ///
     /// A scalar magnetometer among the features is rejected: the filter would subtract its own measurement. `aircraft`
-    /// is the aircraft field for the weights of the sample. The covariance of the weights excludes the modelling error
-    /// of the network. The filter is therefore overconfident in conditions that the training did not include.
+    /// is the aircraft field computed with the weights estimated at the sample. The covariance of the weights excludes
+    /// the modelling error of the network. The filter is therefore overconfident in conditions that the training did
+    /// not include.
     ///
     /// Source: Gnadt 2022, section 5.6, with the regressor ∂m/∂w in (5.44) and (5.45).
     EkfOnlineNn = "ekf_online_nn", version 1, groups [aiding: Aiding, further: AuxiliaryMeasurements], example r#"features = "tl"
@@ -57,7 +58,7 @@ gnss_lost_s = [20.0, 1e6]"#;
     passes: usize, unit "1", default 10usize, rule Rule::Between(1.0, 1000.0);
     /// Time in which the weights are expected to change by their standard deviation after training.
     memory_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
+    /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
     /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.

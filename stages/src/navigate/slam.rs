@@ -25,11 +25,11 @@ filter! {
     /// Only the position relative to the earlier path is observed. The error of the INS before the first revisit
     /// therefore remains. Without a revisit the track is that of the INS. The map of the stage and `offset_window_s`
     /// are ignored: a constant in the measurement is part of the unknown map. `unused` in the column `update` means
-    /// that no particle has been nearby before.
+    /// that no particle has an earlier position nearby.
     ///
     /// The same `seed` gives the same bits on any number of threads.
     ///
-    /// With `gnss_lost_s` positions by GNSS aid the filter. A map that begins under GNSS has the absolute position of
+    /// With `gnss_lost_s`, GNSS positions aid the filter. A map that begins under GNSS has the absolute position of
     /// GNSS. A later fix weights particles by their whole path, so it also corrects the map. Initial GNSS does not
     /// reduce the number of particles: with 400 particles all of ten surveys succeeded; with 150 two of six diverged,
     /// with a covariance far too small.
@@ -44,7 +44,7 @@ filter! {
     /// `smoothing_misfit` is far above 1 where the assumed noise is too small for the track. `smoothing_agreement` is
     /// the information that revisits of places give about each other, divided by its expected value for the assumed
     /// noise: about 1 on a correct track, near 0 on a track in error by hundreds of metres. A line below 0.5 is
-    /// rejected. The column is NaN where almost nothing is revisited. 1000 measurements take about 20 s of one core and
+    /// rejected. The column is NaN where almost nothing is revisited. 1000 measurements take about 20 s on one core and
     /// 70 MB. Twice as many take eight times the time and four times the memory.
     ///
     /// Source: Lee 2019, chapters III and V and appendix A, with four changes. Every prediction includes the last
@@ -94,7 +94,7 @@ filter! {
     interpolant_sigma_nt: f64, unit "nT", default 10.0, rule Rule::Positive;
     /// Effective number of particles, as a fraction of all, below which they are resampled.
     resample_below: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
-    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
+    /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
     /// Replaces the track of the particles by the most probable track of the whole flight.

@@ -33,17 +33,17 @@ choice! {
 params! {
     /// Initial estimate and covariance at the first sample of a line.
     pub struct StartKeys;
-    /// Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys do not hold minutes
+    /// Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys are not valid minutes
     /// later.
     start: StartSource, unit "", default StartSource::Auto;
     /// Columns of latitude, longitude (deg) and height (m) of the fix. The first values within 2 s of the line's start
-    /// are used. White noise of the fix's standard deviations is added to columns of the role truth, reproducibly for a
-    /// line.
+    /// are used. White noise with the fix's standard deviations is added to columns with the role truth. It is
+    /// reproducible for each line.
     fix: [String; 3], unit "", default ["lat", "lon", "alt"].map(str::to_owned);
-    /// Columns of the velocity north, east and down of the fix.
+    /// Columns of the fix's velocity north, east and down.
     fix_velocity: Option<[String; 3]>, unit "m/s",
         absent "`vn`, `ve` and `vd` if the flight has them, else the velocity of the INS";
-    /// Standard deviation of the fix's position, north and east each.
+    /// Standard deviation of the fix's position in each of north and east.
     fix_sigma_m: f64, unit "m", default 3.0, rule Rule::Positive;
     /// Standard deviation of the fix's height.
     fix_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;

@@ -75,9 +75,9 @@ metric! {
 }
 
 metric! {
-    /// slope of the compensated signal, minus core field and diurnal variation, over the true anomaly; 1 keeps the
-    /// whole anomaly; n is the energy of the anomaly about its mean, nT^2, and weights the lines; null where a line has
-    /// at most two independent samples
+    /// slope of the compensated signal, minus core field and diurnal variation, as a function of the true anomaly; 1 if
+    /// compensation keeps the whole anomaly; n is the energy of the anomaly about its mean, nT^2, and weights the
+    /// lines; null where a line has at most two independent samples
     ANOMALY_RETENTION = "anomaly_retention", unit "1", pool Mean, better Near(1.0),
     shown MetricDisplay::column(60, 80), needs [Signal, Anomaly, Core], uses [Diurnal];
     |line| Ok(retention(line)?.0)

@@ -203,7 +203,7 @@ metric! {
 }
 
 metric! {
-    /// number of positions by GNSS that the test against the INS rejected
+    /// number of GNSS positions that the test against the INS rejected
     GNSS_REJECTED = "gnss_rejected", unit "1", pool Sum, better Neither, needs [Gnss];
     |line| {
         let updates = line.texts(ScoreSource::Gnss)?;
