@@ -89,8 +89,8 @@ pub fn rate_factor(sampling: &RateDependence, entry: &str, to_hz: Option<f64>) -
     };
     law.factor(from_hz, to_hz).ok_or_else(|| {
         let what = format!(
-            "`{entry}` is the value of an earlier sample, but the line has {from_hz} Hz and the model was fitted at \
-             {to_hz} Hz"
+            "`{entry}` is the value of an earlier sample, but the line is sampled at {from_hz} Hz and the model was \
+             fitted at {to_hz} Hz"
         );
         Fault::data(what).help(format!("`resample` to {to_hz} Hz before `features`"))
     })

@@ -85,11 +85,11 @@ impl Join {
                     faults.push(Fault::new(format!("`{name}` is a key of every line")).of_param("columns"));
                 }
                 Ok(_) if input.get(&made).is_some() => {
-                    let fault = Fault::new(format!("`input` has a column `{made}` already"));
-                    faults.push(fault.help("give it another name with `suffix`").of_param("columns"));
+                    let fault = Fault::new(format!("`input` already has a column `{made}`"));
+                    faults.push(fault.help("rename it with `suffix`").of_param("columns"));
                 }
                 Ok(_) if found.iter().any(|c: &&Column| c.name == *name) => {
-                    faults.push(Fault::new(format!("`{name}` is named twice")).of_param("columns"));
+                    faults.push(Fault::new(format!("`{name}` is a duplicate")).of_param("columns"));
                 }
                 Ok(column) => found.push(column),
             }
@@ -103,7 +103,7 @@ impl Stage for Join {
         let (input, with) = (shape(inputs, INPUT)?, shape(inputs, WITH)?);
         let chosen = self.chosen(input, with)?;
         if chosen.is_empty() {
-            let fault = Fault::new("there is no column to append: `input` has all that `with` has");
+            let fault = Fault::new("there is no column to append: `input` has all columns of `with`");
             return Err(vec![fault.of_param("with")]);
         }
         let times = |shape: &TableShape| -> Vec<&'static str> {
@@ -152,7 +152,7 @@ impl LineStage for Join {
         let shift = offset_s(input, with)?;
         let tt: Vec<f64> = floats(with, "tt")?.iter().map(|t| t + shift).collect();
         for (tt, whose) in [(times, "`input`"), (&tt, "`with`")] {
-            check_increasing(tt).map_err(|e| Fault::data(format!("of {whose}: {e}")).in_column("tt"))?;
+            check_increasing(tt).map_err(|e| Fault::data(format!("in {whose}: {e}")).in_column("tt"))?;
         }
         let shape = TableShape::from_schema(&with.schema());
         let chosen = match &self.columns {
@@ -167,7 +167,7 @@ impl LineStage for Join {
                     let time = times.get(row).copied().unwrap_or(f64::NAN);
                     let fault =
                         Fault::data(format!("`with` has no row at {time} s")).in_column("tt").in_row(row as u64);
-                    return Err(fault.help("join by `method = \"nearest\"` or `\"linear\"`"));
+                    return Err(fault.help("set `method` to `\"nearest\"` or `\"linear\"`"));
                 }
                 chosen.map(|c| taken(with, c, &rows)).collect()
             }

@@ -234,8 +234,10 @@ impl MapGrid {
         let crossings = CrossoverOptions { most_height_m: self.crossing_height_m, ..CrossoverOptions::default() };
         let found = find_crossovers(survey, &crossings);
         if found.is_empty() {
-            let what =
-                format!("no lines cross within {} m of height, so they cannot be levelled", self.crossing_height_m);
+            let what = format!(
+                "no lines cross at heights within {} m of each other, so they cannot be levelled",
+                self.crossing_height_m
+            );
             let help = "remove `level_order`, or increase `crossing_height_m`";
             return Err(Fault::data(what).help(help).of_param("level_order"));
         }

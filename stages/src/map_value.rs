@@ -136,7 +136,7 @@ pub(crate) fn looked_up(map: &FieldMap, lat: &[f64], lon: &[f64], alt: &[f64]) -
     }
     if columns[0].iter().all(|x| x.is_nan()) {
         return Err(Fault::data("no sample is on the map")
-            .help("check that the map covers the flight, and `map_levels_m` its heights"));
+            .help("check that the map covers the flight, and that `map_levels_m` covers its heights"));
     }
     Ok(columns)
 }

@@ -57,8 +57,8 @@ impl Notch {
             let seen = alias_hz(self.sampled_hz.map_or(hz, |sampled_hz| alias_hz(hz, sampled_hz)), rate_hz);
             if seen <= 0.5 * self.width_hz || seen >= 0.5 * (rate_hz - self.width_hz) {
                 let what = format!(
-                    "the harmonic {hz} Hz has its alias at {seen:.3} Hz at {rate_hz} Hz; a notch of {} Hz reaches 0 \
-                     Hz or the Nyquist frequency",
+                    "at a sample rate of {rate_hz} Hz the harmonic {hz} Hz has its alias at {seen:.3} Hz; a notch of \
+                     {} Hz reaches 0 Hz or the Nyquist frequency",
                     self.width_hz
                 );
                 let help = "use `notch` before `resample`, or reduce `harmonics` or `width_hz`";

@@ -96,8 +96,8 @@ impl Resample {
         let again = self.lag_of(i, &column.name) != 0.0 && column.removed.contains(&MagneticCorrection::Lag);
         let param = if self.lag_of_input(i) == 0.0 { "lag_s" } else { "input_lag_s" };
         again.then(|| {
-            let what = format!("the lag of `{}` was taken out before", column.name);
-            Fault::new(what).help(format!("leave it out of `{param}`")).of_param(param)
+            let what = format!("the lag of `{}` has already been removed", column.name);
+            Fault::new(what).help(format!("remove it from `{param}`")).of_param(param)
         })
     }
 
@@ -114,7 +114,7 @@ impl Resample {
         let mut faults = vec![];
         let n = shapes.len();
         let mut count = |given: usize, param: &str| {
-            let what = format!("there are {n} inputs, but {given} values for them");
+            let what = format!("there are {n} inputs, but `{param}` has {given} values");
             faults.push(Fault::new(what).of_param(param));
         };
         if self.max_gap_s.len() != 1 && self.max_gap_s.len() != n {
@@ -155,7 +155,7 @@ fn lagged_entry(column: &Column) -> Option<Fault> {
         "`{}` holds `{name}`, the value of an earlier sample, which has no equivalent at another rate",
         column.name
     );
-    Some(Fault::new(what).help("make the column after `resample`, or drop it by `select`").of_param("input"))
+    Some(Fault::new(what).help("compute the column after `resample`, or drop it with `select`").of_param("input"))
 }
 
 /// The columns of the input `i` that are resampled: those that no earlier input provides.
@@ -169,7 +169,7 @@ fn own_columns<'a>(shapes: &[&'a TableShape], i: usize) -> Result<Vec<&'a Column
             Some(first) => {
                 let name = &column.name;
                 let what = format!("both input {} and input {} have a column `{name}`", first + 1, i + 1);
-                let help = "rename one with `rename` of its table, or leave it out with `select`";
+                let help = "rename one with `rename` of its table, or drop it with `select`";
                 return Err(Fault::new(what).help(help).of_param("input"));
             }
         }
@@ -246,7 +246,7 @@ impl LineStage for Resample {
         let inputs = self.samples(line)?;
         let grid = self.grid(&inputs)?;
         if grid.is_empty() {
-            return Err(Fault::data(format!("the line is too short to hold a sample at {} Hz", self.rate_hz)));
+            return Err(Fault::data(format!("the line is too short for a sample at {} Hz", self.rate_hz)));
         }
         let shapes: Vec<TableShape> = inputs.iter().map(|i| TableShape::from_schema(&i.batch.schema())).collect();
         let shapes: Vec<&TableShape> = shapes.iter().collect();
@@ -307,7 +307,9 @@ impl Resample {
         if first_s > last_s {
             let spans: Vec<String> = ends.iter().map(|(a, b)| format!("{a} s to {b} s")).collect();
             let what = format!("the inputs have no time in common: {}", spans.join("; "));
-            return Err(Fault::data(what).in_column("tt").help("do all of them count seconds past midnight UTC?"));
+            return Err(Fault::data(what)
+                .in_column("tt")
+                .help("check that all inputs count seconds past midnight UTC"));
         }
         even_grid(first_s, last_s, self.rate_hz).map_err(data)
     }

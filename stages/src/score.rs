@@ -173,8 +173,8 @@ impl Score {
             }
         }
         if faults.is_empty() && self.chosen(places).is_empty() {
-            let help = format!("add a table with `{}` or a track to `input`", self.mag);
-            faults.push(Fault::new("these tables allow no metric").help(help).of_param("input"));
+            let help = format!("add a table with `{}`, or a track, to `input`", self.mag);
+            faults.push(Fault::new("no metric can be scored from these tables").help(help).of_param("input"));
         }
         faults
     }

@@ -87,13 +87,13 @@ impl Stage for Summary {
         }
         let made = |c: Column| c.from(0, &READS);
         let columns = vec![
-            made(Column::text("metric", "what was scored").role(Role::Key)),
-            made(Column::float("value", "", "the score of all lines; null where no sample was left for it")),
+            made(Column::text("metric", "name of the metric").role(Role::Key)),
+            made(Column::float("value", "", "pooled value; null without samples")),
             made(Column::float("low", "", "lower end of the confidence interval; null with fewer than two lines")),
             made(Column::float("high", "", "upper end of the confidence interval")),
-            made(Column::text("unit", "the unit of the value")),
-            made(Column::integer("lines", "", "lines behind it")),
-            made(Column::integer("n", "", "samples or pairs behind it")),
+            made(Column::text("unit", "unit of the value")),
+            made(Column::integer("lines", "", "number of lines")),
+            made(Column::integer("n", "", "number of samples or pairs")),
             made(Column {
                 column_type: ColumnType::Other(DataType::Boolean),
                 ..Column::float(IN_SAMPLE, "", POOLED_IN_SAMPLE).role(Role::Key)
@@ -194,7 +194,7 @@ impl Summary {
         for name in &self.train {
             if !parts.iter().any(|p| p.line == *name) {
                 let what = format!("`train` names the line `{name}`, which was not scored");
-                return Err(Fault::data(what).help("name lines of the table of scores"));
+                return Err(Fault::data(what).help("name lines that the table of scores contains"));
             }
         }
         let mut rows: Vec<SummaryFigure> =

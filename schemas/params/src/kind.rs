@@ -114,7 +114,7 @@ impl<K: ChoiceKind> ChoiceList<K> {
             _ => names.concat(),
         };
         let what = format!("`{key}` belongs to {names}");
-        Some(Fault::new(what).help(format!("`{}` does not take it: leave it out", kind.name())))
+        Some(Fault::new(what).help(format!("remove it; it has no effect with `{}`", kind.name())))
     }
 }
 

@@ -41,7 +41,7 @@ pub fn check_name(name: &str) -> Result<(), String> {
         return Err(format!("a name has at most {LONGEST_NAME} characters"));
     }
     if is_device(name) {
-        return Err("the name is a device on Windows".to_owned());
+        return Err("Windows reserves this name for a device".to_owned());
     }
     Ok(())
 }
@@ -61,14 +61,14 @@ pub fn check_path(path: &str) -> Result<(), String> {
         return Err("the path is absolute".to_owned());
     }
     if path.contains(char::is_control) {
-        return Err("the path has control characters".to_owned());
+        return Err("the path contains control characters".to_owned());
     }
     if path.contains('\\') {
-        return Err("the path has a backslash".to_owned());
+        return Err("the path contains a backslash".to_owned());
     }
     let drive = path.as_bytes();
     if drive.get(1) == Some(&b':') && drive.first().is_some_and(u8::is_ascii_alphabetic) {
-        return Err("the path names a drive".to_owned());
+        return Err("the path contains a drive letter".to_owned());
     }
     for part in path.split('/') {
         if part.is_empty() || part == "." || part == ".." {
@@ -78,7 +78,7 @@ pub fn check_path(path: &str) -> Result<(), String> {
             return Err(format!("a part of the path is longer than {LONGEST_PART} bytes"));
         }
         if is_device(part) {
-            return Err(format!("`{part}` is a device on Windows"));
+            return Err(format!("Windows reserves the name `{part}` for a device"));
         }
     }
     Ok(())
@@ -89,13 +89,13 @@ pub fn check_path(path: &str) -> Result<(), String> {
 /// # Errors
 /// Fails for a path outside `root`, for a link, and on an error of the file system.
 pub fn check_no_link(root: &Path, path: &Path) -> io::Result<()> {
-    let below = path.strip_prefix(root).map_err(|_| io::Error::other("it lies outside of the folder"))?;
+    let below = path.strip_prefix(root).map_err(|_| io::Error::other("it is outside the folder"))?;
     let mut at = root.to_owned();
     for part in below.components() {
         at.push(part);
         match fs::symlink_metadata(&at) {
             Ok(about) if about.is_symlink() => {
-                return Err(io::Error::other(format!("{} is a link", at.display())));
+                return Err(io::Error::other(format!("{} is a symbolic link", at.display())));
             }
             Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
             _ => {}

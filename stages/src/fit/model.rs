@@ -184,7 +184,7 @@ impl FitModelDecl {
         let lambda = (key == "lambda" && !given)
             .then(|| format!("`lambda` and `choose = \"{}\"` cannot be combined; remove one of them", choose.word()));
         let lambdas = (key == "lambdas" && given)
-            .then(|| "`lambdas` has no effect without a method to choose one; set `choose`".to_owned());
+            .then(|| "`lambdas` has no effect without a selection method; set `choose`".to_owned());
         let error = (key == "one_standard_error" && !choose.leaves_out()).then(|| {
             "`one_standard_error` requires cross-validation; set `choose = \"leave_one_line_out\"`".to_owned()
         });

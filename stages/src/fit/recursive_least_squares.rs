@@ -52,7 +52,7 @@ impl FitModel for RecursiveLeastSquares {
 
     fn faults(&self, settings: &FitSettings) -> Vec<Fault> {
         let constant = "`recursive_least_squares` has no intercept; add `bias` to `terms` of `a_matrix`";
-        let penalty = "`recursive_least_squares` starts from a ridge; set `lambda` above 0";
+        let penalty = "`recursive_least_squares` requires an initial ridge penalty; set `lambda` above 0";
         let mut faults = vec![];
         faults.extend(settings.intercept.then(|| Fault::new(constant).of_param("intercept")));
         faults.extend((self.lambda == 0.0).then(|| Fault::new(penalty).of_param("lambda")));

@@ -58,14 +58,14 @@ impl FitModel for Robust {
         let rows: Vec<LineRows> = rows.iter().map(|(a, y)| LineRows { a, y }).collect();
         let found = self.numeric(settings).fit(&rows, &problem.terms).map_err(data)?;
         if !found.converged {
-            let what = format!("the robust fit did not settle within {} passes over the rows", found.passes);
-            return Err(Fault::data(what).help("give `lambda` above 0, or leave features out"));
+            let what = format!("the robust fit did not converge within {} passes over the rows", found.passes);
+            return Err(Fault::data(what).help("set `lambda` above 0, or remove features"));
         }
         Ok(LinearFitResult::without_errors(found.fit, found.scale, self.lambda))
     }
 
     fn faults(&self, settings: &FitSettings) -> Vec<Fault> {
-        let unscaled = "`robust` penalises columns as they are: `scaling` can only be `none`";
+        let unscaled = "`robust` does not scale columns; set `scaling = \"none\"`";
         let wrong = settings.scaling != ColumnScaling::None;
         wrong.then(|| Fault::new(unscaled).of_param("scaling")).into_iter().collect()
     }
@@ -73,7 +73,7 @@ impl FitModel for Robust {
     fn idle(&self, key: &str) -> Option<Fault> {
         let of = [("threshold", FitLossFunction::Huber), ("degrees_of_freedom", FitLossFunction::StudentT)];
         let (_, loss) = of.into_iter().find(|(k, loss)| *k == key && *loss != self.loss)?;
-        let help = format!("the loss is `{}`: leave it out", self.loss.word());
+        let help = format!("remove it; the loss is `{}`", self.loss.word());
         Some(Fault::new(format!("`{key}` belongs to the loss `{}`", loss.word())).help(help))
     }
 

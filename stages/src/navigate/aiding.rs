@@ -91,7 +91,7 @@ impl Aiding {
 
     /// Columns that it makes.
     pub(super) fn columns(&self) -> Vec<Column> {
-        let column = || Column::text(GNSS_UPDATE, "outcome for the position by GNSS: used, rejected or none");
+        let column = || Column::text(GNSS_UPDATE, "outcome of the GNSS position: used, rejected or none");
         self.gnss_lost_s.map(|_| column()).into_iter().collect()
     }
 

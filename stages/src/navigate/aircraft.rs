@@ -111,7 +111,7 @@ impl AircraftModelKeys {
             .collect();
         if !models.is_empty() && known.is_empty() {
             let what = format!("the model has none of the terms of `{}`", self.terms);
-            return Err(Fault::data(what).help("fit the model on the same terms").of_param("model"));
+            return Err(Fault::data(what).help("fit the model with the same set of terms").of_param("model"));
         }
         let of = |model: &CalibrationPrior| -> Result<(Vec<f64>, Vec<f64>), Fault> {
             let own = known.iter().filter_map(|i| Some((&names[*i], model.term(&names[*i])?)));

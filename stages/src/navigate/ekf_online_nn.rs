@@ -109,7 +109,8 @@ impl NavigationFilter for EkfOnlineNn {
     }
 
     fn columns(&self, flight: &FilterFlight) -> Vec<Column> {
-        let mut columns = vec![Column::float("aircraft", "nT", "aircraft field for the weights of the sample")];
+        let what = "aircraft field computed with the weights estimated at the sample";
+        let mut columns = vec![Column::float("aircraft", "nT", what)];
         if self.save_weights {
             let inputs = inputs(flight, &self.features).unwrap_or_default();
             let unit = |of: &str| (1..=self.hidden).map(|unit| format!("{of}_{unit}")).collect::<Vec<_>>();
@@ -221,7 +222,7 @@ impl EkfOnlineNn {
                 (network, Some(start))
             }
             _ => {
-                return Err(Fault::new("the filter `ekf_online_nn` requires a single trained network under `model`")
+                return Err(Fault::new("the filter `ekf_online_nn` requires a single trained network in `model`")
                     .of_param("model"));
             }
         };

@@ -55,7 +55,7 @@ filter! {
 
 /// Columns of the aircraft field, one per magnetometer.
 pub(super) fn aircraft_columns(flight: &FilterFlight) -> Vec<Column> {
-    let what = "aircraft field for the coefficients of the sample";
+    let what = "aircraft field computed with the coefficients estimated at the sample";
     let name = |mag: &String| if flight.mags.len() == 1 { "aircraft".to_owned() } else { format!("aircraft_{mag}") };
     flight.mags.iter().map(|mag| Column::float(name(mag), "nT", what)).collect()
 }

@@ -181,7 +181,11 @@ impl AuxiliaryMeasurements {
             columns.push(Column::float("gradient_nis", "1", "normalised innovation squared of the difference"));
         }
         if self.vector_sigma_nt.is_some() {
-            columns.push(Column::float("vector_residual", "nT", "magnitude of the innovation of the vector"));
+            columns.push(Column::float(
+                "vector_residual",
+                "nT",
+                "magnitude of the innovation of the vector-magnetometer measurement",
+            ));
             columns.push(Column::float(
                 "vector_nis",
                 "1",
@@ -193,7 +197,7 @@ impl AuxiliaryMeasurements {
             columns.push(Column::float("height_nis", "1", "normalised innovation squared of the height"));
         }
         if self.mag_latency_sigma_s.is_some() {
-            columns.push(Column::float("mag_latency", "s", "estimated delay of the magnetometer's time stamps"));
+            columns.push(Column::float("mag_latency", "s", "estimated lag of the magnetometer's time stamps"));
             columns.push(Column::float("mag_latency_sigma", "s", "standard deviation of `mag_latency`"));
         }
         if self.flat_over_m.is_some() {
@@ -218,7 +222,7 @@ impl AuxiliaryMeasurements {
             vec![
                 Fault::new(what)
                     .of_param("mag_latency_sigma_s")
-                    .help("set `filter` to one of these to estimate the delay"),
+                    .help("set `filter` to one of these to estimate the lag"),
             ]
         };
         self.mag_latency_sigma_s.map_or(Ok(vec![]), |sigma_s| Err(fault(sigma_s)))

@@ -87,7 +87,7 @@ impl Navigate {
             let fault = shape.number(column, unit).err()?;
             let what = format!("`{param} = \"auto\"` uses the residual of the calibration, but {}", fault.what);
             let help =
-                format!("set `input` to a table of `compensate` or `assume_noise`, or set `{param}` to a number");
+                format!("set `input` to a table made by `compensate` or `assume_noise`, or set `{param}` to a number");
             Some(Fault::new(what).help(help).of_param(param))
         });
         missing.collect()

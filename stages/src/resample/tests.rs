@@ -122,7 +122,7 @@ fn unit_other_types_take_the_nearest_sample_and_keys_stay() {
 #[test]
 fn unit_lines_between_grid_times_and_decreasing_times_are_rejected() {
     let fault = resample().run(&line(vec![100.01, 100.09]), &()).unwrap_err();
-    assert_eq!(fault.what, "the line is too short to hold a sample at 10 Hz");
+    assert_eq!(fault.what, "the line is too short for a sample at 10 Hz");
     let fault = resample().run(&line(vec![100.0, 100.2, 100.1]), &()).unwrap_err();
     assert!(fault.what.contains("row 2"), "{fault}");
 }

@@ -87,7 +87,10 @@ impl WindowedNetwork {
         if (rate_hz / self.rate_hz - 1.0).abs() <= RATE_TOLERANCE {
             return Ok(());
         }
-        let what = format!("the model uses a window of samples at {} Hz, but the line has {rate_hz} Hz", self.rate_hz);
+        let what = format!(
+            "the model uses a window of samples at {} Hz, but the line is sampled at {rate_hz} Hz",
+            self.rate_hz
+        );
         Err(Fault::data(what).help("use `resample` to give the line the rate of the fit"))
     }
 
@@ -213,6 +216,6 @@ mod tests {
     fn unit_another_rate_is_rejected() {
         let network = network(MemoryLayers::Gru);
         assert!(network.check_rate(5.001).is_ok());
-        assert!(network.check_rate(10.0).unwrap_err().what.contains("at 5 Hz, but the line has 10 Hz"));
+        assert!(network.check_rate(10.0).unwrap_err().what.contains("at 5 Hz, but the line is sampled at 10 Hz"));
     }
 }

@@ -140,7 +140,7 @@ impl<'a> WarmStart<'a> {
                 }
                 let here_hz = samples.rate_hz()?;
                 if (here_hz / rate_hz - 1.0).abs() > 0.01 {
-                    let what = format!("was trained at {rate_hz} Hz, but these lines have {here_hz} Hz");
+                    let what = format!("was trained at {rate_hz} Hz, but these lines are sampled at {here_hz} Hz");
                     return Err(self.fault(&what).help("use `resample` to give both the same rate"));
                 }
                 &here.head
@@ -195,7 +195,9 @@ impl<'a> WarmStart<'a> {
         });
         let names = listed(far.filter_map(|(_, &i)| samples.names.get(i)));
         names.map_or_else(String::new, |names| {
-            format!("more than {FAR} standard deviations from where the network of `warm_start` was trained: {names}")
+            format!(
+                "more than {FAR} standard deviations from the training data of the network of `warm_start`: {names}"
+            )
         })
     }
 }
@@ -367,7 +369,7 @@ mod tests {
             })
             .collect();
         let found = begun_with(&first, &far, "m1", &[whole("epochs", 1)]).unwrap();
-        let expected = "more than 10 standard deviations from where the network of `warm_start` was trained: `b`";
+        let expected = "more than 10 standard deviations from the training data of the network of `warm_start`: `b`";
         assert_eq!(found.warning, expected);
     }
 }
