@@ -202,7 +202,7 @@ mod tests {
         let at = |row: usize, name: &str| values[row * names.len() + names.iter().position(|n| n == name).unwrap()];
         // One-sided, central over two samples, one-sided.
         assert_eq!([0, 1, 2].map(|row| at(row, "x_dot")), [400.0, 350.0, 300.0]);
-        // 350 nT divided by 50,000 nT is 0.007.
+        // 350 nT divided by 50,000 nT: 0.007.
         for (name, expected) in [("xx_dot", 0.014 / 3.0), ("yx_dot", -0.007 / 3.0), ("zx_dot", 0.014 / 3.0)] {
             assert!(near(at(1, name), expected), "{name}: {}", at(1, name));
         }

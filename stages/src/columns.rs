@@ -183,7 +183,7 @@ pub fn is_angle(batch: &RecordBatch, name: &str) -> bool {
     schema.field_with_name(name).is_ok_and(|field| schemas::describe_field(field).unit == "deg")
 }
 
-/// Rejects a pass band that no filter at this rate can have. `rate_hz` may be unknown.
+/// Rejects a pass band that is impossible at this sample rate. `rate_hz` may be unknown.
 pub fn band(low_hz: f64, high_hz: f64, rate_hz: Option<f64>) -> Vec<Fault> {
     let mut faults = vec![];
     if high_hz > 0.0 && low_hz >= high_hz {

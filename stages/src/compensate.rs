@@ -113,7 +113,7 @@ impl Stage for Compensate {
         let rate = shape.get(RATE).map(|_| RATE);
         let of_model: Vec<&str> = ["term", "value"].into_iter().chain(rate).collect();
         let made = |name, doc| Column::float(name, "nT", doc).from(0, &reads).from(1, &of_model);
-        // The prediction of a model of the anomaly or of the total field includes all corrections.
+        // The prediction of a model of the anomaly or the total field includes all corrections.
         let removed =
             if self.predicts == PredictedQuantity::Aircraft { had(lines, &self.mag) } else { CorrectionSet::new() };
         let mut columns = vec![
@@ -125,7 +125,7 @@ impl Stage for Compensate {
             "mag_aircraft_sigma",
             "standard deviation of the prediction; null if the model does not provide one",
         ));
-        // A model of a window of samples needs the order of the samples.
+        // A model of a window of samples depends on the order of the samples.
         reads.push("tt".to_owned());
         let mut yields = StageSchema::append(columns, &reads);
         yields.reads.push(of_model.into_iter().chain(RESIDUAL).map(str::to_owned).collect());
@@ -178,7 +178,7 @@ const EARTH: [&str; 2] = ["igrf", "diurnal"];
 /// Columns that hold the noise of a compensated signal, with their units.
 pub(crate) const NOISE: [(&str, &str); 3] = [("mag_sigma", "nT"), ("mag_fogm_sigma", "nT"), ("mag_fogm_tau", "s")];
 
-/// Columns of [`NOISE`], computed from these columns of the model.
+/// Columns of the model from which the columns of [`NOISE`] are computed.
 pub(crate) fn noise_columns(model: &[&str]) -> Vec<Column> {
     let docs = [
         "standard deviation of the white noise of one sample",

@@ -92,7 +92,7 @@ impl Derivative {
 fn per_second(unit: &str) -> String {
     match unit {
         "" => "1/s".to_owned(),
-        // The usual spelling, if there is one.
+        // The usual spelling, if it exists.
         "m/s" => "m/s2".to_owned(),
         other => format!("{other}/s"),
     }

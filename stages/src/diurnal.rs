@@ -1,4 +1,4 @@
-//! Diurnal variation from the records of observatories.
+//! Diurnal variation from observatory records.
 
 use std::collections::BTreeMap;
 
@@ -164,7 +164,7 @@ impl Station {
         let second = |(day, tt, _): &(i64, f64, f64)| DAY_S * (day - first_day) as f64 + tt;
         let mut rows: Vec<(f64, f64)> = samples.rows.iter().map(|row| (second(row), row.2)).collect();
         rows.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // A value that two overlapping files contain counts once.
+        // A value that is in two overlapping files counts once.
         rows.dedup_by(|b, a| a == b);
         if let Some(pair) = rows.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             let time_s = pair[0].0.rem_euclid(DAY_S);
@@ -442,10 +442,11 @@ mod tests {
         let zeroed = || Some([("NEAR".to_owned(), 0.0), ("FAR".to_owned(), 0.0)].into());
         for (power, weight) in [(0.0, 0.5), (1.0, 0.75), (2.0, 0.9)] {
             let made = run(&Diurnal { power, level_nt: zeroed(), ..diurnal() }, flown(600.0, 600), records()).unwrap();
-            // A degree is 0.1 % longer at 47 than at 44 degrees of latitude; straight lines of a minute.
+            // A degree is 0.1 % longer at latitude 47 than at latitude 44. The records are straight lines between
+            // minutes.
             assert!((made[300] / 0.9_f64.sin() - weight).abs() < 2e-3, "{power}: {}", made[300] / 0.9_f64.sin());
         }
-        // One table may hold both.
+        // One table may hold both stations.
         let stage = Diurnal { level_nt: zeroed(), ..diurnal() };
         let both = arrow_select::concat::concat_batches(&records()[0].schema(), &records()).unwrap();
         let apart = run(&stage, flown(600.0, 60), records()).unwrap();

@@ -189,7 +189,7 @@ pub fn entry(models: Vec<&'static FitModelDecl>) -> StageEntry {
 }
 
 impl Fit {
-    /// Settings with the defaults of the model.
+    /// Settings, including the defaults of the model.
     fn settings(&self) -> FitSettings {
         let (model, whiten) = (self.model.kind, self.whiten.filter(|_| self.model.takes("whiten")));
         FitSettings {
@@ -202,7 +202,7 @@ impl Fit {
         }
     }
 
-    /// The fit with its words resolved.
+    /// The fit with its names resolved to declarations.
     fn point(&self) -> FitPoint {
         // A nonlinear model does not commute with a filter.
         let (filter, trim) = match self.model.kind.made_of {
@@ -297,7 +297,7 @@ impl Fit {
     }
 }
 
-/// Fault of the model that training starts from.
+/// Fault of the model of `warm_start`.
 fn warm_start_faults(model: &ChoiceSelection<FitModelDecl>, start: Option<&&Table>) -> Option<Fault> {
     let what = match start? {
         Table::Model { shape, .. } if shape.get("term").is_none() => "`warm_start` has no column `term`".to_owned(),
@@ -418,14 +418,14 @@ impl SurveyStage for Fit {
     }
 }
 
-/// Model that training starts from.
+/// Model of `warm_start`, from which training starts.
 struct TrainingStart {
     model: LearnedModel,
-    /// Rate at which its inputs are differences per sample, Hz. `None` if the table does not state it.
+    /// Rate at which its inputs are differences per sample, Hz. `None` if the table does not contain it.
     rate_hz: Option<f64>,
 }
 
-/// Reads the model that training starts from.
+/// Reads the model of `warm_start`.
 fn start(table: &RecordBatch) -> Result<TrainingStart, Fault> {
     let FittedModel { body, rate_hz } = FittedModel::read(table, &[]).map_err(|fault| fault.of_param("warm_start"))?;
     match body {
@@ -441,7 +441,7 @@ fn start(table: &RecordBatch) -> Result<TrainingStart, Fault> {
 pub struct FitAggregator {
     points: Vec<FitPoint>,
     questions: BTreeMap<DesignMatrixKey, FitRequest>,
-    /// Start of the training of each point, if given.
+    /// Model from which the training of each point starts, if given.
     starts: Vec<Result<Option<TrainingStart>, Fault>>,
 }
 
@@ -465,8 +465,7 @@ fn questions(points: &[FitPoint]) -> BTreeMap<DesignMatrixKey, FitRequest> {
 }
 
 impl FitAggregator {
-    /// Models of the points at `places`, which have one matrix, one target, the same entries and one kind of
-    /// components.
+    /// Models of the points at `places`. These points have the same matrix, target, entries and components.
     fn solved(
         &self,
         whole: &Result<FitProblem, Fault>,

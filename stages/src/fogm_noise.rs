@@ -187,7 +187,7 @@ mod tests {
         lasting.into_iter().map(|x| x + normals.draw()).collect()
     }
 
-    /// White part, sigma and time constant, and the samples behind them.
+    /// White noise, standard deviation and time constant of the process, and number of samples.
     fn estimate_noise(stage: &FogmNoise, lines: &[LineInput]) -> Result<([f64; 3], i64), Fault> {
         let gather = FogmNoise::gather(vec![crate::testing::point(stage)]);
         let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
@@ -203,8 +203,8 @@ mod tests {
                 (0..12).map(|seed| line(10.0, vec![("residual", noisy(600.0, seed))])).collect();
             let ([white, sigma, tau], n) = estimate_noise(&stage(method, None), &lines).unwrap();
             assert_eq!(n, 12 * 6000);
-            // 7200 s are 360 time constants: errors of 4 % (sigma) and 11 % (time constant); the limits are 2.5 of
-            // each.
+            // 7200 s are 360 time constants. The errors are 4 % (standard deviation) and 11 % (time constant); the
+            // limits are 2.5 times these.
             assert!((white - 1.0).abs() < 0.03, "{white}");
             assert!((sigma / 4.0 - 1.0).abs() < 0.1 && (tau / 20.0 - 1.0).abs() < 0.27, "{sigma} {tau}");
         }
@@ -220,7 +220,7 @@ mod tests {
         );
         let alone = estimate_noise(&plain, &[line(10.0, vec![("residual", noise.clone())])]).unwrap();
         let together = estimate_noise(&less, &[line(10.0, vec![("residual", sum), ("mag_1_c", truth)])]).unwrap();
-        // Rounding of 50,000 and its square root, because the minimum of the curve is flat.
+        // Rounding error of 50,000 nT, and its square root because the minimum of the objective is flat.
         assert!((0..3).all(|k| (alone.0[k] / together.0[k] - 1.0).abs() < 1e-4), "{alone:?} {together:?}");
         let (mut spoilt, mut missing) = (noise.clone(), noise);
         spoilt[20_000..].fill(1e6);

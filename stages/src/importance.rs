@@ -22,16 +22,15 @@ use crate::{
 choice! {
     /// Method that computes the importance.
     pub enum ImportanceMethod {
-        /// Increase of the mean square error when blocks of time of a group are exchanged.
+        /// Increase of the mean square error when time blocks of a group are permuted.
         Permutation = "permutation",
         /// Mean absolute Shapley value over the samples.
         Shapley = "shapley",
         /// Mean absolute expected gradient over the samples. Not available for trees, which have no gradient.
         ExpectedGradients = "expected_gradients",
-        /// Pearson correlation with the target, for the entry of the group with the largest. Independent of the model.
+        /// Largest Pearson correlation of an entry of the group with the target. Independent of the model.
         Pearson = "pearson",
-        /// Spearman rank correlation with the target, for the entry of the group with the largest. Independent of the
-        /// model.
+        /// Largest Spearman rank correlation of an entry of the group with the target. Independent of the model.
         Spearman = "spearman",
         /// Coefficients of the best linear model of `terms` entries, by iterative hard thresholding. Independent of the
         /// model.
@@ -215,7 +214,7 @@ impl LineStage for Importance {
 
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<FittedModel, Fault> {
         let fitted = FittedModel::read(inputs.get(1).ok_or_else(|| Fault::data("the model is missing"))?, &[])?;
-        // Samples are exchanged individually, without their predecessors.
+        // Samples are permuted without their predecessors.
         if matches!(&fitted.body, FittedModelForm::Learned(learned) if learned.sees_a_window()) {
             let what = "the model uses a window of samples, but `importance` requires a model of single samples";
             return Err(Fault::data(what).of_param("model"));

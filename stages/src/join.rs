@@ -52,16 +52,17 @@ columns = ["mag_4_uc_bp"]
 choice! {
     /// Method that matches a row to the rows of another table.
     pub enum JoinMethod {
-        /// By the same time.
+        /// Row at the same time.
         Exact = "exact",
-        /// By the nearest time.
+        /// Row at the nearest time.
         Nearest = "nearest",
-        /// By interpolation between the times around it.
+        /// Interpolation between the rows before and after.
         Linear = "linear",
     }
 }
 
-/// Maximum difference of equal times, s: far below a sample interval, far above the rounding of a day's seconds.
+/// Maximum difference of equal times, s. It is far below a sample interval, and far above the rounding error of the
+/// seconds of a day.
 const SAME_S: f64 = 1e-6;
 
 /// The inputs, in their order.
@@ -126,8 +127,8 @@ impl Stage for Join {
     }
 }
 
-/// The row nearest to each time; `None` if none is within `within_s`. `tt` holds the times of the rows. Both increase;
-/// of two equally near rows, the earlier one.
+/// Row nearest to each time; `None` if no row is within `within_s`. `tt` holds the times of the rows. Both lists
+/// increase. Of two equally near rows, the earlier one is used.
 fn nearest(times: &[f64], tt: &[f64], within_s: f64) -> Vec<Option<u64>> {
     let mut first = 0;
     let one = |time: &f64| {
@@ -177,7 +178,7 @@ impl LineStage for Join {
             }
             JoinMethod::Linear => {
                 let step_s = times.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
-                // A single row has no step, so any rate is valid.
+                // A single row has no sample interval, so any rate is valid.
                 let rate_hz = if step_s.is_finite() { 1.0 / step_s } else { 1.0 };
                 let plan = ResamplePlan::onto(&tt, times.to_vec(), rate_hz, self.tolerance_s)
                     .map_err(|e| data(e).in_column("tt"))?;

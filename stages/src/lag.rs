@@ -61,11 +61,11 @@ low_hz    = 0.05
     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
 }
 
-/// Lag of a column, or the reason for its absence.
+/// Lag of a column, or the reason why it has none.
 type LagResult = Result<SignalLag, String>;
 
 impl LagStage {
-    /// Column as it is correlated. NaN where it is missing or not selected.
+    /// Values of a column that are correlated. NaN where they are missing or not selected.
     fn signal(
         &self,
         batch: &RecordBatch,
@@ -256,7 +256,7 @@ mod tests {
         let (lags, product) = found(&lag(&["mag_2_uc"]), &[flown(0.06, 0.0), flown(-0.215, 0.0)]);
         assert!((lags[0] - 0.06).abs() < 1e-4 && (lags[1] + 0.215).abs() < 1e-4, "{lags:?}");
         assert_eq!(product.columns[2].as_string::<i32>().value(0), "mag_2_uc");
-        // Overlapping pairs at the nearest whole samples, 1 and 4.
+        // Number of overlapping pairs at the nearest whole samples, 1 and 4.
         assert_eq!(product.columns[7].as_primitive::<Int64Type>().values()[..], [2399, 2396]);
         assert!(product.warnings.is_empty());
         // A trend flattens the peak; a band-pass removes the trend.

@@ -138,7 +138,7 @@ impl MapFill {
         }
     }
 
-    /// Map combined with the other maps.
+    /// Combination of the map with the other maps.
     fn combined(
         &self,
         map: &AnomalyGrid,
@@ -285,7 +285,7 @@ mod tests {
     fn law_minimum_curvature_fills_small_gaps_best() {
         let curvature = worst(&fill(GapFillMethod::MinimumCurvature).apply(&holed(), &[]).unwrap().map);
         let harmonic = worst(&fill(GapFillMethod::Harmonic).apply(&holed(), &[]).unwrap().map);
-        // The field of 100 nT has a fifth of a wave in the gap.
+        // The gap contains a fifth of a wavelength of the field of 100 nT.
         assert!(curvature < 8.0 && curvature < harmonic, "{curvature} {harmonic}");
         let near = MapFill { within_m: Some(100.0), ..fill(GapFillMethod::Knn) }.apply(&holed(), &[]).unwrap();
         assert!(near.map.anomaly_nt[21 * NODES + 25].is_nan() && !near.map.anomaly_nt[20 * NODES + 24].is_nan());

@@ -213,7 +213,7 @@ impl MapGrid {
             high - low
         };
         let (east_m, north_m) = (extent_m(survey.easting_m), extent_m(survey.northing_m));
-        // A line has a length but no width; a point has neither.
+        // The area of a line has a length but no width; that of a point has neither.
         if !(east_m > 0.0 || north_m > 0.0) || spacing_m < east_m.max(north_m) {
             return Ok(());
         }

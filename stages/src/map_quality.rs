@@ -154,7 +154,8 @@ mod tests {
         RecordBatch::try_from_iter(columns.into_iter().map(|(name, x)| (name, array(x)))).unwrap()
     }
 
-    /// The map of a field of metres north and east of 45 degrees north, 75 degrees west: 121 by 121 nodes, 40 m apart.
+    /// Map of a field defined in metres north and east of 45 degrees north, 75 degrees west: 121 by 121 nodes, 40 m
+    /// apart.
     fn map(field: impl Fn(f64, f64) -> f64) -> RecordBatch {
         let nodes = || (-60..=60).flat_map(|row| (-60..=60).map(move |column| (f64::from(row), f64::from(column))));
         let step = DEGREE_M.map(|m| 40.0 / m);
@@ -166,7 +167,7 @@ mod tests {
         ])
     }
 
-    /// A line through places in metres north and east, one a second.
+    /// A line through positions in metres north and east, one per second.
     fn run(stage: &MapQuality, map: &RecordBatch, places: &[[f64; 2]]) -> Result<Vec<Vec<f64>>, Fault> {
         let flown = batch(vec![
             ("tt", (0..places.len()).map(|k| 100.0 + k as f64).collect()),
@@ -196,11 +197,11 @@ mod tests {
 
     #[test]
     fn law_the_bound_over_whole_periods_of_waves_is_exact() {
-        // A sin(k n) + A sin(2 k e), with a wave of 2400 m, flown on a diagonal: over whole periods the slopes north
-        // and east do not correlate, and J = N A² k²/2 diag(1, 4)/σ².
+        // The field is A sin(k n) + A sin(2 k e) with a wavelength of 2400 m, flown on a diagonal. Over whole periods
+        // the slopes north and east are uncorrelated, and J = N A² k²/2 diag(1, 4)/σ².
         let (a, k) = (50.0, std::f64::consts::TAU / 2400.0);
         let waves = map(|north, east| a * (k * north).sin() + a * (2.0 * k * east).sin());
-        // 96 steps of 25 m north and east are a period; 48 before and 47 after a sample.
+        // A period has 96 steps of 25 m north and east: 48 before and 47 after a sample.
         let diagonal: Vec<[f64; 2]> = (-90..=90).map(|step| [25.0 * f64::from(step); 2]).collect();
         for unknown_constant in [false, true] {
             let stage = MapQuality { window_s: 95.0, unknown_constant, ..map_quality() };

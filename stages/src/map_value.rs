@@ -158,7 +158,7 @@ mod tests {
         RecordBatch::try_from_iter(columns).unwrap()
     }
 
-    /// A plane: 500 nT for a degree northward, -300 nT for one eastward.
+    /// A plane with slopes of 500 nT per degree north and -300 nT per degree east.
     fn plane(lat: f64, lon: f64) -> f64 {
         80.0 + 500.0 * (lat - 45.0) - 300.0 * (lon + 75.0)
     }
@@ -191,10 +191,10 @@ mod tests {
         for map_interpolation in [MapInterpolation::Linear, MapInterpolation::Cubic] {
             let made = run(&MapValue { map_interpolation, ..map_value() }, &lat, &lon).unwrap();
             for k in 0..lat.len() {
-                // Degrees of about 75 are rounded to 1.4e-14, at 500 nT a degree.
+                // Coordinates of about 75 degrees are rounded to 1.4e-14 degrees; the slope is 500 nT per degree.
                 assert!((made[0][k] - plane(lat[k], lon[k])).abs() < 1e-9, "{k}: {}", made[0][k]);
                 // A degree at 45 degrees is 111,132 m of latitude and 78,847 m of longitude (WGS-84, at the ellipsoid).
-                // The latter changes by 9e-5 from the middle of the map to its edges.
+                // The length of a degree of longitude changes by 9e-5 from the middle of the map to its edges.
                 assert!((made[1][k] * 111_132.0 / 500.0 - 1.0).abs() < 2e-4, "{k}: {} nT/m", made[1][k]);
                 assert!((made[2][k] * 78_847.0 / -300.0 - 1.0).abs() < 2e-4, "{k}: {} nT/m", made[2][k]);
                 assert_eq!(made[3][k], 0.0, "a map at its own height has no slope upwards");

@@ -155,7 +155,7 @@ fn map_and_models(inputs: &[RecordBatch]) -> (Option<&RecordBatch>, impl Iterato
     (further.clone().find(move |table| has(table, ANOMALY)), further.filter(move |table| has(table, TERM)))
 }
 
-/// Expected error of a map at another height than its own, for `score`.
+/// Expected error of a map at a height other than its own, for `score`.
 pub(crate) const MAP_HEIGHT_ERROR: &str = "map_height_error";
 
 /// The row of the catalogue, with `filters` to choose from.
@@ -177,7 +177,7 @@ impl Navigate {
             && self.filter.keys.takes_field()
     }
 
-    /// Faults of corrections that were made before.
+    /// Faults of corrections that have already been applied.
     fn corrections_twice(&self, shape: &TableShape) -> Vec<Fault> {
         let mags = self.magnetometers();
         let there = shape.get(DIURNAL).is_some() || self.remove_diurnal.is_some();

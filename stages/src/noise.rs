@@ -242,7 +242,7 @@ mod tests {
         ResidualNoise { mag: "mag_c".into(), truth: truth.map(str::to_owned) }
     }
 
-    /// The white part, and the samples behind it.
+    /// White noise, and the number of samples.
     fn found(stage: &ResidualNoise, lines: &[LineInput]) -> Result<(f64, i64), Fault> {
         let gather = ResidualNoise::gather(vec![crate::testing::point(stage)]);
         let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
@@ -266,7 +266,8 @@ mod tests {
             sigmas.push(sigma);
         }
         sigmas.sort_by(f64::total_cmp);
-        // The Allan variance gives an upper bound at all spans; for a single line it has an error of some per cent.
+        // The Allan variance gives an upper bound at all averaging times. For a single line its error is a few per
+        // cent.
         assert!((sigmas[4] / SIGMA_NT - 1.0).abs() < 0.05, "{sigmas:?}");
         assert!(sigmas.iter().all(|s| (s / SIGMA_NT - 1.0).abs() < 0.15), "{sigmas:?}");
     }

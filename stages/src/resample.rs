@@ -71,17 +71,17 @@ rate_hz = 10.0
 }
 
 choice! {
-    /// The time that a grid of several tables covers.
+    /// Time that the grid of several tables covers.
     pub enum GridSpan {
-        /// Time that all of them cover.
+        /// Time that all tables cover.
         All = "all",
-        /// Time that the first covers; the others have NaN where they have no samples.
+        /// Time that the first table covers. Columns of other tables are NaN where they have no samples.
         First = "first",
     }
 }
 
 impl Resample {
-    /// The lag of a column of the input `i`.
+    /// Lag of a column of the input `i`, s.
     fn lag_of(&self, i: usize, name: &str) -> f64 {
         let of_vector = || {
             let (vector, _) = schemas::flight::vector_part(name)?;
@@ -91,7 +91,7 @@ impl Resample {
         own.copied().unwrap_or_else(|| self.lag_of_input(i))
     }
 
-    /// Reason why the lag of a column cannot be removed: it was removed before.
+    /// Fault if the lag of a column has already been removed.
     fn lag_again(&self, i: usize, column: &Column) -> Option<Fault> {
         let again = self.lag_of(i, &column.name) != 0.0 && column.removed.contains(&MagneticCorrection::Lag);
         let param = if self.lag_of_input(i) == 0.0 { "lag_s" } else { "input_lag_s" };
@@ -158,7 +158,7 @@ fn lagged_entry(column: &Column) -> Option<Fault> {
     Some(Fault::new(what).help("compute the column after `resample`, or drop it with `select`").of_param("input"))
 }
 
-/// The columns of the input `i` that are resampled: those that no earlier input provides.
+/// Resampled columns of the input `i`: those that are in no earlier input.
 fn own_columns<'a>(shapes: &[&'a TableShape], i: usize) -> Result<Vec<&'a Column>, Fault> {
     let mut own = vec![];
     for column in shapes.get(i).map_or(&[][..], |shape| shape.columns.as_slice()) {
@@ -229,7 +229,7 @@ impl Stage for Resample {
     }
 }
 
-/// Samples of one input, with times in s from midnight of the first input's day.
+/// Samples of one input, with times in s from the midnight of the first input's day.
 struct ResampleInput<'a> {
     batch: &'a RecordBatch,
     tt: Vec<f64>,
@@ -272,7 +272,7 @@ impl LineStage for Resample {
 }
 
 impl Resample {
-    /// The inputs with their times, minus the lag of each.
+    /// Inputs, with their times minus the lag of each input.
     fn samples<'a>(&self, line: &'a LineInput) -> Result<Vec<ResampleInput<'a>>, Fault> {
         let first = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let one = |(i, batch): (usize, &'a RecordBatch)| {

@@ -45,12 +45,12 @@ use crate::columns::{faults_of, floats, shape};
 
 /// Column with the reason for a missing value.
 pub const NOTE: &str = "note";
-/// Column with the quantiles of the samples, from which lines are pooled.
+/// Column with the quantiles of the samples, from which radii are pooled over lines.
 pub const SPREAD: &str = "spread";
 /// The column of a published table of scores that holds whether the line is in sample.
 pub const IN_SAMPLE: &str = "in_sample";
 
-/// The meaning of that column in a table that pools the scores of lines.
+/// Meaning of that column in a table of pooled scores.
 pub const POOLED_IN_SAMPLE: &str =
     "true if a line behind the value is in sample: used by a model, noise or map, or to choose a parameter";
 
@@ -131,7 +131,7 @@ impl Score {
         scorer.needs.iter().find(|s| places.get(**s).is_none()).map(|s| s.words(self))
     }
 
-    /// Notes on the metrics that lack only a truth.
+    /// Notes on the metrics for which only the truth is missing.
     fn not_scored(&self, places: &ScoreSourceIndex) -> Vec<String> {
         let is_missing = |source: &&ScoreSource| places.get(**source).is_none();
         let lacks_truth_alone = |scorer: &&&Scorer| scorer.needs.iter().filter(is_missing).all(|s| s.is_truth());
@@ -179,7 +179,7 @@ impl Score {
         faults
     }
 
-    /// The columns that the chosen metrics read of each of `inputs` tables.
+    /// Columns that the chosen metrics read from each of the `inputs` tables.
     fn reads(&self, places: &ScoreSourceIndex, inputs: usize) -> Vec<Vec<String>> {
         let chosen = self.chosen(places);
         let mut reads = vec![vec!["tt".to_owned()]; inputs];

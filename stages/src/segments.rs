@@ -105,7 +105,7 @@ impl Segments {
         let Some(rates) = slope.apply(heading) else { return Ok(None) };
         let side = |rate: &f64| if (rate * rate_hz).abs() < self.turn_dps { 0.0 } else { rate.signum() };
         let mut sides: Vec<f64> = rates.iter().map(side).collect();
-        // Slower moments within a turn belong to it.
+        // Intervals of slow rotation within a turn belong to the turn.
         let short = self.window(rate_hz);
         let parts = runs(&sides);
         for w in parts.windows(3) {
@@ -159,7 +159,7 @@ impl Segments {
             (sums[to] - sums[from]) / (to - from) as f64
         };
         let mut found: Vec<bool> = (0..squares.len()).map(|row| mean(row) > self.manoeuvre * self.manoeuvre).collect();
-        // Moments between the movements of one manoeuvre belong to it.
+        // Intervals between the movements of one manoeuvre belong to the manoeuvre.
         for run in runs(&found) {
             let inside = run.start > 0 && run.end < found.len();
             if inside && !found[run.start] && run.len() < 2 * half + 1 {
@@ -270,11 +270,11 @@ mod tests {
         }
     }
 
-    /// A box: legs of 80 s, right turns of 30 s at 3 degrees a second, and rolls of 5 degrees in the middle of each
-    /// leg, from 30 to 50 s.
+    /// A box with legs of 80 s and right turns of 30 s at 3 degrees per second. In the middle of each leg, from 30 to
+    /// 50 s, there are rolls of 5 degrees.
     fn heading(t: f64) -> f64 {
         let (leg, s) = ((t / 110.0).floor(), t.rem_euclid(110.0));
-        // On the legs a yaw of 3 degrees that turns at up to 3 degrees a second.
+        // Yaw of 3 degrees amplitude on the legs, at up to 3 degrees per second.
         let yaw = if (30.0..50.0).contains(&s) { 3.0 * (TAU * 0.15 * s).sin() } else { 0.0 };
         (300.0 + 90.0 * leg + 3.0 * (s - 80.0).max(0.0) + yaw).rem_euclid(360.0)
     }

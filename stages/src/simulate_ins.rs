@@ -76,7 +76,7 @@ const POSITION: [(&str, &str); 3] = [("lat", "deg"), ("lon", "deg"), ("alt", "m"
 const VELOCITY: [(&str, &str); 3] = [("vn", "m/s"), ("ve", "m/s"), ("vd", "m/s")];
 const ATTITUDE: [(&str, &str); 3] = [("roll", "deg"), ("pitch", "deg"), ("yaw", "deg")];
 
-/// Columns that are made: those of [`faulty_ins`], in its order, and the time of the alignment.
+/// Columns that the stage makes: those of [`faulty_ins`], in its order, and the time of the alignment.
 const MADE: [&str; 13] = [
     "ins_lat",
     "ins_lon",
@@ -93,17 +93,17 @@ const MADE: [&str; 13] = [
     "ins_aligned",
 ];
 
-/// Largest position error, in m, for which an error model or a map applies.
+/// Largest position error for which an error model or a map is valid, m.
 const ERROR_LIMIT_M: f64 = 1e6;
 
 impl SimulateIns {
-    /// Columns that are read: all of a group, or none.
+    /// Columns that are read. A group is read completely or not at all.
     fn reads(shape: &TableShape) -> Vec<(&'static str, &'static str)> {
         let there = |group: &&[(&str, &str); 3]| group.iter().all(|(name, _)| shape.get(name).is_some());
         POSITION.into_iter().chain([&VELOCITY, &ATTITUDE].into_iter().filter(there).copied().flatten()).collect()
     }
 
-    /// Fault of an existing INS that must not be replaced.
+    /// Fault of an existing INS without `replace = true`.
     fn kept(&self, shape: &TableShape) -> Option<Fault> {
         let have = MADE.into_iter().find(|name| shape.get(name).is_some()).filter(|_| !self.replace)?;
         let what = format!("the flight already has an INS: `{have}`");

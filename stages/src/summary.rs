@@ -66,7 +66,7 @@ pub fn entry(scorers: Vec<&'static Scorer>) -> StageEntry {
 }
 
 const READS: [&str; 4] = ["metric", "value", "n", score::SPREAD];
-/// Errors whose ratio between new and training lines is the overfitting ratio; the first available one is used.
+/// Errors from which the overfitting ratio is computed; the first available error is used.
 const OVERFITTING: [&Metric; 2] = [&score::STD_ERROR.metric, &score::MAP_STD_ERROR.metric];
 /// Metrics that are scored over all lines only.
 const METRICS: [Metric; 1] = [OVERFITTING_RATIO];
@@ -179,7 +179,7 @@ impl SurveyAggregator for SummaryAggregator {
     }
 }
 
-/// A pooled figure.
+/// A pooled value.
 struct SummaryFigure {
     metric: &'static Metric,
     value: f64,
@@ -260,7 +260,7 @@ impl Summary {
             draws.values(|chosen| metric.pool.value(chosen.map(|i| scores[i].weighed())))
         };
         let all = |scores: &[&SummaryScore]| metric.pool.value(scores.iter().map(|s| s.weighed()));
-        // Independent streams for both sides. The second starts at a seed that users cannot set.
+        // Numerator and denominator use independent random streams. The second starts at a seed that users cannot set.
         let (new, own) = (drawn(&test, self.seed as u64), drawn(&train, !(self.seed as u64)));
         let ratios = new.iter().zip(&own).map(|(new, own)| new / own).collect();
         Some(SummaryFigure {
@@ -274,7 +274,7 @@ impl Summary {
     }
 }
 
-/// The interval of a figure of several lines; `None` for one line, which has no scatter.
+/// Confidence interval of a value pooled over several lines. `None` for a single line.
 fn of_several(lines: usize, drawn: Vec<f64>, level: f64) -> Option<PercentileInterval> {
     if lines < 2 { None } else { PercentileInterval::central(drawn, level) }
 }
@@ -343,7 +343,7 @@ mod tests {
             SummaryLine { scores, ..part }
         };
         let (mut held_out, others) = (part("1", 3.0, 100), [seen(part("2", 4.0, 300)), seen(part("3", 1.0, 100))]);
-        // The held-out line has no value of `nees`, so that of the others is used.
+        // The held-out line has no value of `nees`, so the values of the other lines are used.
         held_out.scores[1].value = f64::NAN;
         let parts: Vec<&SummaryLine> = std::iter::once(&held_out).chain(&others).collect();
         let table = summary(&[]).table(&parts).unwrap();

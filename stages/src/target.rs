@@ -83,7 +83,7 @@ impl Target {
         matches!(self.kind, TargetType::A | TargetType::C | TargetType::E)
     }
 
-    /// Corrections that the target has had.
+    /// Corrections applied to the target.
     fn removed(&self, shape: &TableShape, from: &str, less: &[String]) -> CorrectionSet {
         let both = [MagneticCorrection::Core, MagneticCorrection::Diurnal];
         match self.kind {

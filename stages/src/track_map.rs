@@ -271,8 +271,8 @@ impl TrackMap {
     }
 }
 
-/// Map of the measurements within bounds and up to three lengths beyond, which affect it. The length is fitted to all
-/// measurements.
+/// Map of the measurements within the bounds and up to three lengths beyond them, because those affect the map. The
+/// length is fitted to all measurements.
 fn within(
     parameters: &TrackMapParameters,
     mut samples: Vec<TrackSample>,
@@ -349,7 +349,7 @@ impl Stage for TrackMap {
     fn idle(&self, key: &str) -> Option<Fault> {
         let of = |what: &str| Some(Fault::new(format!("`{key}` {what}")).help(format!("remove `{key}`")));
         match key {
-            // `length_m` and `sigma_n_nt` are the start of the search.
+            // `length_m` and `sigma_n_nt` are the initial values of the search.
             "sigma_se_nt" if self.hyperparameters == HyperparameterSource::Fitted => {
                 of("has no effect without `hyperparameters = \"fixed\"`")
             }

@@ -31,7 +31,7 @@ fn is_device(name: &str) -> bool {
 /// Checks the name of a pipeline, table, axis or stage. The name becomes a folder and an SQL identifier.
 ///
 /// # Errors
-/// The rule that the name violates.
+/// Returns the rule that the name violates.
 pub fn check_name(name: &str) -> Result<(), String> {
     let plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     if !name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') || !name.chars().all(plain) {
@@ -49,7 +49,7 @@ pub fn check_name(name: &str) -> Result<(), String> {
 /// Checks a path below a folder, with `/` between its parts. It must stay in the folder on every operating system.
 ///
 /// # Errors
-/// The reason why it does not.
+/// Returns the reason why the path is rejected.
 pub fn check_path(path: &str) -> Result<(), String> {
     if path.is_empty() {
         return Err("the path is empty".to_owned());
@@ -160,7 +160,7 @@ mod tests {
         assert!(check_path(&"a".repeat(256)).is_err() && check_path(&"a/".repeat(3000)).is_err());
     }
 
-    /// Deterministic generator of hostile texts from pieces that file systems interpret.
+    /// Deterministic generator of hostile texts, composed of parts that file systems interpret.
     fn hostile(seed: u64) -> String {
         const PIECES: [&str; 28] = [
             "..",

@@ -43,7 +43,7 @@ impl FitComponents {
     }
 
     /// Model of the features that is equivalent to a model of the components. The errors of its coefficients are
-    /// unknown.
+    /// unknown (NaN).
     pub fn original(&self, fit: &LinearFit) -> (LinearFit, Vec<f64>, Vec<String>) {
         (self.found.original(fit), vec![f64::NAN; self.features.len()], self.features.clone())
     }

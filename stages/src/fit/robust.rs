@@ -16,9 +16,9 @@ use crate::columns::data;
 choice! {
     /// Loss function of a residual.
     pub enum FitLossFunction {
-        /// Squares, and straight lines beyond a threshold.
+        /// Huber loss: quadratic up to the threshold, linear beyond it.
         Huber = "huber",
-        /// The likelihood of Student's t distribution.
+        /// Negative log-likelihood of Student's t distribution.
         StudentT = "student_t",
     }
 }
@@ -26,9 +26,9 @@ choice! {
 choice! {
     /// Estimator of the scale of the residuals.
     pub enum FitScaleMethod {
-        /// By their median.
+        /// Median absolute deviation.
         Mad = "mad",
-        /// Together with the coefficients.
+        /// Estimated together with the coefficients.
         Joint = "joint",
     }
 }

@@ -47,7 +47,7 @@ pub struct FitSolution {
     pub rows: (usize, usize),
     /// Condition number of the scaled matrix. NaN for a nonlinear model.
     pub condition: f64,
-    /// Standard deviation of the residual of the target, filtered if the target was.
+    /// Standard deviation of the residual of the target; both are filtered or both unfiltered.
     pub residual_std: f64,
     /// Ridge parameter, number of components or epoch used.
     pub chosen: f64,

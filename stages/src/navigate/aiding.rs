@@ -13,7 +13,7 @@ use super::filter::{FilterFlight, FilterInput};
 use crate::columns::{data, floats, role_of};
 
 params! {
-    /// Positions by GNSS that aid a filter in addition to the magnetic field.
+    /// GNSS positions that aid a filter in addition to the magnetic field.
     pub struct Aiding;
     /// Times of loss and recovery of GNSS, in s from the first sample of the line. Before the loss and after the
     /// recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0, 600.0]` starts without GNSS and recovers it
@@ -38,7 +38,7 @@ params! {
 }
 
 choice! {
-    /// Outcome for a position by GNSS.
+    /// Outcome of a GNSS position.
     pub enum GnssOutcome {
         /// Used by the filter.
         Used = "used",
@@ -49,7 +49,7 @@ choice! {
     }
 }
 
-/// Positions by GNSS along a line.
+/// GNSS positions along a line.
 pub struct GnssPositions {
     /// Positions that passed the test.
     pub accepted: PositionFixes,
@@ -95,7 +95,7 @@ impl Aiding {
         self.gnss_lost_s.map(|_| column()).into_iter().collect()
     }
 
-    /// The positions along the line, tested.
+    /// Tested positions along the line.
     pub(super) fn gnss(&self, flown: &FilterInput) -> Result<Option<GnssPositions>, Fault> {
         let Some(fixes) = self.fixes(flown)? else { return Ok(None) };
         let there = |row: usize| fixes.lat_deg[row].is_finite() && fixes.lon_deg[row].is_finite();

@@ -42,7 +42,7 @@ params! {
     prior_factor: f64, unit "1", default 1.0, rule Rule::Positive;
 }
 
-/// Terms of a line.
+/// Terms of the aircraft field along a line.
 pub(super) struct AircraftTerms<'a> {
     pub(super) names: Vec<String>,
     /// Row-major, one row per sample.
@@ -84,7 +84,7 @@ impl AircraftModelKeys {
         Ok(vec![self.terms.clone()])
     }
 
-    /// The terms along a line.
+    /// Terms of the aircraft field along a line.
     pub(super) fn terms<'a>(&self, flown: &'a FilterInput) -> Result<AircraftTerms<'a>, Fault> {
         let (values, mut names) = matrix(flown.columns, &self.terms)?;
         let sampling = sampling(flown.columns, &self.terms)?;
@@ -105,7 +105,7 @@ impl AircraftModelKeys {
         let names = &terms.names;
         let cold: Vec<f64> = names.iter().map(|name| self.cold_sigma_nt(name, &terms.sampling)).collect();
         let mut prior = CoefficientPrior::independent(&vec![0.0; names.len()], &cold);
-        // The coefficients that all calibrations contain.
+        // Coefficients that are in all calibrations.
         let known: Vec<usize> = (0..names.len())
             .filter(|i| !models.is_empty() && models.iter().all(|m| m.term(&names[*i]).is_some()))
             .collect();
@@ -246,7 +246,7 @@ mod tests {
             let terms = ["zz_dot", "x"].map(str::to_owned).to_vec();
             CalibrationPrior { terms, values_nt: vec![300.0, 40.0], sigmas_nt: vec![5.0, 1.0], rate_hz }
         };
-        // A difference at 1 Hz is ten times that at 10 Hz, so its coefficient is a tenth.
+        // A difference at 1 Hz is ten times the difference at 10 Hz, so its coefficient is a tenth.
         let prior = model().prior(&terms(&NAMES, 1.0), &[of(Some(10.0))]).unwrap();
         assert_eq!((prior.mean[2], prior.mean[0]), (30.0, 40.0));
         let sigma = prior.sigma();
@@ -265,7 +265,8 @@ mod tests {
         let several = [[30.0, 40.0], [34.0, 40.0], [32.0, 46.0]].map(calibration);
         let prior = model().prior(&terms(&NAMES, 10.0), &several).unwrap();
         assert_eq!(prior.mean[..2], [42.0, 32.0]);
-        // Variances of 12 and 4 nT², times 4/3 for the mean, times 3 because they are estimates, and times the factor.
+        // Variances of 12 and 4 nT². They are multiplied by 4/3 for the mean, by 3 because they are estimates, and by
+        // the factor.
         for (sigma, variance) in prior.sigma().iter().zip([12.0, 4.0]) {
             assert!((sigma.powi(2) / (variance * 4.0 * 4.0) - 1.0).abs() < 1e-12, "{sigma}");
         }

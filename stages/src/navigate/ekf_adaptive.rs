@@ -190,15 +190,15 @@ mod tests {
             let found = flown("ekf_adaptive", &keys, &noisy).unwrap();
             let late: Vec<f64> = found.numbers("sigma_adapted")[300..].to_vec();
             let mean = late.iter().sum::<f64>() / late.len() as f64;
-            // Amplitudes of 6 nT and 1.4 nT: 4.4 nT rms together. A variance estimated from 50 samples varies by a
-            // fifth.
+            // Amplitudes of 6 nT and 1.4 nT: 4.4 nT rms together. A variance estimated from 50 samples has a standard
+            // error of a fifth.
             assert!((mean / 4.4 - 1.0).abs() < 0.25, "told {told}: {mean}");
         }
     }
 
     #[test]
     fn law_sample_noise_adds_to_the_common_noise() {
-        // 1.5 and 2 combine to 2.5; a sample without its noise has no measurement.
+        // 1.5 nT and 2 nT combine to 2.5 nT. A sample without a noise value has no measurement.
         let two = with(&flight(), "mag_2_c", |_, _| 2.0);
         for filter in ["ekf", "iekf", "ukf", "ekf_adaptive", "rts", "crlb"] {
             let one = flown(filter, "noise_column = 'mag_2_c'\nmag = 'mag_1_c'", &two).unwrap();

@@ -238,7 +238,8 @@ impl EkfOnlineNn {
     }
 }
 
-/// Network of a trained model for the features `names`, and its weights. `hidden` and `activation` come from the spec.
+/// Network of a trained model for the features `names`, and its weights. `hidden` and `activation` are the values in
+/// the spec.
 fn from_model(
     model: &Fitted,
     names: &[String],
@@ -267,7 +268,7 @@ fn from_model(
         let what = format!("the trained network has the input `{name}`, which is not in the features");
         return Err(wrong(what, "features"));
     }
-    // A feature that the training found constant has no weight.
+    // A feature that is constant in the training data has no weight.
     let place = |name: &String| layer.names.iter().position(|known| known == name);
     let places: Vec<Option<usize>> = names.iter().map(place).collect();
     let of = |values: &[f64], without: f64| {
@@ -282,7 +283,8 @@ fn from_model(
     Ok((network.map_err(data)?, weights))
 }
 
-/// Measurement minus the field at the position by GNSS, in nT, one value per sample; NaN without either.
+/// Measurement minus the field at the GNSS position, nT, one value per sample. NaN if the measurement or the position
+/// is missing.
 fn aircraft_field(line: &NavigationLine, fixes: &PositionFixes, rows: usize) -> Vec<f64> {
     let (ins, mut field) = (line.ins, line.predicted());
     let of = |row: usize| {

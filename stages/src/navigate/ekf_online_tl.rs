@@ -198,7 +198,7 @@ mod tests {
             40.0 * of("flux_d_x") - 25.0 * of("flux_d_y") + 30.0 * of("flux_d_z")
         };
         let field = found.numbers("aircraft");
-        // Up to a constant, which is not separable from the temporal variation.
+        // The comparison ignores a constant, which is not separable from the temporal variation.
         let change = |of: &dyn Fn(usize) -> f64| (400..ROWS).map(of).collect::<Vec<f64>>();
         let (found, truth) = (change(&|row| field[row]), change(&own));
         let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;

@@ -20,7 +20,7 @@ use super::filter::{FilterFlight, FilterInput, FilterTrack, UpdateOutcome, enoug
 use crate::columns::{array, data, faults_of, floats};
 
 params! {
-    /// Measurements besides the scalar field.
+    /// Measurements in addition to the scalar field.
     pub struct AuxiliaryMeasurements;
     /// Two compensated scalar magnetometers. Their difference, first minus second, measures the slope of the map along
     /// the line between them. The temporal variation and all other common errors cancel in it. Requires
@@ -207,7 +207,7 @@ impl AuxiliaryMeasurements {
         columns
     }
 
-    /// Rejects `use_scalar = false` and a delay of the magnetometer in a filter that requires the scalar field.
+    /// Rejects `use_scalar = false`, and a lag of the magnetometer, in a filter that requires the scalar field.
     pub(super) fn needs_scalar(&self, what_for: &str) -> Result<Vec<String>, Vec<Fault>> {
         if self.use_scalar {
             return self.no_latency();
@@ -215,7 +215,7 @@ impl AuxiliaryMeasurements {
         Err(vec![Fault::new(format!("without the scalar field {what_for} cannot be estimated")).of_param("use_scalar")])
     }
 
-    /// Rejects a delay of the magnetometer in a filter that does not estimate it.
+    /// Rejects a lag of the magnetometer in a filter that does not estimate it.
     pub(super) fn no_latency(&self) -> Result<Vec<String>, Vec<Fault>> {
         let fault = |_| {
             let what = "`mag_latency_sigma_s` is available only in `ekf`, `iekf` and `ukf`";

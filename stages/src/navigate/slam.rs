@@ -165,7 +165,7 @@ impl NavigationFilter for Slam {
             "fit_window_s" if self.hyperparameters == HyperparameterSource::Fixed => {
                 belongs("`hyperparameters = \"fitted\"`")
             }
-            // `length_m` and `sigma_n_nt` are the start of the search.
+            // `length_m` and `sigma_n_nt` are the initial values of the search.
             "sigma_se_nt" if self.hyperparameters == HyperparameterSource::Fitted => {
                 belongs("`hyperparameters = \"fixed\"`")
             }
@@ -275,7 +275,7 @@ mod tests {
     #[test]
     fn unit_without_a_revisit_the_track_equals_the_ins() {
         let (found, ins) = (run("slam", "mag = 'mag_1_c'\nparticles = 20"), run("ins_only", "mag = 'mag_1_c'"));
-        // The mean of the particles' paths: within a few standard errors.
+        // The mean of the particles' paths is within a few standard errors.
         let apart = (found.error_m(ROWS - 1) - ins.error_m(ROWS - 1)).abs();
         assert!(apart < 5.0 * ins.numbers("sd_n")[ROWS - 1] / 20_f64.sqrt(), "{apart}");
         assert_eq!(found.updates("used"), 0);
@@ -304,7 +304,7 @@ mod tests {
         let found = run("slam", keys);
         let aided = run("ins_only", "mag = 'mag_1_c'\ngnss_lost_s = [300.0, 1e6]\ngnss_sigma_m = 3.0");
         assert!(found.words("smoothing").iter().all(|word| word == "converged"));
-        // The last sample, where smoother and filter have the same information.
+        // At the last sample, smoother and filter use the same information.
         let (ours, exact) = (found.numbers("sd_n")[ROWS - 1], aided.numbers("sd_n")[ROWS - 1]);
         assert!((ours / exact - 1.0).abs() < 0.02, "{ours} {exact}");
         assert!((found.error_m(ROWS - 1) - aided.error_m(ROWS - 1)).abs() < 0.3);

@@ -17,15 +17,15 @@ use crate::columns::{faults_of, floats, role_of};
 choice! {
     /// Source of the initial estimate of a filter.
     pub enum StartSource {
-        /// `given` if an initial position, height or velocity key is set. Else `alignment` if the flight has the column
-        /// `ins_aligned`. Else `fix` if it has the columns of `fix`. Other flights are rejected.
+        /// `given` if an initial position, height or velocity key is set; otherwise `alignment` if the flight has the
+        /// column `ins_aligned`; otherwise `fix` if it has the columns of `fix`. Other flights are rejected.
         Auto = "auto",
         /// A position and velocity fix corrects the INS at the first sample of the line.
         Fix = "fix",
-        /// The initial standard deviations hold at the alignment, at the time in the column `ins_aligned`. Their
+        /// The initial standard deviations apply at the alignment, at the time in the column `ins_aligned`. Their
         /// covariance is propagated to the first sample of the line, assuming straight and level flight.
         Alignment = "alignment",
-        /// The initial standard deviations hold at the first sample of the line.
+        /// The initial standard deviations apply at the first sample of the line.
         Given = "given",
     }
 }
@@ -64,7 +64,7 @@ const LONGEST_AGE_S: f64 = 2.0 * 86_400.0;
 pub(super) enum InitialCondition {
     /// The initial standard deviations.
     Given,
-    /// The alignment and the time since.
+    /// The alignment, and the time since then.
     Aligned {
         /// Time since the alignment, in s.
         age_s: f64,

@@ -77,7 +77,7 @@ mod tests {
         };
         let (north, east) = (table(along(), still()), table(still(), along()));
         assert!((value(&MAP_GRADIENT_ALONG_TRACK, &north).value - 0.03).abs() < 1e-15);
-        // A parallel is not straight: from sample to sample it turns by a small part of its 70 m.
+        // A parallel is not straight, but its curvature over a step of 70 m is negligible.
         assert!(value(&MAP_GRADIENT_ALONG_TRACK, &east).value < 1e-6);
         // On a constant slope, a constant offset is not separable from a position offset.
         assert!(value(&MAP_POSITION_BOUND, &north).value.is_nan());

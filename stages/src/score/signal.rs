@@ -187,7 +187,7 @@ mod tests {
         let tables = [vec![("mag_c", mag), ("mag_1_c", truth), ("mag_aircraft", error(4.0))]];
         assert!((value(&IMPROVEMENT_RATIO, &tables).value - 5.0).abs() < 1e-12);
         assert!((value(&STD_UNCOMPENSATED, &tables).value / value(&STD_ERROR, &tables).value - 5.0).abs() < 1e-12);
-        // Amplitude ten of the anomaly over one of the error; the truth has no linear trend.
+        // The amplitudes are 10 (anomaly) and 1 (error). The truth has no linear trend.
         assert!((value(&SNR, &tables).value - 10.0).abs() < 1e-12);
     }
 

@@ -40,11 +40,11 @@ pub enum ScoreSource {
     TrackVelocity,
     /// Lower bound of the horizontal error, without an estimate.
     Bound,
-    /// Innovations of the track: in nT, and squared over their variance.
+    /// Innovations of the track, nT, and NIS.
     Innovations,
-    /// Slope of the map along a track.
+    /// Horizontal slope of the map along a track.
     Slope,
-    /// Outcomes of the positions by GNSS along a track.
+    /// Outcomes of the GNSS positions along a track.
     Gnss,
     /// A column of this name.
     Column(&'static str),
@@ -86,11 +86,11 @@ impl ScoreSource {
         ScoreSource::Gnss,
     ];
 
-    /// Truths, in the order in which their absence is reported.
+    /// Truth sources, in the order in which their absence is reported.
     pub const TRUTHS: [ScoreSource; 4] =
         [ScoreSource::Truth, ScoreSource::Position, ScoreSource::Height, ScoreSource::Velocity];
 
-    /// Whether it is a truth.
+    /// Whether it is a truth source.
     pub fn is_truth(self) -> bool {
         Self::TRUTHS.contains(&self)
     }

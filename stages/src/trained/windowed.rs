@@ -1,9 +1,9 @@
 //! A network over a window of samples in a model table.
 //!
 //! The inputs are scaled as in [`network`](super::network): z = (x - `input_mean`) / `input_scale`. `memory` computes
-//! features of the last `window` samples at `rate_hz`; the last of these is the predicted sample. A dense network with
-//! `hidden` layers computes the field from them: `target_mean` + `target_scale` N. If a run of samples is shorter than
-//! the window, its first sample replaces the missing earlier ones. The weights have the names of their PyTorch layout:
+//! features of `window` samples at `rate_hz`, of which the last is the predicted sample. A dense network with `hidden`
+//! layers computes the field from them: `target_mean` + `target_scale` N. If a run of samples is shorter than the
+//! window, its first sample replaces the missing earlier ones. The weights have the names of their PyTorch layout:
 //! [`learning::network::WindowedNetworkShape`].
 
 use learning::{

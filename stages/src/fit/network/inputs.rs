@@ -53,7 +53,7 @@ impl NetworkInputs {
 }
 
 /// Scaling of the inputs. Inputs that are constant on the training lines are removed from `at` and returned. The last
-/// item holds the rows from which the scaling is computed, row-major.
+/// item holds the rows from which the scaling is computed (row-major).
 ///
 /// # Errors
 /// If every input is constant, or `whiten` requests too many components.

@@ -20,7 +20,7 @@ choice! {
     pub enum LearningSchedule {
         /// Constant rate.
         Constant = "constant",
-        /// Half a cosine, down to a hundredth.
+        /// Half a cosine, from the initial rate to a hundredth of it.
         Cosine = "cosine",
         /// Halved after ten epochs without a smaller validation loss.
         Plateau = "plateau",

@@ -10,7 +10,7 @@ use schemas::{Fault, Rule, params};
 use crate::{bandpass::design, columns::data, fit::samples::FitSamples};
 
 params! {
-    /// Linear model combined with a network: the ridge of band-passed terms, as `tolles_lawson` fits it.
+    /// Linear model combined with a network: a ridge fit to band-passed terms, as in `tolles_lawson`.
     pub struct LinearPart;
     /// Terms of the linear model: entries of the features, by name or by a prefix that several names share before a
     /// `_`.
