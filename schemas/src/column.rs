@@ -106,7 +106,7 @@ pub struct Column {
     pub from: Vec<(usize, String)>,
     /// The entries of a list that depend on the sample rate.
     pub sampling: RateDependence,
-    /// The corrections that a magnetic reading has had.
+    /// Corrections applied to a magnetic reading.
     pub removed: CorrectionSet,
     /// Correction that is applied to a reading by subtracting this column.
     pub correction: Option<MagneticCorrection>,

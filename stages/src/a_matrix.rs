@@ -23,7 +23,7 @@ stage! {
     /// convert its coefficients to the rate of their input.
     ///
     /// Differences are one-sided at the ends of a line and at gaps. They never cross a gap. A sample without a vector
-    /// gives a row of NaN. Terms that are differences require evenly spaced samples; otherwise the line is an error.
+    /// gives a row of NaN. Terms that are differences require evenly spaced samples; other lines are rejected.
     ///
     /// Source: W. E. Tolles and J. D. Lawson 1950; Gnadt 2022, (3.13) to (3.20) with the scale of its Tables 3.1 and
     /// 3.2.

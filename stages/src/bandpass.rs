@@ -18,7 +18,7 @@ stage! {
     ///
     /// A missing value (NaN) or a gap in time ends a run, and the filter restarts after it. Gaps stay NaN and do not
     /// spread. A run shorter than the filter's padding becomes NaN. The padding is 6 samples for each second-order
-    /// section, 25 samples for the default. A line whose runs are all too short is an error. Samples must be evenly
+    /// section, 25 samples for the default. A line is rejected if all its runs are too short. Samples must be evenly
     /// spaced.
     ///
     /// Source: F. Gustafsson, Determining the initial states in forward-backward filtering, 1996. The defaults are

@@ -22,7 +22,7 @@ stage! {
     /// right wing, down). `column` changes these names. An existing column of the same name is replaced.
     ///
     /// The date of each sample is given by `year`, `doy` and `tt` of the flight, or by `decimal_year` for all samples.
-    /// Heights are above the WGS-84 ellipsoid. A sample without a position gets NaN, and so does a body component that
+    /// Heights are above the WGS-84 ellipsoid. A sample without a position is NaN. A body component is NaN if it
     /// depends on a missing angle.
     ///
     /// A flight without a date is rejected unless `decimal_year` is set. A date outside the model's range is rejected.

@@ -165,7 +165,7 @@ lambda = 0.025
     /// Its `StandardScaler` uses the divisor n; the same ridge then requires `lambda` n / (n - 1).
     scaling: Option<Divisor>, unit "", absent "the default of the model";
     /// Fits to whitened principal components of the features instead of the features. A value of 1 or more is the
-    /// number of components, a value below 1 the fraction of the variance. Coefficients are still those of the
+    /// number of components, a value below 1 the fraction of the variance. The table still holds coefficients of the
     /// features.
     whiten: Option<f64>, unit "", absent "no whitening", rule Rule::Positive;
     /// Also fits a constant, without a penalty.

@@ -48,8 +48,8 @@ stage! {
     /// Their difference to the map in the overlap (`bias`) is removed. Values filled from the surroundings contain no
     /// information about the anomaly there. `minimum_curvature` suits gaps of a few nodes; no method suits large ones.
     ///
-    /// Another map that is higher than the one to be filled is rejected, and so is a draped map together with other
-    /// maps.
+    /// A map of `with` that is higher than the map to be filled is rejected. A draped map together with other maps is
+    /// also rejected.
     ///
     /// Source: Briggs 1974 (`minimum_curvature`); Blakely 1996, section 12.1 (upward continuation).
     MapFill = "map_fill", version 1, grain Map, inputs [map: Map, with: ManyMaps optional],

@@ -249,7 +249,7 @@ impl Summary {
         }
     }
 
-    /// The error of the other lines divided by that of the training lines.
+    /// Error of the other lines divided by the error of the training lines.
     fn overfitting(&self, parts: &[&SummaryLine]) -> Option<SummaryFigure> {
         let (train, test): (Vec<&SummaryLine>, Vec<&SummaryLine>) =
             parts.iter().partition(|p| self.train.contains(&p.line));

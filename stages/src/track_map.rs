@@ -114,7 +114,7 @@ const SPREAD: [&str; 3] = ["sd_n", "sd_e", "cov_ne"];
 const SD: &str = "sd";
 /// Nodes per length of the kernel.
 const NODES_A_LENGTH: f64 = 6.0;
-/// Largest standard deviation of a known node, divided by that of the anomaly.
+/// Largest standard deviation of a known node, divided by the standard deviation of the anomaly.
 const KNOWN: f64 = 0.25;
 /// Maximum number of nodes.
 const MOST_NODES: f64 = 1e7;

@@ -30,7 +30,7 @@ enum ColumnInterpolation {
 /// [`MOST_CODES`]. Otherwise it holds counts.
 ///
 /// # Errors
-/// Fails if the length of the column differs from that of the times of the plan.
+/// Fails if the column and the times of the plan have different lengths.
 pub fn between_samples(
     plan: &ResamplePlan,
     column: &Column,

@@ -9,7 +9,7 @@ use toml::{
 
 use crate::{Fault, Literal};
 
-/// Value of one key of the spec, with the positions of both.
+/// Value of one key of the spec, with the positions of key and value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpecEntry {
     /// Its value.

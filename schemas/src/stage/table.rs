@@ -152,7 +152,7 @@ impl Table {
 /// Columns of the first input that the stage's table keeps, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PassThroughColumns {
-    /// All of them: the stage appends columns.
+    /// All columns: the stage appends columns.
     All,
     /// Only these; the rows are unchanged.
     Only(Vec<String>),

@@ -30,7 +30,7 @@ model! {
     /// Weight of the linear model: the expected coefficient of a standardised input divided by the standard deviation
     /// of the process. 0 removes the linear model.
     linear_weight: f64, unit "1", default 1.0, rule Rule::NotNegative;
-    /// Variance of the errors divided by that of the process.
+    /// Variance of the errors divided by the variance of the process.
     noise_ratio: Option<f64>, unit "1", absent "the most likely value", rule Rule::Positive;
     /// Stores the factor from which the standard deviation of the prediction is computed. Its number of rows is the
     /// square of the number of features.

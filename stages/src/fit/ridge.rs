@@ -171,7 +171,7 @@ mod tests {
         }
     }
 
-    /// Normal numbers of a generator that is independent of the one in `numerics`.
+    /// Normally distributed numbers, from a generator that is independent of that in `numerics`.
     struct Noise(u64);
 
     impl Noise {

@@ -36,7 +36,7 @@ filter! {
     /// `noise_column` holds the noise that a network or an ensemble predicts for each sample. With it the filter
     /// estimates one scale factor and keeps the predicted variation over time. If the position is less accurate than
     /// the measurement, as after an inaccurate start or a noisy period, innovations contain little information on the
-    /// noise. The default form then changes the noise little; the others drive it to one of the bounds.
+    /// noise. The default `form` then changes the noise little; the other forms drive it to one of the bounds.
     ///
     /// Source: Gnadt 2022, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
     EkfAdaptive = "ekf_adaptive", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "window = 50";

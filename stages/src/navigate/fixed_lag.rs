@@ -24,16 +24,16 @@ use crate::columns::{array, data};
 filter! {
     /// A smoother over sliding windows that estimates the aircraft field while it navigates. It has the 18 states of
     /// `ekf`, the coefficients of the line's A-matrix, and a first-order Gauss-Markov error of the magnetometer. It can
-    /// start cold, on an uncompensated magnetometer: while the INS is accurate to metres at the line's start, the map
-    /// determines the coefficients.
+    /// start cold with an uncompensated magnetometer: while the INS is accurate to metres at the start of the line, the
+    /// map determines the coefficients.
     ///
-    /// Each window is solved by Gauss-Newton iterations that linearise the map anew. It passes the filtered covariance
-    /// of INS states and coefficients to the next window. Between the ends of windows a filter continues from the last
-    /// window; its innovations give `residual` and `nis`, one per `measurement_interval_s`. With `lag_s = 0.0` the
-    /// track is that of a real-time navigator.
+    /// Each window is solved by Gauss-Newton iterations, each with a new linearisation of the map. It passes the
+    /// filtered covariance of INS states and coefficients to the next window. Between the ends of windows a filter
+    /// continues from the last window; its innovations give `residual` and `nis`, one per `measurement_interval_s`.
+    /// With `lag_s = 0.0` the track is that of a real-time navigator.
     ///
     /// `fogm_sigma_nt` describes the temporal variation common to all magnetometers. `aircraft_sigma_nt` describes the
-    /// residual of the linear aircraft model. Without `aircraft_sigma_nt` every filter on cabin magnetometers is
+    /// residual of the linear aircraft model. Without `aircraft_sigma_nt`, filters on cabin magnetometers are
     /// overconfident.
     ///
     /// Source: windows and their prior as in fixed-lag factor-graph smoothing; each window is an iterated smoother

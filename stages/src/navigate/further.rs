@@ -35,11 +35,11 @@ params! {
     gradient_bias_sigma_nt: f64, unit "nT", default 1.0, rule Rule::NotNegative;
     /// Time constant of the slow error of the difference.
     gradient_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Standard deviation of the error of the map's slope along that line. This error times the baseline is an error of
-    /// the difference. It is correlated along the track like the map's anomalies. `"auto"` uses the maximum-likelihood
-    /// value from the innovations of the difference, which also detects maps made from sparse lines. For a map without
-    /// a vertical slope (one height, no `map_levels_m`), the error increases by the vertical baseline times the rms
-    /// slope.
+    /// Standard deviation of the error of the map's slope along that line. Multiplied by the baseline, it is an error
+    /// of the difference. Like the map's anomalies, it is correlated along the track. `"auto"` uses the
+    /// maximum-likelihood value from the innovations of the difference, which also detects maps made from sparse lines.
+    /// For a map without a vertical slope (one height, no `map_levels_m`), the error increases by the vertical baseline
+    /// times the rms slope.
     gradient_slope_sigma: NumberOrAuto, unit "nT/m", default NumberOrAuto::Auto, rule Rule::NotNegative;
     /// Uses `mag` for the measurement update too. `false` uses only the difference and the vector, for example in a
     /// magnetic storm.

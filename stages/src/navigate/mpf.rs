@@ -24,10 +24,10 @@ filter! {
     /// navigation-grade INS `ekf` is as accurate and seventy times as fast.
     ///
     /// The estimate is the mean over all particles. Particles off the map keep their total weight relative to the
-    /// others. A sample with less than a tenth of the weight on the map is `off_map`. A measurement outside six
-    /// standard deviations of every particle is `gated`, regardless of `gate_nis`. Many such measurements in a row mean
-    /// that the particles have lost the aircraft. The line is rejected when most of its measurements are gated in this
-    /// way.
+    /// particles on it. A sample with less than a tenth of the weight on the map is `off_map`. A measurement outside
+    /// six standard deviations of every particle is `gated`, regardless of `gate_nis`. Many such measurements in a row
+    /// mean that the particles have lost the aircraft. The line is rejected when most of its measurements are gated in
+    /// this way.
     ///
     /// Biases of further measurements and the map error are linear states of each particle. The weights depend on the
     /// values of the map, not on its slope, so `flat_over_m` is rejected; use `map_sigma_nt` for the map error.

@@ -54,7 +54,8 @@ filter! {
     /// the covariance. The smoother maximises the likelihood of a Gaussian process at uncertain places (Lawrence 2003),
     /// with the covariance of the error model as prior of the places and Laplace's approximation of its covariance.
     Slam = "slam", version 2, groups [aiding: Aiding], example "particles = 1000";
-    /// Number of particles. They must cover the drift between revisits densely, so a poorer INS needs more.
+    /// Number of particles. They must cover the drift between revisits densely, so a less accurate INS requires more
+    /// particles.
     particles: usize, unit "1", default 1000usize, rule Rule::Between(2.0, 1e6);
     /// Seed of all random draws.
     seed: usize, unit "", default 0usize;
@@ -78,7 +79,7 @@ filter! {
     fit_window_s: f64, unit "s", default 600.0, rule Rule::Positive;
     /// Maximum number of earlier samples in a prediction.
     neighbours: usize, unit "1", default 12usize, rule Rule::Between(1.0, 20.0);
-    /// Time before a sample within which samples do not count as earlier samples.
+    /// Time before a sample in which other samples do not count as earlier samples.
     ignore_s: f64, unit "s", default 30.0, rule Rule::NotNegative;
     /// Radius of a revisit: it contains more than `trigger_points` earlier samples.
     trigger_radius_m: Option<f64>, unit "m",
@@ -88,7 +89,7 @@ filter! {
     /// Radius within which earlier samples are used for a prediction.
     interpolation_radius_m: Option<f64>, unit "m",
         absent "half the length of the covariance, at most 0.4 of the distance flown in `ignore_s`", rule Rule::Positive;
-    /// Maximum height difference of earlier samples. Smaller differences increase their variance.
+    /// Maximum height difference of earlier samples. Smaller differences increase the variance of these samples.
     max_height_difference_m: f64, unit "m", default 100.0, rule Rule::NotNegative;
     /// Standard deviation of a prediction by inverse distance.
     interpolant_sigma_nt: f64, unit "nT", default 10.0, rule Rule::Positive;

@@ -14,10 +14,10 @@ use super::further::AuxiliaryMeasurements;
 use crate::columns::{array, data};
 
 filter! {
-    /// The unscented Kalman filter on the states of `ekf`. The map is not linearised at the estimated position but
-    /// regressed over its uncertainty, from seven map values per sample. Where the map is linear over that uncertainty
-    /// the filter equals the EKF; elsewhere it treats the nonlinearity of the map as noise. Use it if the position
-    /// uncertainty exceeds the node spacing of the map.
+    /// The unscented Kalman filter on the states of `ekf`. Instead of linearising the map at the estimated position,
+    /// the filter fits it by regression over the position's uncertainty, from seven map values per sample. If the map
+    /// is linear over that uncertainty, the filter equals the EKF. Otherwise it treats the nonlinearity of the map as
+    /// noise. Use it if the position uncertainty exceeds the node spacing of the map.
     ///
     /// Where an outer point is off the map, the map is linearised at the estimated position. `sd_nonlinear` is the part
     /// of the innovation's standard deviation due to the nonlinearity of the map; NaN where it is not computed.

@@ -84,8 +84,8 @@ metric! {
 }
 
 metric! {
-    /// standard error of `anomaly_retention`, for a slowly changing residual and anomaly; pooled: that of the pooled
-    /// slope; retentions within two standard errors are indistinguishable
+    /// standard error of `anomaly_retention`, for a slowly changing residual and anomaly; pooled: standard error of the
+    /// pooled slope; retentions within two standard errors are indistinguishable
     ANOMALY_RETENTION_SE = "anomaly_retention_se", unit "1", pool Error, better Neither,
     shown MetricDisplay::column(62, 78), needs [Signal, Anomaly, Core], uses [Diurnal];
     |line| Ok(retention(line)?.1)

@@ -278,7 +278,7 @@ mod tests {
     use super::*;
     use crate::score::testing::{FLOWN, ScoreTestColumns, seconds, track, value};
 
-    /// A flight along the equator. The INS error is half that of the track: 0.001 deg north and 0.002 deg east.
+    /// A flight along the equator. The INS error is half the track error: 0.001 deg north and 0.002 deg east.
     fn tables() -> [ScoreTestColumns; 2] {
         let truth = vec![
             (FLOWN[0], seconds(10, |_| 0.0)),

@@ -18,7 +18,7 @@ use super::{
     terms::{TermLookup, TermValue, broken, list, member_of, named_list, term},
 };
 
-/// Largest relative difference between the rate of a line and that of the training.
+/// Largest relative difference between the sample rates of a line and of the training.
 const RATE_TOLERANCE: f64 = 0.01;
 
 /// Network over a window of samples, or the mean of several of one shape.

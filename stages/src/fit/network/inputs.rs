@@ -18,7 +18,7 @@ pub struct NetworkInputs {
     pub scaling: InputScaling,
     /// Training lines and validation lines.
     pub lines: (Vec<usize>, Vec<usize>),
-    /// Scaled inputs of both, row-major.
+    /// Scaled inputs of training and validation lines, row-major.
     pub rows: (Vec<f64>, Vec<f64>),
 }
 
