@@ -30,7 +30,7 @@ stage! {
     /// Subtracts the aircraft field that a fitted model predicts from a scalar magnetometer.
     ///
     /// Appends the compensated field `mag_c` and the predicted aircraft field `mag_aircraft`. Their sum is the reading
-    /// of the magnetometer. Both are NaN for a sample that lacks a term of the model.
+    /// of the magnetometer. Both are NaN if the sample lacks a term of the model.
     ///
     /// Terms that are differences per sample are converted to the rate of the fit, so a line may have another rate. A
     /// central difference underestimates the rate of change at frequency f by the fraction (2 pi f / rate)^2 / 6. At f

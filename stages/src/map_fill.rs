@@ -44,9 +44,10 @@ choice! {
 stage! {
     /// Fills the unknown nodes of a map, first from other maps in the order of `with`, then from their surroundings.
     ///
-    /// Other maps are brought into the coordinate system of the map. Lower maps are continued upward to its height.
+    /// Other maps are converted to the coordinate system of the map. Lower maps are continued upward to its height.
     /// Their difference to the map in the overlap (`bias`) is removed. Values filled from the surroundings contain no
-    /// information about the anomaly there. `minimum_curvature` suits gaps of a few nodes; no method suits large ones.
+    /// information about the anomaly there. `minimum_curvature` is suitable for gaps of a few nodes. No method is
+    /// suitable for large gaps.
     ///
     /// A map of `with` that is higher than the map to be filled is rejected. A draped map together with other maps is
     /// also rejected.

@@ -57,10 +57,10 @@ stage! {
     /// crossings, removes outliers, and fits a surface.
     ///
     /// Use it to make a navigation map from a survey, with the lines that `where` selects. `equivalent_sources` gives a
-    /// potential field on a level, by default at the highest point, which can be continued. `minimum_curvature`
-    /// interpolates at the heights flown and requires no heights. Levelling is part of this stage because crossings are
-    /// found among the gridded points, on the plane of the map and after the reduction. Do not grid the lines that are
-    /// navigated: the map would then contain the field along them.
+    /// potential field on a level, which can be continued. By default the level is the height of the highest point.
+    /// `minimum_curvature` interpolates at the heights flown and requires no heights. Levelling is part of this stage
+    /// because crossings are found among the gridded points, on the plane of the map and after the reduction. Do not
+    /// grid the lines that are navigated: the map would then contain the field along them.
     ///
     /// These points are omitted: points without a position, a value or, for equivalent sources, a height; duplicates;
     /// outliers along a line; points far from all others; and lines of fewer than five points. These inputs are

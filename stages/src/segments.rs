@@ -25,7 +25,7 @@ stage! {
     /// calibration are not turns. A part shorter than `least_s` between two turns belongs to the turns. A manoeuvre is
     /// part of a straight part. In it, the band-passed columns of `attitude` (angles, or components of a vector
     /// magnetometer) have a root mean square above `manoeuvre` over `window_s`. Examples are the pitches, rolls and
-    /// yaws of a calibration box. Boundaries have the resolution of the window.
+    /// yaws of a calibration box. Boundaries are accurate to the length of the window.
     ///
     /// `select` with `rows = "segment_kind = 'straight'"` keeps the straight parts and does not divide the line.
     /// Samples must be evenly spaced. A gap in time or a missing heading ends a segment. A run shorter than the window
@@ -44,9 +44,9 @@ attitude = ["heading"]
     heading: String, unit "deg", default "yaw";
     /// Window over which the turn rate and the manoeuvres are computed.
     window_s: f64, unit "s", default 5.0, rule Rule::Positive;
-    /// Turn rate above which a part may be a turn.
+    /// Minimum turn rate of a turn.
     turn_dps: f64, unit "deg/s", default 1.0, rule Rule::Positive;
-    /// Smallest change of heading in a turn.
+    /// Minimum change of heading in a turn.
     turn_deg: f64, unit "deg", default 20.0, rule Rule::NotNegative;
     /// Shortest straight part.
     least_s: f64, unit "s", default 20.0, rule Rule::NotNegative;

@@ -30,10 +30,10 @@ stage! {
     /// Makes a map from the measurements of lines at the positions of their tracks, by reduced-rank Gaussian-process
     /// regression. `sd` is the standard deviation of each node.
     ///
-    /// Use it to plot, score and navigate on the anomaly that an aircraft without a map has measured. `track` is the
-    /// table of a `navigate`, for example by `slam`; its `lat`, `lon` and `alt` are the positions of the measurements
-    /// of `input`. Without `track` they are the flight's own `lat`, `lon` and `alt`, from GNSS. For survey lines that
-    /// are first levelled and cleaned, use `map_grid`.
+    /// Use it to plot, score and navigate on the anomaly that an aircraft measured without a map. `track` is the table
+    /// of a `navigate`, for example by `slam`; its `lat`, `lon` and `alt` are the positions of the measurements of
+    /// `input`. Without `track` they are the flight's own `lat`, `lon` and `alt`, from GNSS. For survey lines that are
+    /// first levelled and cleaned, use `map_grid`.
     ///
     /// The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area of the lines. The
     /// size of the equations therefore does not depend on the length of the flight. Each line may have its own

@@ -40,8 +40,8 @@ filter! {
     ///
     /// A scalar magnetometer among the features is rejected: the filter would subtract its own measurement. `aircraft`
     /// is the aircraft field computed with the weights estimated at the sample. The covariance of the weights excludes
-    /// the modelling error of the network. The filter is therefore overconfident in conditions that the training did
-    /// not include.
+    /// the modelling error of the network. The filter is therefore overconfident in conditions outside the training
+    /// data.
     ///
     /// Source: Gnadt 2022, section 5.6, with the regressor ∂m/∂w in (5.44) and (5.45).
     EkfOnlineNn = "ekf_online_nn", version 1, groups [aiding: Aiding, further: AuxiliaryMeasurements], example r#"features = "tl"

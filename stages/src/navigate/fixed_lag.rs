@@ -30,7 +30,7 @@ filter! {
     /// Each window is solved by Gauss-Newton iterations, each with a new linearisation of the map. It passes the
     /// filtered covariance of INS states and coefficients to the next window. Between the ends of windows a filter
     /// continues from the last window; its innovations give `residual` and `nis`, one per `measurement_interval_s`.
-    /// With `lag_s = 0.0` the track is that of a real-time navigator.
+    /// With `lag_s = 0.0` the track corresponds to real-time navigation.
     ///
     /// `fogm_sigma_nt` describes the temporal variation common to all magnetometers. `aircraft_sigma_nt` describes the
     /// residual of the linear aircraft model. Without `aircraft_sigma_nt`, filters on cabin magnetometers are
