@@ -147,7 +147,7 @@ fn user_impossible_positions_are_rejected() {
         ("lat", -100.0, "-100 deg is not a latitude"),
         ("lon", 500.0, "500 deg is not a longitude (-180 to 360 deg)"),
         ("ins_lon", 1e300, "1e300 deg is not a longitude"),
-        ("alt", 2e5, "200,000 m is not a height of an aircraft (-1000 to 100,000 m)"),
+        ("alt", 2e5, "200,000 m is not a plausible aircraft height (-1000 to 100,000 m)"),
     ] {
         // One impossible position is enough.
         let said = refused(&[changed(&flight, column, |i, x| if i == 123 { value } else { x })], "");

@@ -187,8 +187,8 @@ pub fn identifiers(array: &ArrayRef) -> Result<ArrayRef, arrow_schema::ArrowErro
     Ok(Arc::new(numbers.iter().map(|x| x.map(identifier)).collect::<StringArray>()))
 }
 
-/// The text of a numeric identifier: the shortest that reads back the same, in single precision if that is exact. Line
-/// 1006.04 in single precision is 1006.0399780273438 in double.
+/// Text of a numeric identifier: the shortest text that reads back as the same number. It is in single precision if the
+/// identifier is exact in single precision: line 1006.04 in single precision is 1006.0399780273438 in double precision.
 pub fn identifier(x: f64) -> String {
     as_written(x).to_string()
 }
@@ -229,7 +229,7 @@ fn without_zeros(array: &ArrayRef) -> ArrayRef {
 /// Checks that time increases strictly along a line.
 ///
 /// # Errors
-/// The first row whose time is missing, repeated or earlier than that of the row before.
+/// The first row whose time is missing, or not later than the time of the previous row.
 pub fn check_time(tt: &[f64]) -> Result<(), Fault> {
     let row = |i: usize, what: String| Err(Fault::data(what).in_column("tt").in_row(i as u64));
     for (i, t) in tt.iter().enumerate() {

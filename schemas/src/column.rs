@@ -13,7 +13,7 @@ pub enum Role {
     Key,
     /// Time of the sample.
     Time,
-    /// Truth that an operational flight does not have: a target or reference, never a feature.
+    /// Truth that is unavailable on an operational flight: a target or reference, never a feature.
     Truth,
     /// Measurement on the aircraft.
     Sensor,
@@ -102,13 +102,13 @@ pub struct Column {
     pub role: Role,
     /// Meaning.
     pub doc: String,
-    /// The columns it was made from: (position of the input, column name).
+    /// Source columns: (position of the input, column name).
     pub from: Vec<(usize, String)>,
     /// The entries of a list that depend on the sample rate.
     pub sampling: RateDependence,
-    /// The corrections that a magnetic reading has had.
+    /// Corrections applied to a magnetic reading.
     pub removed: CorrectionSet,
-    /// The correction of a reading that the subtraction of this column makes.
+    /// Correction that is applied to a reading by subtracting this column.
     pub correction: Option<MagneticCorrection>,
 }
 
@@ -216,7 +216,7 @@ impl fmt::Display for Column {
 pub struct TableShape {
     /// The columns in the table's order.
     pub columns: Vec<Column>,
-    /// Samples per second, if an upstream stage made the sampling even.
+    /// Sample rate, Hz, if an upstream stage made the sampling even.
     pub rate_hz: Option<f64>,
 }
 

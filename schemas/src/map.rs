@@ -1,6 +1,6 @@
 //! The map table: a regular grid, one row per node, sorted by latitude then longitude.
 //!
-//! Stages read a map in another coordinate system on its native grid, so that they interpolate between its values. The
+//! Stages read a map in another coordinate system on its native grid, and interpolate between its original values. The
 //! table then has northing and easting instead of latitude and longitude; field metadata describe the coordinate
 //! system.
 //!
@@ -121,7 +121,7 @@ impl NativeGrid {
         for (field, (unit_m, ends)) in
             fields.iter_mut().zip([(self.unit_m[1], self.lat_deg), (self.unit_m[0], self.lon_deg)])
         {
-            // Numbers are written such that reading them restores every bit.
+            // Numbers are written so that reading them restores every bit.
             let more = [
                 ("epsg", self.epsg.to_string()),
                 ("definition", self.definition.clone()),

@@ -29,7 +29,7 @@ pub enum PoolingRule {
     Mean,
     /// Sum: numbers of samples.
     Sum,
-    /// Standard error of the mean of independent figures, weighted as that mean.
+    /// Standard error of a weighted mean of independent values, with the weights of the mean.
     Error,
     /// Quantile, in percent, of the samples of all lines together: radii.
     Quantile(u8),
@@ -40,7 +40,7 @@ pub enum PoolingRule {
 pub struct WeightedScore<'a> {
     /// The value, in the metric's unit.
     pub value: f64,
-    /// The weight: samples or pairs behind the value.
+    /// Weight: number of samples or pairs.
     pub n: f64,
     /// For [`PoolingRule::Quantile`]: sorted values, each of which represents an equal share of the samples; see
     /// [`spread`]. Empty for other rules.
@@ -54,33 +54,33 @@ impl From<(f64, f64)> for WeightedScore<'_> {
     }
 }
 
-/// The most values of a [`spread`].
+/// Maximum number of values of a [`spread`].
 pub const SPREAD: usize = 100;
 
 /// The minimum number of samples that a value of a [`spread`] represents, so that it discloses no single sample.
 pub const SHARE: usize = 10;
 
-/// Quantiles that represent sorted samples: the middles of equal shares of them, at most [`SPREAD`], each of at least
-/// [`SHARE`] samples; the median of fewer than 20 samples.
+/// Quantiles that represent sorted samples: the middles of at most [`SPREAD`] equal groups, each of at least [`SHARE`]
+/// samples. For fewer than 20 samples, the median.
 pub fn spread(sorted: &[f64]) -> Vec<f64> {
     let Some(last) = sorted.len().checked_sub(1) else { return vec![] };
     let shares = (sorted.len() / SHARE).clamp(1, SPREAD);
     let middle = |share: usize| {
-        // The rank of the share's middle; the first sample, at rank 0, covers -0.5 to 0.5.
+        // Rank of the middle of the group. The first sample has rank 0 and covers -0.5 to 0.5.
         let at = (share as f64 + 0.5) / shares as f64 * sorted.len() as f64 - 0.5;
         between(at, |i| sorted[i.min(last)])
     };
     (0..shares).map(middle).collect()
 }
 
-/// Linear interpolation between the values at the whole numbers around `at`.
+/// Linear interpolation between the values at the two whole numbers around `at`.
 fn between(at: f64, value: impl Fn(usize) -> f64) -> f64 {
     let below = value(at.floor() as usize);
     below + (at - at.floor()) * (value(at.ceil() as usize) - below)
 }
 
 impl PoolingRule {
-    /// The value of all lines together; NaN without lines, and for quantiles where a line has no spread.
+    /// Value pooled over all lines. NaN without lines, and for a quantile if a line has no spread.
     pub fn value<'a>(self, lines: impl Iterator<Item = WeightedScore<'a>>) -> f64 {
         if let Self::Quantile(percent) = self {
             return quantile_of_all(f64::from(percent) / 100.0, &lines.collect::<Vec<_>>());
@@ -138,7 +138,7 @@ fn quantile_of_all(part: f64, lines: &[WeightedScore]) -> f64 {
     let wanted = part * (total - 1.0);
     let (mut below, mut before): (f64, Option<(f64, f64)>) = (0.0, None);
     for (value, weight) in all {
-        // The rank of the middle sample of those that the value represents.
+        // Rank of the middle one of the samples that the value represents.
         let rank = below + (weight - 1.0) / 2.0;
         if rank >= wanted {
             return match before {
@@ -155,18 +155,18 @@ fn quantile_of_all(part: f64, lines: &[WeightedScore]) -> f64 {
 /// Preferred values of a metric.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MetricPreference {
-    /// Small ones.
+    /// Small values.
     Lower,
-    /// Large ones.
+    /// Large values.
     Higher,
-    /// Those near a target, by ratio.
+    /// Values near a target, compared by ratio.
     Near(f64),
     /// No preference: the metric describes the data, not the result.
     Neither,
 }
 
 impl MetricPreference {
-    /// A cost that is smaller for the better of two values; `None` without a preference.
+    /// Cost of a value; the better of two values has the smaller cost. `None` without a preference.
     pub fn cost(self, value: f64) -> Option<f64> {
         let cost = match self {
             MetricPreference::Lower => value,
@@ -188,7 +188,7 @@ impl MetricPreference {
     }
 }
 
-/// Places where a metric is shown. Positions are multiples of ten, which leaves room for new ones.
+/// Places where a metric is shown. Positions are multiples of ten, so that new ones can be inserted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MetricDisplay {
     /// Position among the columns of pooled scores, from the left; `None` if it is not shown there.
@@ -231,7 +231,7 @@ mod tests {
         let lines = || [(3.0, 100.0), (4.0, 300.0)].into_iter().map(WeightedScore::from);
         assert_eq!(PoolingRule::Rms.value(lines()), ((9.0 * 100.0 + 16.0 * 300.0) / 400.0f64).sqrt());
         assert_eq!((PoolingRule::Mean.value(lines()), PoolingRule::Sum.value(lines())), (3.75, 7.0));
-        // Equal errors of equal weights fall with the root of their number.
+        // The standard error of a mean of equal errors is inversely proportional to the square root of their number.
         assert_eq!(PoolingRule::Error.value([(0.4, 9.0); 4].into_iter().map(WeightedScore::from)), 0.2);
         let all = [PoolingRule::Rms, PoolingRule::Mean, PoolingRule::Sum, PoolingRule::Quantile(50)];
         assert!(all.iter().all(|p| p.value(std::iter::empty()).is_nan()));
@@ -245,8 +245,7 @@ mod tests {
     #[test]
     fn law_pooled_quantiles_equal_those_of_all_samples() {
         let line = |from: usize, n: usize, far: f64| (from..from + n).map(|i| far * i as f64).collect::<Vec<f64>>();
-        // A rank is accurate to a tenth of a share: a hundredth for a long line, a tenth for a line of a hundred
-        // samples.
+        // A rank is accurate to a tenth of a group: 1 % for a long line, 10 % for a line of a hundred samples.
         for (lines, tolerance) in [
             (vec![line(0, 100, 1.0), line(3, 900, 0.3)], 1e-2),
             (vec![line(0, 5000, 0.01), line(1000, 300, 0.4), line(0, 1000, 0.2)], 2e-3),

@@ -48,7 +48,7 @@ pub enum PhysicalQuantity {
     Day,
 }
 
-/// Treatment of a few values outside the limits.
+/// Treatment if a few values are outside the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OutlierTreatment {
     /// Rejects the line: occasional errors of a position, an attitude or a date have a systematic cause.
@@ -66,7 +66,7 @@ pub struct PlausibleRange {
     pub low: f64,
     /// Maximum, in the canonical unit.
     pub high: f64,
-    /// Treatment of a few values outside.
+    /// Treatment if a few values are outside the range.
     pub outlier: OutlierTreatment,
 }
 
@@ -86,14 +86,14 @@ impl PhysicalQuantity {
             PhysicalQuantity::Time => "a time of day",
             PhysicalQuantity::Latitude => "a latitude",
             PhysicalQuantity::Longitude => "a longitude",
-            PhysicalQuantity::Height => "a height of an aircraft",
-            PhysicalQuantity::Ground => "a height of the ground or above the ground",
-            PhysicalQuantity::Speed => "a velocity of an aircraft",
+            PhysicalQuantity::Height => "a plausible aircraft height",
+            PhysicalQuantity::Ground => "a plausible height of the ground or above the ground",
+            PhysicalQuantity::Speed => "a plausible aircraft velocity",
             PhysicalQuantity::Angle => "an attitude angle",
-            PhysicalQuantity::Rate => "an angular rate of an aircraft",
-            PhysicalQuantity::SpecificForce => "a specific force on an aircraft",
+            PhysicalQuantity::Rate => "a plausible angular rate of an aircraft",
+            PhysicalQuantity::SpecificForce => "a plausible specific force on an aircraft",
             PhysicalQuantity::TotalField => "a total field of the earth",
-            PhysicalQuantity::VectorField => "a magnitude of a vector magnetometer in the earth's field",
+            PhysicalQuantity::VectorField => "a plausible magnitude of a vector magnetometer in the earth's field",
             PhysicalQuantity::FieldComponent => "a component of the earth's field",
             PhysicalQuantity::Anomaly => "a magnetic anomaly",
             PhysicalQuantity::Variation => "a temporal variation of the field",
@@ -113,7 +113,7 @@ impl PhysicalQuantity {
             PhysicalQuantity::Speed => &["m/s", "km/h", "kn"],
             PhysicalQuantity::Rate => &["deg/s", "rad/s"],
             PhysicalQuantity::TotalField | PhysicalQuantity::VectorField => &["nT", "uT", "mgauss", "gauss", "mT", "T"],
-            // Without a lower limit too many units would fit.
+            // Without a lower limit, too many units would be possible.
             PhysicalQuantity::SpecificForce
             | PhysicalQuantity::FieldComponent
             | PhysicalQuantity::Anomaly
@@ -159,8 +159,8 @@ const CRUST: PlausibleRange = PlausibleRange {
     outlier: OutlierTreatment::Fault,
 };
 
-/// The limits of the values of a map or a survey, nT: those of a total field if most values are one, else of an
-/// anomaly.
+/// Limits of the values of a map or a survey, nT: those of a total field if most values are total fields, otherwise
+/// those of an anomaly.
 pub fn survey(values: impl Iterator<Item = f64>) -> PlausibleRange {
     let (mut known, mut total) = (0_usize, 0_usize);
     for x in values.filter(|x| !x.is_nan()) {
@@ -171,12 +171,13 @@ pub fn survey(values: impl Iterator<Item = f64>) -> PlausibleRange {
 }
 
 /// Minimum interquartile range of a residual field as a fraction of its median, for lines of fewer samples than
-/// [`LONG_LINE`] and for longer ones. A total field is far below it in every unit: 1 % is 500 nT.
+/// [`LONG_LINE`] and for longer ones. For a total field the fraction is far smaller in every unit: 1 % corresponds to
+/// 500 nT.
 const RESIDUAL_SPREAD: (f64, f64) = (0.03, 0.1);
 const LONG_LINE: usize = 1_000;
 
-/// The limits of the residual field, if `values` of a column of total field are a residual field: few of them are a
-/// total field, and they are negative or vary too much for a total field in another unit.
+/// Limits of a residual field, if the `values` of a total-field column are a residual field. This is so if few of them
+/// are plausible total fields, and they are negative or vary too much for a total field in another unit.
 pub fn residual(limits: &PlausibleRange, values: &[f64]) -> Option<PlausibleRange> {
     if limits.kind != PhysicalQuantity::TotalField {
         return None;
@@ -228,9 +229,9 @@ pub fn limits(name: &str) -> Option<PlausibleRange> {
 /// Probable cause of a value outside its limits.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ProbableCause {
-    /// The same reading in another unit: the unit, and the value in the canonical one.
+    /// Another unit: the unit, and the value converted to the canonical unit.
     Unit(&'static str, f64),
-    /// Degrees and minutes as receivers write them (NMEA `ddmm.mm`): the value in degrees.
+    /// Degrees and minutes in the form of receivers (NMEA `ddmm.mm`): the value in degrees.
     DegreesMinutes(f64),
     /// Seconds of a GPS week: the day from Sunday as 0, and the second of that day.
     GpsWeek(u32, f64),
@@ -248,7 +249,7 @@ pub fn likely(limits: &PlausibleRange, value: f64, declared: &str) -> Option<Pro
         let factor = convert(unit, canonical)?;
         let other = convert(declared, canonical) != Some(factor);
         let value = reading * factor;
-        // Within 1 km of the origin, any number fits in a small unit.
+        // Within 1 km of the origin, any number is plausible in a small unit.
         let origin =
             matches!(limits.kind, PhysicalQuantity::Latitude | PhysicalQuantity::Longitude) && value.abs() < 0.01;
         (other && !origin && limits.holds(value)).then_some((*unit, value))
@@ -257,7 +258,7 @@ pub fn likely(limits: &PlausibleRange, value: f64, declared: &str) -> Option<Pro
     let (first, second) = (fitting.next(), fitting.next());
     let unit = first.map(|(unit, value)| ProbableCause::Unit(unit, value));
     match limits.kind {
-        // Several small units fit a time of day; the largest is the most likely.
+        // Several small units are possible for a time of day; the largest is the most likely.
         PhysicalQuantity::Time => seconds(reading).or(unit),
         PhysicalQuantity::Latitude | PhysicalQuantity::Longitude => unit.or_else(|| degrees(limits, reading)),
         _ => unit.filter(|_| second.is_none()),
@@ -356,7 +357,7 @@ mod tests {
         for other in [wave(54_000.0, 900.0), wave(54.0, 0.9), wave(5.4e-5, 2e-7), wave(5_400.0, 20.0)] {
             assert!(residual(&total, &other).is_none());
         }
-        // A total field with some bad samples is still one.
+        // A total field with some bad samples is still a total field.
         let mut spiked = wave(54_000.0, 200.0);
         spiked.iter_mut().step_by(20).for_each(|x| *x = -5.0);
         assert!(residual(&total, &spiked).is_none());

@@ -7,7 +7,7 @@ use std::{
 
 /// The metadata key that lists corrections, such as `core,diurnal`.
 const REMOVED: &str = "removed";
-/// The metadata key of the correction that the subtraction of a column makes.
+/// Metadata key of the correction that is applied by subtracting a column.
 const CORRECTION: &str = "correction";
 
 /// A correction of a magnetic reading.
@@ -49,7 +49,7 @@ impl MagneticCorrection {
         Self::ALL.into_iter().find(|c| c.word() == word)
     }
 
-    /// The correction that the subtraction of a column of this name makes: `igrf` is the core field, `diurnal` the
+    /// Correction that is applied by subtracting a column of this name: for `igrf` the core field, for `diurnal` the
     /// temporal variation.
     pub fn by_column(name: &str) -> Option<MagneticCorrection> {
         match name {
@@ -75,8 +75,8 @@ impl fmt::Display for MagneticCorrection {
 /// The corrections applied to a column.
 pub type CorrectionSet = BTreeSet<MagneticCorrection>;
 
-/// Writes the corrections applied to the column `name`, and the one that its subtraction makes, to its field's
-/// metadata.
+/// Writes to the metadata of a field: the corrections applied to the column `name`, and the correction applied by
+/// subtracting it.
 pub(crate) fn write(
     name: &str,
     removed: &CorrectionSet,
@@ -92,7 +92,7 @@ pub(crate) fn write(
     }
 }
 
-/// The correction that the subtraction of the column `name` makes.
+/// Correction that is applied by subtracting the column `name`.
 pub(crate) fn correction(name: &str, metadata: &HashMap<String, String>) -> Option<MagneticCorrection> {
     metadata
         .get(CORRECTION)
@@ -108,7 +108,7 @@ pub(crate) fn read(name: &str, metadata: &HashMap<String, String>) -> Correction
     }
 }
 
-/// The corrections of the columns of the contract: those of the SGL data sets.
+/// Corrections of the columns of the contract, which are those of the SGL data sets.
 fn by_name(name: &str) -> CorrectionSet {
     match name {
         "mag_1_lag" => CorrectionSet::from([MagneticCorrection::Lag]),

@@ -10,10 +10,10 @@ const SAME_RATE: f64 = 1e-4;
 
 /// The metadata key that names the entries, such as `xx_dot:1,mag_4_uc_dot4:4,mag_4_uc_lag_3:lag`.
 const PER_SAMPLE: &str = "per_sample";
-/// The metadata key of the rate at which they were made, Hz.
+/// Metadata key of the rate at which the entries were computed, Hz.
 const RATE: &str = "rate_hz";
 
-/// The dependence of one entry on the sample rate.
+/// Dependence of one entry on the sample rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RateLaw {
     /// A difference of this order per sample: proportional to the time between samples to that power.
@@ -65,7 +65,7 @@ pub fn is_same_rate(one_hz: f64, other_hz: f64) -> bool {
 /// The entries of a list column that depend on the sample rate.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RateDependence {
-    /// The rate at which they were made, Hz; `None` if it differs between lines or is unknown before the run.
+    /// Rate at which the entries were computed, Hz; `None` if it differs between lines or is unknown before the run.
     pub rate_hz: Option<f64>,
     /// Each entry with its rate dependence; all others do not depend on the rate.
     pub entries: Vec<(String, RateLaw)>,
@@ -93,7 +93,7 @@ impl RateDependence {
         metadata.extend(self.rate_hz.map(|rate_hz| (RATE.to_owned(), rate_hz.to_string())));
     }
 
-    /// Reads the metadata of a field with these entries; without metadata, the names decide.
+    /// Reads the metadata of a field with these entries; without metadata, the names determine it.
     pub(crate) fn read(names: &[String], metadata: &HashMap<String, String>) -> RateDependence {
         let rate_hz = metadata.get(RATE).and_then(|rate| rate.parse().ok()).filter(|rate: &f64| *rate > 0.0);
         let Some(listed) = metadata.get(PER_SAMPLE) else {
@@ -132,7 +132,7 @@ mod tests {
             RateDependence { rate_hz: Some(10.0), entries: vec![("x".to_owned(), RateLaw::Difference(1))] };
         assert_eq!(describe_field(&column.field()).sampling, column.sampling);
         assert_eq!(column.field().metadata()["rate_hz"], "10");
-        // A column with misleading names overrides them.
+        // A column with misleading names can override the implied dependence.
         column.sampling = RateDependence::default();
         assert_eq!(describe_field(&column.field()).sampling, RateDependence::default());
     }

@@ -31,8 +31,8 @@ pub struct LineInput {
     pub flight: String,
     /// The line identifier.
     pub line: String,
-    /// The columns it reads, per input; models and maps are empty batches, since [`LineStage::prepare`] sees
-    /// them.
+    /// The columns it reads, per input. Models and maps are empty batches, because they are inputs of
+    /// [`LineStage::prepare`].
     pub inputs: Vec<RecordBatch>,
     /// The rows that its `where` selects; all rows without a `where`.
     pub keep: Option<Vec<bool>>,
@@ -55,21 +55,21 @@ impl From<Vec<ArrayRef>> for StageOutput {
 
 /// The trait that every stage implements.
 pub trait Stage: Params + Any + Send + Sync {
-    /// The columns it reads and makes, given the tables that reach it.
+    /// The columns that it reads and makes, given its input tables.
     ///
     /// # Errors
     /// Fails with all faults of the parameters or the tables, before anything runs.
     fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>>;
 
     /// Reason why the parameter `key` has no effect, such as a key of a model that is not fitted; `None` if it has an
-    /// effect. The key of a result omits such parameters, so that points of a sweep that differ in nothing else are
+    /// effect. The key of a result omits such parameters, so that points of a sweep that differ only in them are
     /// computed once. A spec that sets such a parameter explicitly is rejected.
     fn idle(&self, _key: &str) -> Option<Fault> {
         None
     }
 
-    /// Relative work per sample, in a unit that does not depend on the parameters: the product of parameters that
-    /// multiply the work, such as the number of particles. `explain --cost` scales measured seconds by it.
+    /// Relative computing time per sample: the product of the parameters to which it is proportional, such as the
+    /// number of particles. Its unit does not depend on the parameters. `explain --cost` scales measured seconds by it.
     fn effort(&self) -> f64 {
         1.0
     }
@@ -80,8 +80,8 @@ pub trait Stage: Params + Any + Send + Sync {
         ""
     }
 
-    /// SQL expressions that select or weight samples, each with the column that it makes; without a column it selects
-    /// rows. Results over such samples may disclose a single sample. Default: none.
+    /// SQL expressions that select or weight samples, each with the column that it makes. An expression without a
+    /// column selects rows. Results over selected samples may disclose a single sample. Default: none.
     fn expressions(&self) -> Vec<(Option<&str>, &str)> {
         vec![]
     }
@@ -155,8 +155,8 @@ pub trait SurveyStage: Stage {
     /// The gathering of lines.
     type Gather: SurveyAggregator;
 
-    /// Solves together the points of a sweep that use the same lines. A fault in the models or maps of one point is
-    /// reported for its table in [`SurveyAggregator::finish`] and does not affect the others.
+    /// Gathers the points of a sweep that use the same lines, to solve them together. A fault in the models or maps of
+    /// one point is reported for its table in [`SurveyAggregator::finish`] and does not affect the others.
     fn gather(points: Vec<SurveyPoint<Self>>) -> Self::Gather
     where
         Self: Sized;
@@ -166,8 +166,8 @@ pub trait SurveyStage: Stage {
 pub struct SurveyPoint<'a, S: SurveyStage> {
     /// The stage with the parameters of the point.
     pub stage: &'a S,
-    /// Its inputs: models, maps and records whole; tables of lines are empty batches, since [`SurveyAggregator::map`]
-    /// sees them.
+    /// Its inputs: whole models, maps and records. Tables of lines are empty batches, because [`SurveyAggregator::map`]
+    /// reads them.
     pub inputs: &'a [RecordBatch],
 }
 

@@ -27,8 +27,7 @@ use PhysicalDimension as D;
 /// The US survey foot, m. [NIST Special Publication 811, appendix B.6]
 const US_FOOT: f64 = 1200.0 / 3937.0;
 
-/// Every unit: its spellings with blanks for `_` and `-`, the usual one first, its dimension, and its size in base
-/// units.
+/// All units: spellings (the usual one first, with blanks instead of `_` and `-`), dimension, and size in base units.
 const UNITS: &[(&[&str], PhysicalDimension, f64)] = &[
     (&["nT", "gamma", "gammas", "nanotesla"], D::Field, 1.0),
     (&["pT", "picotesla"], D::Field, 1e-3),

@@ -18,12 +18,12 @@ stage! {
     /// sample and s `bt_scale_nt`. The terms are: permanent B_i/Bt, induced B_i B_j/(Bt s), eddy B_i dB_j/(Bt s),
     /// derivative dB_i, bias 1.
     ///
-    /// The field's metadata `terms` lists the terms, and `per_sample` lists those that are differences. `rate_hz` holds
-    /// the sample rate where a `resample` set it. `fit` writes this rate to its table, and stages that apply a model
+    /// The column's metadata list the terms (`terms`) and those terms that are differences (`per_sample`). `rate_hz`
+    /// holds the sample rate if `resample` set it. `fit` writes this rate to its table, and stages that apply a model
     /// convert its coefficients to the rate of their input.
     ///
     /// Differences are one-sided at the ends of a line and at gaps. They never cross a gap. A sample without a vector
-    /// gives a row of NaN. Terms that are differences require evenly spaced samples; otherwise the line is an error.
+    /// gives a row of NaN. Terms that are differences require evenly spaced samples; other lines are rejected.
     ///
     /// Source: W. E. Tolles and J. D. Lawson 1950; Gnadt 2022, (3.13) to (3.20) with the scale of its Tables 3.1 and
     /// 3.2.
@@ -202,7 +202,7 @@ mod tests {
         let at = |row: usize, name: &str| values[row * names.len() + names.iter().position(|n| n == name).unwrap()];
         // One-sided, central over two samples, one-sided.
         assert_eq!([0, 1, 2].map(|row| at(row, "x_dot")), [400.0, 350.0, 300.0]);
-        // 350 nT divided by 50,000 nT is 0.007.
+        // 350 nT divided by 50,000 nT: 0.007.
         for (name, expected) in [("xx_dot", 0.014 / 3.0), ("yx_dot", -0.007 / 3.0), ("zx_dot", 0.014 / 3.0)] {
             assert!(near(at(1, name), expected), "{name}: {}", at(1, name));
         }

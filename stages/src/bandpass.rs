@@ -18,7 +18,7 @@ stage! {
     ///
     /// A missing value (NaN) or a gap in time ends a run, and the filter restarts after it. Gaps stay NaN and do not
     /// spread. A run shorter than the filter's padding becomes NaN. The padding is 6 samples for each second-order
-    /// section, 25 samples for the default. A line whose runs are all too short is an error. Samples must be evenly
+    /// section, 25 samples for the default. A line is rejected if all its runs are too short. Samples must be evenly
     /// spaced.
     ///
     /// Source: F. Gustafsson, Determining the initial states in forward-backward filtering, 1996. The defaults are
@@ -135,7 +135,7 @@ mod tests {
             let x = samples(ROWS, |t| 50_000.0 + sine(t));
             let y = run(&bandpass(&["x"]), samples(ROWS, |t| t), x).unwrap();
             assert_eq!(y.len(), ROWS as usize);
-            // At 80 s from the ends, transients have decayed: the slowest pole falls by a factor of e in 5 s.
+            // At 80 s from the ends, transients have decayed: the slowest pole decays by a factor of e in 5 s.
             let middle = 800..1200;
             let worst = middle.map(|k| (y[k] - gain * sine(k as f64 / RATE_HZ)).abs()).fold(0.0, f64::max);
             assert!(worst < 1e-3, "{hz} Hz: {worst} nT");
@@ -150,7 +150,7 @@ mod tests {
         for (low_hz, high_hz, left) in [(0.1, 0.9, 0.0), (0.5, 0.0, 0.0), (0.0, 0.9, 52_345.6)] {
             let y = run(&Bandpass { low_hz, high_hz, ..bandpass(&["x"]) }, tt.clone(), x.clone()).unwrap();
             assert!(y[300].is_nan());
-            // Rounding of 50,000 nT (7e-12), amplified some hundred times by a low corner.
+            // Rounding error of 50,000 nT (7e-12), amplified some hundred times by a low corner frequency.
             let rest = y.iter().enumerate().filter(|(k, _)| *k != 300);
             assert!(rest.map(|(_, y)| (y - left).abs()).fold(0.0, f64::max) < 1e-6, "{low_hz} to {high_hz} Hz");
         }

@@ -89,8 +89,8 @@ pub fn rate_factor(sampling: &RateDependence, entry: &str, to_hz: Option<f64>) -
     };
     law.factor(from_hz, to_hz).ok_or_else(|| {
         let what = format!(
-            "`{entry}` is the value of an earlier sample, but the line has {from_hz} Hz and the model was fitted at \
-             {to_hz} Hz"
+            "`{entry}` is the value of an earlier sample, but the line is sampled at {from_hz} Hz and the model was \
+             fitted at {to_hz} Hz"
         );
         Fault::data(what).help(format!("`resample` to {to_hz} Hz before `features`"))
     })
@@ -183,7 +183,7 @@ pub fn is_angle(batch: &RecordBatch, name: &str) -> bool {
     schema.field_with_name(name).is_ok_and(|field| schemas::describe_field(field).unit == "deg")
 }
 
-/// Rejects a pass band that no filter at this rate can have. `rate_hz` may be unknown.
+/// Rejects a pass band that is impossible at this sample rate. `rate_hz` may be unknown.
 pub fn band(low_hz: f64, high_hz: f64, rate_hz: Option<f64>) -> Vec<Fault> {
     let mut faults = vec![];
     if high_hz > 0.0 && low_hz >= high_hz {

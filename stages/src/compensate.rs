@@ -30,21 +30,22 @@ stage! {
     /// Subtracts the aircraft field that a fitted model predicts from a scalar magnetometer.
     ///
     /// Appends the compensated field `mag_c` and the predicted aircraft field `mag_aircraft`. Their sum is the reading
-    /// of the magnetometer. Both are NaN for a sample that lacks a term of the model.
+    /// of the magnetometer. Both are NaN if the sample lacks a term of the model.
     ///
     /// Terms that are differences per sample are converted to the rate of the fit, so a line may have another rate. A
     /// central difference underestimates the rate of change at frequency f by the fraction (2 pi f / rate)^2 / 6. At f
     /// = 0.2 Hz this is 0.3 % at 10 Hz and 1 % at 5 Hz. If the rates may differ, a model without a stored rate or with
     /// a lagged feature is rejected.
     ///
-    /// The metadata of `mag_c` list the corrections that `mag` has had, such as the removal of the diurnal variation.
+    /// The metadata of `mag_c` list the corrections already applied to `mag`, such as the removal of the diurnal
+    /// variation.
     ///
     /// A model fitted to band-passed data does not determine the constant part of the aircraft field. `detrend` leaves
     /// the mean of the prediction over the line in the signal, as MagNav.jl's examples do.
     ///
     /// `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau` are the noise of `mag_c`, estimated from the residual of the
-    /// model on its calibration lines. They are the same for all samples. `navigate` uses them where its own noise
-    /// parameters are `"auto"`.
+    /// model on its calibration lines. They are equal for all samples. `navigate` uses them for noise parameters that
+    /// are `"auto"`.
     ///
     /// `mag_aircraft_sigma` is the standard deviation of the prediction, from the spread of an ensemble. It is null if
     /// the model does not provide one. A nonlinear model predicts the constant part if its target includes it.
@@ -112,7 +113,7 @@ impl Stage for Compensate {
         let rate = shape.get(RATE).map(|_| RATE);
         let of_model: Vec<&str> = ["term", "value"].into_iter().chain(rate).collect();
         let made = |name, doc| Column::float(name, "nT", doc).from(0, &reads).from(1, &of_model);
-        // The prediction of a model of the anomaly or of the total field includes all corrections.
+        // The prediction of a model of the anomaly or the total field includes all corrections.
         let removed =
             if self.predicts == PredictedQuantity::Aircraft { had(lines, &self.mag) } else { CorrectionSet::new() };
         let mut columns = vec![
@@ -124,7 +125,7 @@ impl Stage for Compensate {
             "mag_aircraft_sigma",
             "standard deviation of the prediction; null if the model does not provide one",
         ));
-        // A model of a window of samples needs the order of the samples.
+        // A model of a window of samples depends on the order of the samples.
         reads.push("tt".to_owned());
         let mut yields = StageSchema::append(columns, &reads);
         yields.reads.push(of_model.into_iter().chain(RESIDUAL).map(str::to_owned).collect());
@@ -177,7 +178,7 @@ const EARTH: [&str; 2] = ["igrf", "diurnal"];
 /// Columns that hold the noise of a compensated signal, with their units.
 pub(crate) const NOISE: [(&str, &str); 3] = [("mag_sigma", "nT"), ("mag_fogm_sigma", "nT"), ("mag_fogm_tau", "s")];
 
-/// Columns of [`NOISE`], computed from these columns of the model.
+/// Columns of the model from which the columns of [`NOISE`] are computed.
 pub(crate) fn noise_columns(model: &[&str]) -> Vec<Column> {
     let docs = [
         "standard deviation of the white noise of one sample",

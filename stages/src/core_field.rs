@@ -22,7 +22,7 @@ stage! {
     /// right wing, down). `column` changes these names. An existing column of the same name is replaced.
     ///
     /// The date of each sample is given by `year`, `doy` and `tt` of the flight, or by `decimal_year` for all samples.
-    /// Heights are above the WGS-84 ellipsoid. A sample without a position gets NaN, and so does a body component that
+    /// Heights are above the WGS-84 ellipsoid. A sample without a position is NaN. A body component is NaN if it
     /// depends on a missing angle.
     ///
     /// A flight without a date is rejected unless `decimal_year` is set. A date outside the model's range is rejected.
@@ -253,7 +253,7 @@ mod tests {
         for (made, expected) in [(&spec, pacific), (&flight, date_line)] {
             assert_eq!(made.len(), 4, "without an attitude there is no body frame");
             for (made, expected) in made.iter().zip(expected) {
-                // The reference is printed to 0.001 nT; its conversion from geodetic differs by 0.002.
+                // The reference is printed to 0.001 nT. Its conversion from geodetic coordinates differs by 0.002 nT.
                 assert!((made[0] - expected).abs() < 0.003, "{} {expected}", made[0]);
             }
             assert!((made[0][0] - made[1][0].hypot(made[2][0]).hypot(made[3][0])).abs() < 1e-9);
@@ -277,7 +277,7 @@ mod tests {
         let (n, e, d) = (made[1][0], made[2][0], made[3][0]);
         for (row, expected) in [[e, -n, d], [n, d, -e], [-d, e, n]].iter().enumerate() {
             for (axis, expected) in made[4..].iter().zip(expected) {
-                // The cosine of 90 degrees is 6e-17.
+                // The computed cosine of 90 degrees is 6e-17.
                 assert!((axis[row] - expected).abs() < 1e-9, "{row}: {} {expected}", axis[row]);
             }
         }

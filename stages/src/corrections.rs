@@ -1,21 +1,21 @@
-//! Corrections of magnetic readings: the record of those already made, and the check that none is made twice.
+//! Corrections of magnetic readings: record of the applied corrections, and check that none is applied twice.
 
 use expressions::Expression;
 use schemas::{Column, CorrectionSet, Fault, MagneticCorrection, TableShape, flight};
 
-/// Corrections that the reading `name` has had. Empty if the column is missing.
+/// Corrections applied to the reading `name`. Empty if the column is missing.
 pub fn had(shape: &TableShape, name: &str) -> CorrectionSet {
     shape.get(name).map(|column| column.removed.clone()).unwrap_or_default()
 }
 
-/// Whether all readings have had a correction. `None` if only some of them have.
+/// Whether a correction has been applied to all readings. `None` if it has been applied to only some.
 fn all_had(shape: &TableShape, readings: &[String], correction: MagneticCorrection) -> Option<bool> {
     let mut each = readings.iter().map(|name| had(shape, name).contains(&correction));
     let first = each.next().unwrap_or(false);
     each.all(|other| other == first).then_some(first)
 }
 
-/// Whether a stage makes a correction of its readings: `given`, otherwise `default` unless they have had it.
+/// Whether a stage corrects its readings: `given`; if unset, `default`, unless the correction has already been applied.
 pub fn corrects(
     shape: &TableShape,
     readings: &[String],
@@ -36,7 +36,7 @@ pub const REMOVE_DIURNAL: CorrectionKey = ("remove_diurnal", "set `remove_diurna
 /// Key `core_field` of stages that predict or remove the core field.
 pub const CORE_FIELD: CorrectionKey = ("core_field", "set `core_field = false`");
 
-/// Fault of a correction that its key requests although the readings have already had it.
+/// Fault of a correction that is requested by its key but has already been applied to the readings.
 pub fn twice(
     shape: &TableShape,
     readings: &[String],
@@ -56,7 +56,7 @@ pub fn twice(
     Some(Fault::new(what).help(help).of_param(param))
 }
 
-/// Note that a default correction is skipped because the readings have already had it.
+/// Note that a default correction is skipped because it has already been applied to the readings.
 pub fn note(
     shape: &TableShape,
     readings: &[String],
@@ -68,9 +68,9 @@ pub fn note(
     skipped.then(|| format!("{correction} has already been removed from {} and is not removed again", names()))
 }
 
-/// Corrections of the value of an expression: those of its terms, and those that it makes by subtraction.
+/// Corrections of the value of an expression: those of its terms, and those applied by subtraction in it.
 ///
-/// The difference of two readings at the same time holds neither core field nor diurnal variation.
+/// The difference of two readings at the same time contains neither core field nor diurnal variation.
 pub fn of_expression(expression: &Expression, shape: &TableShape) -> CorrectionSet {
     let mut removed = CorrectionSet::new();
     let reading = |name: &str| {

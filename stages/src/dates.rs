@@ -64,11 +64,11 @@ pub fn first_midnight(batch: &RecordBatch) -> Result<Option<i64>, Fault> {
     let Some(row) = row else { return Ok(None) };
     let day = day_number(year[row] as i32, if doy[row] >= 1.0 { doy[row] as u32 } else { 0 });
     let day = day.map_err(|e| data(e).in_column("doy").in_row(row as u64))?;
-    // After midnight the date advances but `tt` keeps counting.
+    // After midnight the date advances and `tt` continues to increase.
     Ok(Some(day - (tt[row] / DAY_S).floor() as i64))
 }
 
-/// Offset of the times of `other` to the midnight of `first`, s. 0 if one of them has no date.
+/// Offset of the times of `other` to the midnight of `first`, s. 0 if one table has no date.
 ///
 /// # Errors
 /// The same as [`first_midnight`].
@@ -93,9 +93,9 @@ pub const WAYS_OUT: &str = "set `decimal_year`, such as 2020.5; or add the colum
                             `core_field = false` if the measurement is an anomaly";
 
 fn one(year: f64, day: f64, tt: f64) -> Result<f64, Fault> {
-    // A missing number becomes day 0, which no year has.
+    // A missing number becomes day 0, which is invalid.
     let (year, day) = (year as i32, if day >= 1.0 { day as u32 } else { 0 });
-    // After midnight `tt` keeps counting and the date advances, so only the time of day is added.
+    // After midnight the date advances and `tt` continues to increase, so only the time of day is added.
     decimal_year(year, day, tt.rem_euclid(86_400.0)).map_err(|e| data(e).in_column("doy"))
 }
 

@@ -17,11 +17,12 @@ stage! {
     /// Appends the rate of change of columns per second, `<column>_dot`.
     ///
     /// `central` is the central difference divided by the time between samples, one-sided at the ends of a run.
-    /// `savitzky_golay` is the slope of the least-squares polynomial over a window. It amplifies noise less: with the
-    /// default window and degree by 0.32 per step, `central` by 0.71.
+    /// `savitzky_golay` is the slope of the least-squares polynomial over a window. It amplifies noise less than
+    /// `central`: by 0.32 per step with the default window and degree, compared with 0.71.
     ///
-    /// Angles (unit deg) change along the shorter arc. A missing value or a gap in time ends a run. A run shorter than
-    /// the method requires is NaN. Samples must be evenly spaced. The unit is the column's unit per second.
+    /// Changes of angles (unit deg) are taken along the shorter arc. A missing value or a gap in time ends a run. A run
+    /// that is too short for the method is NaN. Samples must be evenly spaced. The unit is the column's unit per
+    /// second.
     ///
     /// Source: Savitzky & Golay 1964, Analytical Chemistry 36(8).
     Derivative = "derivative", version 2, grain Line, inputs [input: Lines],
@@ -37,7 +38,7 @@ method  = "savitzky_golay"
     columns: Vec<String>, unit "";
     /// Method of differentiation.
     method: DerivativeMethod, unit "", default DerivativeMethod::Central;
-    /// For `savitzky_golay`: number of samples of a window, odd.
+    /// For `savitzky_golay`: odd number of samples in a window.
     window: Option<usize>, unit "", absent "5", rule Rule::Between(3.0, 10001.0);
     /// For `savitzky_golay`: degree of the polynomial.
     degree: Option<usize>, unit "", absent "2", rule Rule::Between(1.0, 8.0);
@@ -91,7 +92,7 @@ impl Derivative {
 fn per_second(unit: &str) -> String {
     match unit {
         "" => "1/s".to_owned(),
-        // The usual spelling, if there is one.
+        // The usual spelling, if it exists.
         "m/s" => "m/s2".to_owned(),
         other => format!("{other}/s"),
     }

@@ -19,19 +19,19 @@ stage! {
     /// Appends columns defined by SQL expressions over the columns of the same row: differences, ratios, clips
     /// (`greatest(-5, least(5, x))`), choices (`case when radar < 50 then NULL else mag_4_uc end`).
     ///
-    /// Expressions may use those functions of DataFusion that depend on the row alone. Clocks, random numbers and other
-    /// rows are not available. A missing value (NaN) is NULL in an expression: arithmetic with it is missing, a
+    /// Expressions may use the DataFusion functions that depend only on the row. Clocks, random numbers and other rows
+    /// are not available. A missing value (NaN) is NULL in an expression: arithmetic with it gives a missing value, a
     /// comparison with it is unknown, and `coalesce` and `is null` detect it. An infinite result, such as 1/0, is
-    /// missing. A value that SQL rejects, such as the square root of a negative number, is an error of the line.
-    /// Division is real, also between integers. `greatest` and `least` with a missing argument are missing.
+    /// missing. A line fails if SQL rejects a value, such as the square root of a negative number. Division is real,
+    /// also between integers. `greatest` and `least` with a missing argument are missing.
     ///
     /// The unit is inferred for sums, differences, clips, choices and multiples of columns of one unit, and for ratios
-    /// of equal units. Otherwise set it in `units`. Adding or comparing columns of different units is an error. An
-    /// expression can use the columns of `input` but not the other new columns. An existing column of the same name is
-    /// replaced. A column computed from a truth column is truth.
+    /// of equal units. Otherwise set it in `units`. Sums and comparisons of columns with different units are rejected.
+    /// An expression can use the columns of `input` but not the other new columns. An existing column of the same name
+    /// is replaced. A column computed from a truth column has the role truth.
     ///
-    /// The metadata `removed` of a column in nT list the corrections of its terms, and those that the expression makes
-    /// by subtracting `igrf` or `diurnal`. Later stages do not repeat them.
+    /// For a column in nT, the metadata `removed` list the corrections already applied to its terms, and `igrf` or
+    /// `diurnal` if the expression subtracts it. Later stages do not repeat these corrections.
     Derive = "derive", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
@@ -211,7 +211,7 @@ mod tests {
         let same = |found: &[f64], expected: [f64; 3]| {
             assert!(found.iter().zip(expected).all(|(x, y)| *x == y || x.is_nan() && y.is_nan()), "{found:?}");
         };
-        // In the order of their names. For an unknown height the last alternative applies; x/0 is missing.
+        // In alphabetical order. For an unknown height the last alternative applies; x/0 is missing.
         same(&made[0], [50_000.0, 1.0, 0.0]);
         same(&made[1], [0.5, nan, 1.0]);
         same(&made[2], [0.5, nan, 50_004.0]);

@@ -12,8 +12,8 @@ use schemas::{Column, Fault, LineInput, LineOutput, LineStage, Rule, Stage, Stag
 use crate::columns::{array, data, floats, made_of_each, not_numbers_among, role_of, shape};
 
 stage! {
-    /// Detects spikes and appends two columns for each: `<column>_ds` without the spikes, and `<column>_spike`, 1 for a
-    /// removed sample and 0 elsewhere.
+    /// Detects spikes in `columns` and appends two columns for each: `<column>_ds` without the spikes, and
+    /// `<column>_spike`, which is 1 for a removed sample and 0 elsewhere.
     ///
     /// `hampel` removes a sample that differs from the median of `window` samples by more than `threshold` standard
     /// deviations of the noise. It detects several adjacent spikes, up to half of the window. It does not require
@@ -24,12 +24,12 @@ stage! {
     /// requires evenly spaced samples.
     ///
     /// The noise is 1.4826 times the median absolute deviation, and at least one quantisation step. If more than half
-    /// of a run is held or interpolated, the noise is that of the other samples, so that steps and corners are not
-    /// spikes. A run that is constant except for spikes keeps them.
+    /// of the samples in a run are held or interpolated, the noise is estimated from the remaining samples, so that
+    /// steps and corners are not flagged as spikes. Spikes in an otherwise constant run are kept.
     ///
     /// A spike becomes NaN, or is interpolated linearly in time between its neighbours. At the end of a run it always
-    /// becomes NaN. A missing value or a gap in time ends a run. A column with more than a tenth spikes is an error:
-    /// the threshold is too low, or the signal is not smooth. Angles are not unwrapped.
+    /// becomes NaN. A missing value or a gap in time ends a run. A column in which more than a tenth of the samples are
+    /// spikes is rejected: the threshold is too low, or the signal is not smooth. Angles are not unwrapped.
     ///
     /// Source: Hampel 1974, J. Am. Stat. Assoc. 69; Pearson 2002, IEEE Trans. Control Systems Technology 10(1).
     Despike = "despike", version 3, grain Line, inputs [input: Lines],
@@ -46,7 +46,7 @@ columns = ["mag_4_uc"]
     method: SpikeDetection, unit "", default SpikeDetection::Hampel;
     /// Threshold, in standard deviations of the noise.
     threshold: f64, unit "1", default 6.0, rule Rule::Positive;
-    /// For `hampel`: number of samples of a window, odd.
+    /// For `hampel`: odd number of samples in a window.
     window: Option<usize>, unit "", absent "11", rule Rule::Between(3.0, 10001.0);
     /// Replacement of a spike.
     replace: SpikeReplacement, unit "", default SpikeReplacement::Nan;

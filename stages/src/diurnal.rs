@@ -1,4 +1,4 @@
-//! Diurnal variation from the records of observatories.
+//! Diurnal variation from observatory records.
 
 use std::collections::BTreeMap;
 
@@ -24,18 +24,18 @@ stage! {
     /// of each sample, minus the level of the record. An existing column of that name is replaced.
     ///
     /// A record is a table of flight lines. Its flight is the station and its lines are days. It has `year`, `doy`,
-    /// `tt` and the column `element`. IAGA-2002 and IMF files are read in this form; `field_f` is their total field. If
-    /// a record has no scalar magnetometer, compute the magnitude of `field_n`, `field_e` and `field_d` with `derive`.
-    /// All days of a record are available to every line, so a line may cross midnight.
+    /// `tt` and the column `element`. IAGA-2002 and IMF files have this form after reading; their total field is
+    /// `field_f`. If a record has no scalar magnetometer, compute the magnitude of `field_n`, `field_e` and `field_d`
+    /// with `derive`. Every line can use all days of a record, so a line may cross midnight.
     ///
     /// Values are interpolated between samples of the record. They are NaN outside the record and in gaps longer than
-    /// `max_gap_s`. A line without any value is an error, and so is a line without a date. Several stations, in one or
+    /// `max_gap_s`. A line without any value is rejected, and so is a line without a date. Several stations, in one or
     /// more tables, are averaged at each sample with weights 1/distance^`power`. A sample is NaN if one station has no
     /// value for it.
     ///
-    /// A station contributes its variation only. Its level is set by `level`: the mean of the whole record, or its mean
-    /// over the time of the line. `level_nt` gives it explicitly, for example the level of a quiet night. A variation
-    /// record (IAGA `Data Type variation`) has no absolute level.
+    /// The level of each record is subtracted, so that a station contributes only its variation. `level` selects the
+    /// mean of the whole record, or its mean over the time of the line. `level_nt` sets the level explicitly, for
+    /// example that of a quiet night. A variation record (IAGA `Data Type variation`) has no absolute level.
     Diurnal = "diurnal", version 2, grain Line, inputs [input: Lines, record: ManyRecords],
     example r#"
 [[stages]]
@@ -164,7 +164,7 @@ impl Station {
         let second = |(day, tt, _): &(i64, f64, f64)| DAY_S * (day - first_day) as f64 + tt;
         let mut rows: Vec<(f64, f64)> = samples.rows.iter().map(|row| (second(row), row.2)).collect();
         rows.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // A value that two overlapping files contain counts once.
+        // A value that is in two overlapping files counts once.
         rows.dedup_by(|b, a| a == b);
         if let Some(pair) = rows.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             let time_s = pair[0].0.rem_euclid(DAY_S);
@@ -442,10 +442,11 @@ mod tests {
         let zeroed = || Some([("NEAR".to_owned(), 0.0), ("FAR".to_owned(), 0.0)].into());
         for (power, weight) in [(0.0, 0.5), (1.0, 0.75), (2.0, 0.9)] {
             let made = run(&Diurnal { power, level_nt: zeroed(), ..diurnal() }, flown(600.0, 600), records()).unwrap();
-            // A degree is 0.1 % longer at 47 than at 44 degrees of latitude; straight lines of a minute.
+            // A degree is 0.1 % longer at latitude 47 than at latitude 44. The records are straight lines between
+            // minutes.
             assert!((made[300] / 0.9_f64.sin() - weight).abs() < 2e-3, "{power}: {}", made[300] / 0.9_f64.sin());
         }
-        // One table may hold both.
+        // One table may hold both stations.
         let stage = Diurnal { level_nt: zeroed(), ..diurnal() };
         let both = arrow_select::concat::concat_batches(&records()[0].schema(), &records()).unwrap();
         let apart = run(&stage, flown(600.0, 60), records()).unwrap();

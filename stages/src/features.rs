@@ -46,8 +46,8 @@ stage! {
     /// Three names denote sets: `down_selected` (Gnadt 2022, Table C.1), `small_1` and `small_2` (Gnadt 2022, section
     /// 4.9). The small sets use the magnetometer `mag` and the vector magnetometer `vector`.
     ///
-    /// Differences and lags are per sample. The field's metadata `per_sample` lists them, and `rate_hz` holds the
-    /// sample rate where a `resample` set it. A stage that applies a model at another rate converts the differences and
+    /// Differences and lags are per sample. The column's metadata `per_sample` list them, and `rate_hz` holds the
+    /// sample rate if `resample` set it. A stage that applies a model at another rate converts the differences and
     /// rejects the lags. A column of the table, such as one of `derivative`, is used unchanged at any rate.
     ///
     /// Differences, lags and filters stay within a run of samples without gaps. A feature is NaN where it cannot be
@@ -69,7 +69,7 @@ features = ["mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"]
     terms: Option<Vec<String>>, unit "", absent "permanent, induced and eddy; for a set of Gnadt 2022: permanent, induced and derivative";
     /// Scale of the induced, eddy and core-field terms.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
-    /// Vector magnetometer of the small sets. Its direction also projects the inputs of `ETL_...`.
+    /// Vector magnetometer of the small sets. The inputs of `ETL_...` are projected on its direction.
     vector: Option<String>, unit "", absent "`ETL_...` and the small sets are rejected";
     /// Scalar magnetometer of the small sets.
     mag: Option<String>, unit "nT", absent "the small sets are rejected";
@@ -148,7 +148,7 @@ impl FeatureDefinition {
             FeatureDefinition::TollesLawson(_) | FeatureDefinition::Core(_) => {
                 name.ends_with("_dot").then_some(RateLaw::Difference(1))
             }
-            // A recorded column has the same meaning at any rate, even if its name ends in a derivative.
+            // A recorded column has the same meaning at any rate, even if its name ends like that of a derivative.
             FeatureDefinition::Plain(_)
             | FeatureDefinition::Between(..)
             | FeatureDefinition::LowPass(_)
@@ -228,7 +228,7 @@ impl Features {
 
     fn recipe(&self, name: &str, has: &dyn Fn(&str) -> bool) -> Vec<FeatureDefinition> {
         let plain = || vec![FeatureDefinition::Plain(name.to_owned())];
-        // A column of that name takes precedence; a recorded value is not computed again.
+        // A column of that name takes precedence, because a recorded value is not computed again.
         if has(name) {
             return plain();
         }
@@ -413,7 +413,7 @@ impl FeatureSamples<'_> {
         even_rate_hz(self.tt)
     }
 
-    /// Applies `of` to each run without gaps. NaN elsewhere, and where `of` returns nothing.
+    /// Applies `of` to each run without gaps. The result is NaN outside the runs, and where `of` returns `None`.
     fn in_runs(&self, x: &[f64], of: impl Fn(&[f64]) -> Option<Vec<f64>>) -> Result<Vec<f64>, Fault> {
         let mut out = vec![f64::NAN; x.len()];
         for run in RowMask::all(x.len()).and_finite(x).runs_in_time(self.tt, self.rate_hz()?) {
@@ -502,7 +502,7 @@ fn transposed(rows: &[f64], width: usize) -> Vec<Vec<f64>> {
     (0..width).map(|k| rows.iter().skip(k).step_by(width).copied().collect()).collect()
 }
 
-/// The value `n` samples before; NaN if there is none.
+/// The value `n` samples earlier; NaN if there is none.
 fn lagged(x: &[f64], n: usize) -> Vec<f64> {
     (0..x.len()).map(|i| i.checked_sub(n).and_then(|k| x.get(k)).copied().unwrap_or(f64::NAN)).collect()
 }

@@ -75,28 +75,31 @@ stage! {
     /// samples are removed at each end of every run. The model is fitted to the remaining samples. Each model below has
     /// its own keys; a key of another model is rejected.
     ///
-    /// `tolles_lawson` has the feature `tl`, of `a_matrix`. `features` computes the features of all other names. The
-    /// two-step model of van der Meer 2025 is two fits with a `compensate` between them; the second has target `mag_c`.
+    /// `tolles_lawson` uses the feature `tl`, which `a_matrix` computes. The stage `features` computes all other
+    /// features. The two-step model of van der Meer 2025 consists of two fits with a `compensate` between them. The
+    /// target of the second fit is `mag_c`.
     ///
     /// `choose` selects `lambda` or the number of components. It uses generalised cross-validation, the corner of the
-    /// L-curve, or cross-validation that omits each line, or each flight with all its lines, in turn. Omitting whole
-    /// lines prevents a sample from helping to predict its neighbours. Omitting whole flights does the same for effects
-    /// that last a flight, such as a magnetisation or a temperature. The score of an omitted line is the variance (over
-    /// n) of the prediction error. Its mean does not count, because a filter removes constants and compensation leaves
-    /// them undetermined. All lines have equal weight. The selected value is in the column `chosen`.
+    /// L-curve, or cross-validation that omits one line or one flight at a time. If a whole line is omitted, its
+    /// samples are not predicted from their neighbours. If a whole flight is omitted, they are not predicted from
+    /// effects that last a flight, such as a magnetisation or a temperature. The score of an omitted line is the
+    /// variance (divisor n) of the prediction error. Its mean is ignored, because a filter removes constants and
+    /// compensation does not determine them. All lines have equal weight. The selected value is in the column `chosen`.
     ///
-    /// A sweep is solved together. Each line is reduced to one triangular factor, from which all lambdas, numbers of
-    /// components and omitted lines are solved. Normal equations are not used, because they square the condition
-    /// number. Coefficients are in the units of the columns for any scaling. The intercept is the term `intercept`.
+    /// All points of a sweep are solved together. Each line is reduced once to a triangular factor, which serves all
+    /// lambdas, numbers of components and omitted lines. Normal equations are not used, because they square the
+    /// condition number. Coefficients are in the units of the columns, independent of the scaling. The intercept is the
+    /// term `intercept`.
     ///
     /// `std` is the standard deviation of a coefficient. It is computed from the spectra of the residual and of the
-    /// terms in bands, because the filter and coloured noise correlate the samples. The ramp of a drifting residual
-    /// from its first to its last sample is included. The intercept's `std` excludes the effect of a random walk on the
-    /// mean. `std` is null for 96 or more terms, which is noted, and for models other than ridges.
+    /// terms in bands, because the filter and coloured noise correlate the samples. It includes the ramp of a drifting
+    /// residual from the first to the last sample. The intercept's `std` excludes the effect of a random walk on the
+    /// mean. `std` is null for models other than ridges, and, with a note, for 96 or more terms.
     ///
     /// `rate_hz` is the rate of the first line. Terms that are differences per sample, such as `xx_dot`, are converted
-    /// to it on lines of other rates, so all coefficients hold at this rate. Lagged values cannot be converted and are
-    /// rejected on lines of another rate. Training that starts from `warm_start` keeps the rate of that table.
+    /// to it on lines with other rates, so all coefficients are valid at this rate. Lagged values cannot be converted
+    /// and are rejected on lines with another rate. Training that starts from `warm_start` keeps the rate of that
+    /// table.
     ///
     /// A filter removes the mean of the target, so the constant part of the aircraft field is not determined.
     ///
@@ -104,30 +107,31 @@ stage! {
     /// separately. A run that is too short for filter and trim is omitted. `left_out` counts the omitted rows, `n` the
     /// used rows, and `lines` lists the lines of the used rows.
     ///
-    /// `condition` is the condition number of the filtered matrix; if it is large, single coefficients are poorly
-    /// determined. With `lambda = 0`, terms that the flight does not excite are an error that names them.
-    /// `trivial_share` is the fraction of the total field that the fit attributes to the aircraft. It is 1 for the
-    /// trivial solution of band-passed fits. `warning` describes problems of the fit and is otherwise empty. A line
-    /// that failed before, or that lacks a column, is omitted. So is a line that is not evenly sampled, or whose rate
-    /// does not suit the filter; the table `failures` lists these.
+    /// `condition` is the condition number of the filtered matrix; if it is large, individual coefficients are poorly
+    /// determined. With `lambda = 0`, terms that the flight does not excite are rejected by name. `trivial_share` is
+    /// the fraction of the total field that the fit attributes to the aircraft. It is 1 for the trivial solution of
+    /// band-passed fits. `warning` describes problems of the fit and is otherwise empty. Lines that failed in an
+    /// earlier stage, or that lack a column, are omitted. Lines that are not evenly sampled, or whose rate is
+    /// unsuitable for the filter, are omitted and listed in the table `failures`.
     ///
-    /// `approximation_bound` bounds the error of the model's linear form. That form projects the aircraft field on the
-    /// earth's field to get the change of the magnitude. This omits up to b^2/2 of the total field, where b is the
-    /// ratio of the two fields. The bound is computed from the permanent and induced coefficients for the worst
-    /// attitude. It is null if the terms do not determine it or the target is not a total field.
+    /// `approximation_bound` bounds the error of the model's linear form. This form approximates the change of the
+    /// magnitude by the projection of the aircraft field on the earth's field. It neglects up to b^2/2 of the total
+    /// field, where b is the ratio of the two fields. The bound is computed from the permanent and induced coefficients
+    /// for the worst attitude. It is null if the terms do not determine it, or if the target is not a total field.
     ///
     /// `residual_sigma`, `residual_fogm_sigma` and `residual_fogm_tau` are the residual noise of the model over all
     /// frequencies. They are the smallest white and first-order Gauss-Markov noise that bound the Allan variance of the
-    /// unfiltered target minus the model on the lines of the fit. `igrf` and `diurnal` are subtracted from a total
-    /// field if present. Without `igrf` the core field is computed at the INS positions and the line's date. The
-    /// crustal anomaly is unknown here and counts as noise, so a calibration at low height overestimates the noise. A
-    /// time constant longer than the lines cannot be resolved. The columns are null if the lines are shorter than 16 s.
+    /// unfiltered residual on the lines of the fit. `igrf` and `diurnal` are subtracted from a total field if present.
+    /// Without `igrf` the core field is computed at the INS positions and the line's date. The crustal anomaly is
+    /// unknown here and counts as noise. The noise of a calibration at low height is therefore overestimated. A time
+    /// constant longer than the lines cannot be resolved. The columns are null if the lines are shorter than 16 s.
     ///
-    /// `warm_start` names the table of another fit of the same kind of network, or a published one. Training starts
-    /// from its weights instead of random ones, for example from an aircraft with more flight data. Inputs, layers,
-    /// activation, linear terms and members must be the same. Inputs and target keep the scales of that network, which
-    /// its weights require. Its constant is replaced by that of the new lines. Trained coefficients (`m2c`) start from
-    /// its values. Coefficients that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines.
+    /// `warm_start` names the table of another fit of the same kind of network, in this pipeline or published. Training
+    /// starts from its weights instead of random weights, for example from those of an aircraft with more flight data.
+    /// Inputs, layers, activation, linear terms and members must be the same. Inputs and target are scaled as in that
+    /// network, because its weights depend on the scales. Its constant is replaced by the constant of the new lines.
+    /// Trained coefficients (`m2c`) start from those of that network. Coefficients that are not trained (`m2b`, `m2d`,
+    /// `tlnn`, `etlnn`) are fitted to the new lines.
     ///
     /// Source: Gnadt 2022, (3.19) to (3.43), Figure 5-6 of `warm_start`; van der Meer 2025, sections 2.2 to 2.4, 4.2.1
     /// and Figure 4.2.
@@ -148,23 +152,23 @@ lambda = 0.025
     target: String, unit "nT";
     /// Input columns of the model: lists such as `tl` and `features`, or single columns.
     features: Vec<String>, unit "", default ["tl"].map(String::from);
-    /// Entries of the lists in `features` to use, in this order. Each is a name, or a prefix of several names before a
-    /// `_`, such as `TL_A_flux_a`. A row must be finite in the whole lists. The lists are factored once for all such
-    /// choices, so a sweep over them is fast.
+    /// Entries of the lists in `features` to use, in this order. Each is a name, or a prefix that several names share
+    /// before a `_`, such as `TL_A_flux_a`. A row must be finite in all entries of the lists. The lists are factored
+    /// once for all choices of entries, so a sweep over `entries` is fast.
     entries: Option<Vec<String>>, unit "", absent "all entries";
     /// Method that selects `lambda` or `components`. The permitted values depend on the model.
     choose: ModelSelection, unit "", default ModelSelection::Given;
     /// With cross-validation: selects the simplest model whose error is within one standard error of the smallest.
     one_standard_error: bool, unit "", default false;
-    /// Divisor of the columns before the penalty is applied. `standardise` divides by the standard deviation over n -
-    /// 1, as MagNav.jl does, and scikit-learn in partial least squares and whitened components. `StandardScaler` of
-    /// scikit-learn divides by the standard deviation over n; the same ridge then requires `lambda` n / (n - 1).
+    /// Scaling of the columns before the penalty is applied. `standardise` divides by the standard deviation with
+    /// divisor n - 1, as in MagNav.jl. scikit-learn uses this divisor in partial least squares and whitened components.
+    /// Its `StandardScaler` uses the divisor n; the same ridge then requires `lambda` n / (n - 1).
     scaling: Option<Divisor>, unit "", absent "the default of the model";
     /// Fits to whitened principal components of the features instead of the features. A value of 1 or more is the
-    /// number of components, a value below 1 the fraction of the variance. Coefficients are still those of the
+    /// number of components, a value below 1 the fraction of the variance. The table still holds coefficients of the
     /// features.
     whiten: Option<f64>, unit "", absent "no whitening", rule Rule::Positive;
-    /// Fits a constant too, without a penalty.
+    /// Also fits a constant, without a penalty.
     intercept: Option<bool>, unit "", absent "the default of the model, and true with `whiten`";
     /// Lower corner frequency of the filter. 0 removes it.
     low_hz: f64, unit "Hz", default 0.1, rule Rule::NotNegative;
@@ -185,7 +189,7 @@ pub fn entry(models: Vec<&'static FitModelDecl>) -> StageEntry {
 }
 
 impl Fit {
-    /// Settings with the defaults of the model.
+    /// Settings, including the defaults of the model.
     fn settings(&self) -> FitSettings {
         let (model, whiten) = (self.model.kind, self.whiten.filter(|_| self.model.takes("whiten")));
         FitSettings {
@@ -198,7 +202,7 @@ impl Fit {
         }
     }
 
-    /// The fit with its words resolved.
+    /// The fit with its names resolved to declarations.
     fn point(&self) -> FitPoint {
         // A nonlinear model does not commute with a filter.
         let (filter, trim) = match self.model.kind.made_of {
@@ -293,7 +297,7 @@ impl Fit {
     }
 }
 
-/// Fault of the model that training starts from.
+/// Fault of the model of `warm_start`.
 fn warm_start_faults(model: &ChoiceSelection<FitModelDecl>, start: Option<&&Table>) -> Option<Fault> {
     let what = match start? {
         Table::Model { shape, .. } if shape.get("term").is_none() => "`warm_start` has no column `term`".to_owned(),
@@ -414,14 +418,14 @@ impl SurveyStage for Fit {
     }
 }
 
-/// Model that training starts from.
+/// Model of `warm_start`, from which training starts.
 struct TrainingStart {
     model: LearnedModel,
-    /// Rate at which its inputs are differences per sample, Hz. `None` if the table does not state it.
+    /// Rate at which its inputs are differences per sample, Hz. `None` if the table does not contain it.
     rate_hz: Option<f64>,
 }
 
-/// Reads the model that training starts from.
+/// Reads the model of `warm_start`.
 fn start(table: &RecordBatch) -> Result<TrainingStart, Fault> {
     let FittedModel { body, rate_hz } = FittedModel::read(table, &[]).map_err(|fault| fault.of_param("warm_start"))?;
     match body {
@@ -437,7 +441,7 @@ fn start(table: &RecordBatch) -> Result<TrainingStart, Fault> {
 pub struct FitAggregator {
     points: Vec<FitPoint>,
     questions: BTreeMap<DesignMatrixKey, FitRequest>,
-    /// Start of the training of each point, if given.
+    /// Model from which the training of each point starts, if given.
     starts: Vec<Result<Option<TrainingStart>, Fault>>,
 }
 
@@ -461,8 +465,7 @@ fn questions(points: &[FitPoint]) -> BTreeMap<DesignMatrixKey, FitRequest> {
 }
 
 impl FitAggregator {
-    /// Models of the points at `places`, which have one matrix, one target, the same entries and one kind of
-    /// components.
+    /// Models of the points at `places`. These points have the same matrix, target, entries and components.
     fn solved(
         &self,
         whole: &Result<FitProblem, Fault>,

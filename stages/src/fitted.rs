@@ -12,7 +12,7 @@ use crate::{
     trained::{FieldPrediction, LearnedModel},
 };
 
-/// Form of a model.
+/// Kind of a model.
 pub enum FittedModelForm {
     /// Coefficients and terms of a linear model.
     Linear { terms: Vec<String>, values: Vec<f64> },
@@ -22,14 +22,14 @@ pub enum FittedModelForm {
 
 /// Model read from the table of a `fit`.
 pub struct FittedModel {
-    /// Form of the model.
+    /// Kind of the model.
     pub body: FittedModelForm,
     /// Rate at which its terms were differences per sample, Hz. `None` if the table does not state it.
     pub rate_hz: Option<f64>,
 }
 
 impl FittedModel {
-    /// Reads the model of a table and omits the terms `without`.
+    /// Reads the model of a table, without the terms `without`.
     ///
     /// # Errors
     /// If the table is incomplete, or a term to omit is missing.

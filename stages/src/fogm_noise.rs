@@ -19,14 +19,15 @@ use crate::{
 
 stage! {
     /// Fits white noise and first-order Gauss-Markov noise to a residual, on the lines that `where` selects. The
-    /// standard deviation and the time constant of the Gauss-Markov noise suit `fogm_sigma_nt` and `fogm_tau_s` of
-    /// `navigate`. The white noise suits `measurement_sigma_nt`. `assume_noise` reads the table.
+    /// standard deviation and the time constant of the Gauss-Markov noise can be used as `fogm_sigma_nt` and
+    /// `fogm_tau_s` of `navigate`. The white noise can be used as `measurement_sigma_nt`. `assume_noise` reads the
+    /// table.
     ///
     /// The residual is `column`, minus `truth` if that is set. Examples are a compensated signal minus the true one,
     /// the variation of a base station, or the `residual` of a track over a stretch where its filter used no
     /// measurements. `residual_noise` gives the smallest noise that bounds a signal at every time span, for a cautious
     /// filter. `fogm_noise` gives the best fit for noise with one time scale. It represents noise with several time
-    /// scales only in part.
+    /// scales only partly.
     ///
     /// `autocorrelation` fits the variance minus the autocovariance at lags from one sample to a quarter of the longest
     /// run. `allan` fits the Allan variance. Neither depends on a constant. A gap ends a run. If the Gauss-Markov noise
@@ -50,7 +51,7 @@ truth  = "mag_1_c"
     /// Residual, or the signal from which `truth` is subtracted.
     column: String, unit "nT", default "residual";
     /// Column to subtract, such as `mag_1_c`.
-    truth: Option<String>, unit "nT", absent "nothing";
+    truth: Option<String>, unit "nT", absent "nothing is subtracted";
     /// Statistic that is fitted.
     method: NoiseFitStatistic, unit "", default NoiseFitStatistic::Autocorrelation;
 }
@@ -186,7 +187,7 @@ mod tests {
         lasting.into_iter().map(|x| x + normals.draw()).collect()
     }
 
-    /// White part, sigma and time constant, and the samples behind them.
+    /// White noise, standard deviation and time constant of the process, and number of samples.
     fn estimate_noise(stage: &FogmNoise, lines: &[LineInput]) -> Result<([f64; 3], i64), Fault> {
         let gather = FogmNoise::gather(vec![crate::testing::point(stage)]);
         let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
@@ -202,8 +203,8 @@ mod tests {
                 (0..12).map(|seed| line(10.0, vec![("residual", noisy(600.0, seed))])).collect();
             let ([white, sigma, tau], n) = estimate_noise(&stage(method, None), &lines).unwrap();
             assert_eq!(n, 12 * 6000);
-            // 7200 s are 360 time constants: errors of 4 % (sigma) and 11 % (time constant); the limits are 2.5 of
-            // each.
+            // 7200 s are 360 time constants. The errors are 4 % (standard deviation) and 11 % (time constant); the
+            // limits are 2.5 times these.
             assert!((white - 1.0).abs() < 0.03, "{white}");
             assert!((sigma / 4.0 - 1.0).abs() < 0.1 && (tau / 20.0 - 1.0).abs() < 0.27, "{sigma} {tau}");
         }
@@ -219,7 +220,7 @@ mod tests {
         );
         let alone = estimate_noise(&plain, &[line(10.0, vec![("residual", noise.clone())])]).unwrap();
         let together = estimate_noise(&less, &[line(10.0, vec![("residual", sum), ("mag_1_c", truth)])]).unwrap();
-        // Rounding of 50,000 and its square root, because the minimum of the curve is flat.
+        // Rounding error of 50,000 nT, and its square root because the minimum of the objective is flat.
         assert!((0..3).all(|k| (alone.0[k] / together.0[k] - 1.0).abs() < 1e-4), "{alone:?} {together:?}");
         let (mut spoilt, mut missing) = (noise.clone(), noise);
         spoilt[20_000..].fill(1e6);

@@ -22,16 +22,15 @@ use crate::{
 choice! {
     /// Method that computes the importance.
     pub enum ImportanceMethod {
-        /// Increase of the mean square error when blocks of time of a group are exchanged.
+        /// Increase of the mean square error when time blocks of a group are permuted.
         Permutation = "permutation",
         /// Mean absolute Shapley value over the samples.
         Shapley = "shapley",
         /// Mean absolute expected gradient over the samples. Not available for trees, which have no gradient.
         ExpectedGradients = "expected_gradients",
-        /// Pearson correlation with the target, for the entry of the group with the largest. Independent of the model.
+        /// Largest Pearson correlation of an entry of the group with the target. Independent of the model.
         Pearson = "pearson",
-        /// Spearman rank correlation with the target, for the entry of the group with the largest. Independent of the
-        /// model.
+        /// Largest Spearman rank correlation of an entry of the group with the target. Independent of the model.
         Spearman = "spearman",
         /// Coefficients of the best linear model of `terms` entries, by iterative hard thresholding. Independent of the
         /// model.
@@ -78,24 +77,26 @@ stage! {
     /// |---|---|---|
     /// | `permutation` | increase of the mean square error against `target`, nT2 | over the repeats |
     /// | `shapley` | mean absolute contribution to the prediction, nT | over the samples |
-    /// | `expected_gradients` | the same from gradients, nT | over the samples |
+    /// | `expected_gradients` | mean absolute contribution to the prediction, from gradients, nT | over the samples |
     /// | `pearson`, `spearman` | correlation with `target` | |
     /// | `hard_thresholding` | coefficient of the standardised entry, nT; 0 if it is not selected | |
     /// | `group_lasso` | norm of an input's weights times its standard deviation on the line, 1 | over the ensemble |
     ///
-    /// Blocks of `block_s` are exchanged instead of single samples, which would turn a slow signal into noise. The mean
-    /// of the model's error is ignored. `shapley` and `expected_gradients` explain `samples` samples of the line
-    /// against `background` samples of it, both evenly spaced. Shapley values of linear models and of trees are exact.
-    /// Others are sampled, and `error` is the mean standard error of a value from the sampling. Samples that `where`
-    /// omits, or that lack an input or the target, are ignored. A line that is too short is rejected.
+    /// `permutation` permutes blocks of `block_s`, because permuting single samples would turn a slow signal into
+    /// noise. The mean of the model's error is ignored. `shapley` and `expected_gradients` explain `samples` samples of
+    /// the line relative to `background` samples of the line, both evenly spaced. Shapley values of linear models and
+    /// of trees are exact. Those of other models are estimated by sampling, and `error` is the mean standard error of
+    /// these estimates. Samples that `where` omits, or that lack an input or the target, are ignored. A line that is
+    /// too short is rejected.
     ///
-    /// For `shapley` and `expected_gradients`, the lists `sample_values` and `sample_inputs` hold `kept_samples` of the
-    /// samples: the contribution to the prediction, and the value of the input. The input is NaN for a group of
-    /// several. The report draws them for all lines together, like the beeswarm plot of the SHAP package.
+    /// For `shapley` and `expected_gradients`, up to `kept_samples` samples are stored. The list `sample_values` holds
+    /// their contributions to the prediction, and `sample_inputs` holds the values of the input. They are NaN for a
+    /// group of several inputs. The report draws both lists for all lines together, like the beeswarm plot of the SHAP
+    /// package.
     ///
-    /// The increase of the error when an input is dropped and the model is refitted is a sweep. It uses an axis of all
-    /// subsets that lack at most one input, `{ subsets_of = [...], at_least = n - 1 }`, as `entries` or `inputs` of the
-    /// fit. A sweep over `seed` of the fit gives the spread over seeds.
+    /// A sweep gives the increase of the error when an input is dropped and the model is refitted. Its axis holds all
+    /// subsets that lack at most one input, `{ subsets_of = [...], at_least = n - 1 }`, for `entries` or `inputs` of
+    /// the fit. A sweep over `seed` of the fit gives the spread over seeds.
     ///
     /// Source: Breiman 2001; Lundberg & Lee 2017; Lundberg et al. 2020; Erion et al. 2021; Blumensath & Davies 2010;
     /// Gnadt 2022, section 4.3 and (4.10).
@@ -113,18 +114,18 @@ block_s = 1.0
     target: String, unit "nT";
     /// Method that computes the importance.
     method: ImportanceMethod, unit "", default ImportanceMethod::Permutation;
-    /// Groups of entries: each a name, or a prefix of names before a `_`, such as `TL_A_flux_a`.
+    /// Groups of entries. Each is a name, or a prefix that several names share before a `_`, such as `TL_A_flux_a`.
     groups: Vec<String>, unit "", default Vec::<String>::new();
-    /// Length of the exchanged blocks. It must exceed the correlation time of the target and the inputs.
+    /// Length of the permuted blocks. It must exceed the correlation time of the target and the inputs.
     block_s: f64, unit "s", default 30.0, rule Rule::Positive;
-    /// Number of repeats of the exchange.
+    /// Number of repeats of the permutation.
     repeats: usize, unit "1", default 10usize, rule Rule::Between(1.0, 10_000.0);
     /// Number of samples of a line that are explained.
     samples: usize, unit "samples", default 200usize, rule Rule::Between(2.0, 1e6);
     /// Number of background samples.
     background: usize, unit "samples", default 50usize, rule Rule::Between(1.0, 1e5);
     /// Number of random orders of the groups, each with its reverse, for each sample and background sample. For
-    /// expected gradients: the factor of `background` that gives the number of gradients.
+    /// `expected_gradients`: number of gradients divided by `background`.
     draws: usize, unit "1", default 2usize, rule Rule::Between(2.0, 1e5);
     /// Number of explained samples whose values are stored, evenly spaced. 0 stores none.
     kept_samples: usize, unit "samples", default 100usize, rule Rule::Between(0.0, 10_000.0);
@@ -213,7 +214,7 @@ impl LineStage for Importance {
 
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<FittedModel, Fault> {
         let fitted = FittedModel::read(inputs.get(1).ok_or_else(|| Fault::data("the model is missing"))?, &[])?;
-        // Samples are exchanged individually, without their predecessors.
+        // Samples are permuted without their predecessors.
         if matches!(&fitted.body, FittedModelForm::Learned(learned) if learned.sees_a_window()) {
             let what = "the model uses a window of samples, but `importance` requires a model of single samples";
             return Err(Fault::data(what).of_param("model"));

@@ -18,17 +18,18 @@ use crate::{
 };
 
 stage! {
-    /// Appends columns of another table (`with`) to each line, from its line of the same flight and name, by time.
+    /// Appends columns of another table (`with`) to each line. Rows are matched by flight, line and time.
     ///
-    /// `exact` takes the row of the same time, within a microsecond, and a row without one is an error: for tables on
-    /// one grid, such as two that came from the same `resample`. `nearest` takes the nearest row within `tolerance_s`,
-    /// the earlier of two. `linear` interpolates between the rows around it, angles (unit deg) along the shorter arc,
-    /// where they are not more than `tolerance_s` apart; text, integers and booleans take the nearest of them, and
-    /// whole numbers without a unit stay whole, as in `resample`. Where there is no such row the value is missing (NaN
-    /// or null). Where both tables have a date, their times count from the same midnight.
+    /// `exact` uses the row at the same time, within one microsecond, and fails if there is none. Use it for tables
+    /// with the same times, such as two tables computed from the same `resample`. `nearest` uses the nearest row within
+    /// `tolerance_s`; of two equally near rows, the earlier one. `linear` interpolates between the rows before and
+    /// after, if they are at most `tolerance_s` apart. It interpolates angles (unit deg) along the shorter arc. Text,
+    /// integers and booleans take the nearest value, and whole numbers without a unit stay whole, as in `resample`.
+    /// Without a matching row the value is missing (NaN or null). If both tables have a date, their times are converted
+    /// to a common midnight.
     ///
-    /// A line that `with` does not have is left out, and so is named neither here nor in what follows. A column that
-    /// `input` has too is an error, unless `suffix` gives it another name. Repeated or backward time is an error.
+    /// A line that is absent from `with` is omitted without a message, here and in later stages. A column that is also
+    /// in `input` is rejected, unless `suffix` renames it. Repeated or decreasing times are rejected.
     Join = "join", version 3, grain Line, inputs [input: Lines, with: Lines],
     example r#"
 [[stages]]
@@ -38,29 +39,30 @@ input   = "resample"
 with    = "bandpass"
 columns = ["mag_4_uc_bp"]
 "#;
-    /// The columns that are appended.
-    columns: Option<Vec<String>>, unit "", absent "all that `input` does not have";
-    /// How a row finds its partner.
+    /// Columns to append.
+    columns: Option<Vec<String>>, unit "", absent "all columns that are not in `input`";
+    /// Method that matches rows.
     method: JoinMethod, unit "", default JoinMethod::Exact;
-    /// How far the nearest row may be away, or the two that are interpolated apart.
+    /// Maximum time to the nearest row, or between the two rows of an interpolation.
     tolerance_s: f64, unit "s", default 1.0, rule Rule::Positive;
-    /// Suffix of the name of each column.
+    /// Suffix of the name of each appended column.
     suffix: String, unit "", default "";
 }
 
 choice! {
     /// Method that matches a row to the rows of another table.
     pub enum JoinMethod {
-        /// By the same time.
+        /// Row at the same time.
         Exact = "exact",
-        /// By the nearest time.
+        /// Row at the nearest time.
         Nearest = "nearest",
-        /// By interpolation between the times around it.
+        /// Interpolation between the rows before and after.
         Linear = "linear",
     }
 }
 
-/// Maximum difference of equal times, s: far below a sample interval, far above the rounding of a day's seconds.
+/// Maximum difference of equal times, s. It is far below a sample interval, and far above the rounding error of the
+/// seconds of a day.
 const SAME_S: f64 = 1e-6;
 
 /// The inputs, in their order.
@@ -84,11 +86,11 @@ impl Join {
                     faults.push(Fault::new(format!("`{name}` is a key of every line")).of_param("columns"));
                 }
                 Ok(_) if input.get(&made).is_some() => {
-                    let fault = Fault::new(format!("`input` has a column `{made}` already"));
-                    faults.push(fault.help("give it another name with `suffix`").of_param("columns"));
+                    let fault = Fault::new(format!("`input` already has a column `{made}`"));
+                    faults.push(fault.help("rename it with `suffix`").of_param("columns"));
                 }
                 Ok(_) if found.iter().any(|c: &&Column| c.name == *name) => {
-                    faults.push(Fault::new(format!("`{name}` is named twice")).of_param("columns"));
+                    faults.push(Fault::new(format!("`{name}` is a duplicate")).of_param("columns"));
                 }
                 Ok(column) => found.push(column),
             }
@@ -102,7 +104,7 @@ impl Stage for Join {
         let (input, with) = (shape(inputs, INPUT)?, shape(inputs, WITH)?);
         let chosen = self.chosen(input, with)?;
         if chosen.is_empty() {
-            let fault = Fault::new("there is no column to append: `input` has all that `with` has");
+            let fault = Fault::new("there is no column to append: `input` has all columns of `with`");
             return Err(vec![fault.of_param("with")]);
         }
         let times = |shape: &TableShape| -> Vec<&'static str> {
@@ -125,8 +127,8 @@ impl Stage for Join {
     }
 }
 
-/// The row nearest to each time; `None` if none is within `within_s`. `tt` holds the times of the rows. Both increase;
-/// of two equally near rows, the earlier one.
+/// Row nearest to each time; `None` if no row is within `within_s`. `tt` holds the times of the rows. Both lists
+/// increase. Of two equally near rows, the earlier one is used.
 fn nearest(times: &[f64], tt: &[f64], within_s: f64) -> Vec<Option<u64>> {
     let mut first = 0;
     let one = |time: &f64| {
@@ -151,7 +153,7 @@ impl LineStage for Join {
         let shift = offset_s(input, with)?;
         let tt: Vec<f64> = floats(with, "tt")?.iter().map(|t| t + shift).collect();
         for (tt, whose) in [(times, "`input`"), (&tt, "`with`")] {
-            check_increasing(tt).map_err(|e| Fault::data(format!("of {whose}: {e}")).in_column("tt"))?;
+            check_increasing(tt).map_err(|e| Fault::data(format!("in {whose}: {e}")).in_column("tt"))?;
         }
         let shape = TableShape::from_schema(&with.schema());
         let chosen = match &self.columns {
@@ -166,7 +168,7 @@ impl LineStage for Join {
                     let time = times.get(row).copied().unwrap_or(f64::NAN);
                     let fault =
                         Fault::data(format!("`with` has no row at {time} s")).in_column("tt").in_row(row as u64);
-                    return Err(fault.help("join by `method = \"nearest\"` or `\"linear\"`"));
+                    return Err(fault.help("set `method` to `\"nearest\"` or `\"linear\"`"));
                 }
                 chosen.map(|c| taken(with, c, &rows)).collect()
             }
@@ -176,7 +178,7 @@ impl LineStage for Join {
             }
             JoinMethod::Linear => {
                 let step_s = times.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
-                // A single row has no step, so any rate is valid.
+                // A single row has no sample interval, so any rate is valid.
                 let rate_hz = if step_s.is_finite() { 1.0 / step_s } else { 1.0 };
                 let plan = ResamplePlan::onto(&tt, times.to_vec(), rate_hz, self.tolerance_s)
                     .map_err(|e| data(e).in_column("tt"))?;

@@ -25,14 +25,14 @@ stage! {
     /// A lag of 0.06 s means column(t) = reference(t - 0.06 s), up to a factor and a constant. Both must measure the
     /// same quantity. Examples are two magnetometers in a manoeuvre, the magnitude of a vector magnetometer and a
     /// scalar magnetometer, or the turn rate and the derivative of a heading. Slow signals have a flat peak, so remove
-    /// them with `low_hz` or with a `derivative` stage before this one. Samples must be evenly spaced. Bring sensors
-    /// with different rates onto one grid with `resample`, at a rate not below theirs.
+    /// them with `low_hz` or with a `derivative` stage before this one. Samples must be evenly spaced. Resample sensors
+    /// with different rates to one grid with `resample`, at the highest of their rates or above.
     ///
     /// `sd_s` is the standard error if the difference of the two signals is white noise. It is too small for correlated
-    /// noise. `correlation` is the correlation coefficient at the peak. `next_peak` is the height of the next highest
-    /// peak divided by that of the peak. Near 1 the lag is ambiguous, as for periodic signals. `n` is the number of
-    /// pairs of samples. The lag is NaN, with a warning, if a line has no peak within `most_s`, a column is constant,
-    /// or a line is too short. Missing samples are omitted.
+    /// noise. `correlation` is the correlation coefficient at the peak. `next_peak` is the height of the second highest
+    /// peak divided by the height of the highest. If it is near 1, the lag is ambiguous, as for periodic signals. `n`
+    /// is the number of pairs of samples. The lag is NaN, with a warning, if a line has no peak within `most_s`, a
+    /// column is constant, or a line is too short. Missing samples are omitted.
     ///
     /// Source: Carter 1987, Coherence and time delay estimation, Proc. IEEE 75(2).
     LagStage = "lag", version 1, grain Survey, inputs [input: Lines],
@@ -61,11 +61,11 @@ low_hz    = 0.05
     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
 }
 
-/// Lag of a column, or the reason for its absence.
+/// Lag of a column, or the reason why it has none.
 type LagResult = Result<SignalLag, String>;
 
 impl LagStage {
-    /// Column as it is correlated. NaN where it is missing or not selected.
+    /// Values of a column that are correlated. NaN where they are missing or not selected.
     fn signal(
         &self,
         batch: &RecordBatch,
@@ -256,7 +256,7 @@ mod tests {
         let (lags, product) = found(&lag(&["mag_2_uc"]), &[flown(0.06, 0.0), flown(-0.215, 0.0)]);
         assert!((lags[0] - 0.06).abs() < 1e-4 && (lags[1] + 0.215).abs() < 1e-4, "{lags:?}");
         assert_eq!(product.columns[2].as_string::<i32>().value(0), "mag_2_uc");
-        // Overlapping pairs at the nearest whole samples, 1 and 4.
+        // Number of overlapping pairs at the nearest whole samples, 1 and 4.
         assert_eq!(product.columns[7].as_primitive::<Int64Type>().values()[..], [2399, 2396]);
         assert!(product.warnings.is_empty());
         // A trend flattens the peak; a band-pass removes the trend.

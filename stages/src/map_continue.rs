@@ -317,7 +317,7 @@ mod tests {
         assert_eq!((slope.map.height.clone(), slope.map.value_unit), (GridHeight::Level(300.0), "nT/m"));
         let k = K[0].hypot(K[1]);
         for ((east, north, value), (_, _, slope)) in middle(&up.map).into_iter().zip(middle(&slope.map)) {
-            // The field past the edges is estimated, with an error of about 3 % at 100 m.
+            // The field beyond the edges is estimated, with an error of about 3 % at 100 m.
             assert!((value - field_nt(east, north, 100.0)).abs() < 3.0, "{east} {north} {value}");
             assert!((slope + k * field_nt(east, north, 0.0)).abs() < 0.03, "{east} {north} {slope}");
         }

@@ -13,8 +13,8 @@ use crate::{
 };
 
 stage! {
-    /// Resamples a map to another coordinate system or spacing, cuts it, or extends it periodically. The operations run
-    /// in the order of the parameters.
+    /// Resamples a map to another coordinate system or spacing, crops it, or extends it periodically. The operations
+    /// run in the order of the parameters.
     ///
     /// Use it to bring maps onto one grid, or to remove the edges of a continued map. Resampling uses polynomials of
     /// degree nine, or lower near edges and unknown nodes. A node within two nodes of an unknown node becomes unknown.

@@ -1,4 +1,4 @@
-//! Errors of a map at another height than its own, and between its nodes.
+//! Errors of a map at heights other than its own, and between its nodes.
 
 use arrow_array::RecordBatch;
 use numerics::{
@@ -17,7 +17,7 @@ use crate::{
     maps::{column_map, plane},
 };
 
-/// Error of a map at another height than its own.
+/// Error of a map at a height other than its own.
 enum HeightError {
     /// Map that is not continued: its height, in m, and its mean square by wavenumber.
     AsItIs { own_m: f64, power: RadialPower },
@@ -110,8 +110,8 @@ impl MapErrors {
     }
 }
 
-/// Error of each level, in nT: below the map its amplified noise and the field that damping removes, else 0. The
-/// unknown field past the edges of the map is ignored.
+/// Error of each level, nT. Below the map it is the amplified noise and the field that damping removes; elsewhere it is
+/// 0. The unknown field beyond the edges of the map is ignored.
 fn level_errors(power: &RadialPower, noise_nt: Option<f64>, (own_m, levels_m): (f64, &[f64])) -> Vec<(f64, f64)> {
     let error_nt = |level_m: f64| match own_m - level_m {
         down if down > 0.0 => power.downward_error_nt(down, MAGNAV_ALPHA_M2, noise_nt),
@@ -121,7 +121,7 @@ fn level_errors(power: &RadialPower, noise_nt: Option<f64>, (own_m, levels_m): (
     levels_m.iter().map(|level| (*level, error_nt(*level))).collect()
 }
 
-/// Linear interpolation between ascending places; beyond the ends the nearest value.
+/// Linear interpolation between ascending positions; the nearest value beyond the ends.
 fn between(levels: &[(f64, f64)], at: f64) -> f64 {
     let after = levels.partition_point(|(level, _)| *level <= at);
     match (after.checked_sub(1).and_then(|before| levels.get(before)), levels.get(after)) {
@@ -131,7 +131,7 @@ fn between(levels: &[(f64, f64)], at: f64) -> f64 {
     }
 }
 
-/// Root mean square of the finite values; `None` without any.
+/// Root mean square of the finite values; `None` if there are none.
 fn rms(values: &[f64]) -> Option<f64> {
     let known: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
     (!known.is_empty()).then(|| (known.iter().map(|x| x * x).sum::<f64>() / known.len() as f64).sqrt())
@@ -142,8 +142,8 @@ fn lasting_factor(step_m: f64, length_m: f64) -> f64 {
     (2.0 * length_m / step_m.min(2.0 * length_m)).sqrt()
 }
 
-/// Rms error of bilinear interpolation over the known cells. In the middle of a cell it is the difference to cubic
-/// convolution (Keys 1981); towards the nodes it falls to 0.
+/// Rms error of bilinear interpolation over the known cells. In the middle of a cell it is the difference from cubic
+/// convolution (Keys 1981). It decreases to 0 at the nodes.
 fn bilinear_error_nt(map: &PlaneGrid) -> f64 {
     const WEIGHTS: [f64; 4] = [-1.0 / 16.0, 9.0 / 16.0, 9.0 / 16.0, -1.0 / 16.0];
     let (mut sum, mut cells) = (0.0, 0.0);
@@ -186,7 +186,7 @@ mod tests {
         let map = RecordBatch::try_from_iter(columns.clone()).unwrap();
         assert!(MapErrors::new(&map, None, true, true).unwrap().own.is_some());
         assert!(MapErrors::new(&map, None, true, false).unwrap().own.is_none());
-        // A sum of n samples at intervals s, with errors correlated over L, has n 2L/s times the variance of one
+        // A sum of n samples at intervals s, whose errors are correlated over L, has n 2L/s times the variance of one
         // sample.
         assert_eq!(lasting_factor(50.0, 400.0), 4.0);
         // An error with a correlation length below a sample interval is white.

@@ -44,12 +44,13 @@ choice! {
 stage! {
     /// Fills the unknown nodes of a map, first from other maps in the order of `with`, then from their surroundings.
     ///
-    /// Other maps are brought into the coordinate system of the map. Lower maps are continued upward to its height.
+    /// Other maps are converted to the coordinate system of the map. Lower maps are continued upward to its height.
     /// Their difference to the map in the overlap (`bias`) is removed. Values filled from the surroundings contain no
-    /// information about the anomaly there. `minimum_curvature` suits gaps of a few nodes; no method suits large ones.
+    /// information about the anomaly there. `minimum_curvature` is suitable for gaps of a few nodes. No method is
+    /// suitable for large gaps.
     ///
-    /// Another map that is higher than the one to be filled is rejected, and so is a draped map together with other
-    /// maps.
+    /// A map of `with` that is higher than the map to be filled is rejected. A draped map together with other maps is
+    /// also rejected.
     ///
     /// Source: Briggs 1974 (`minimum_curvature`); Blakely 1996, section 12.1 (upward continuation).
     MapFill = "map_fill", version 1, grain Map, inputs [map: Map, with: ManyMaps optional],
@@ -69,11 +70,11 @@ method = "minimum_curvature"
     neighbours: usize, unit "1", default 3usize, rule Rule::Positive;
     /// Weights neighbours by 1/distance^`power`.
     power: Option<f64>, unit "1", absent "equal weights", rule Rule::Positive;
-    /// Leaves nodes unknown that are farther than this from a known node.
+    /// Distance from the nearest known node beyond which nodes remain unknown.
     within_m: Option<f64>, unit "m", absent "all nodes are filled", rule Rule::Positive;
     /// Width of the transition between a map and the next at its edge.
     feather_m: f64, unit "m", default 1000.0, rule Rule::NotNegative;
-    /// Difference to the map, estimated in the overlap, that is removed from the other maps.
+    /// Difference to the map that is estimated in the overlap and removed from the other maps.
     bias: MapOverlapBias, unit "", default MapOverlapBias::Constant;
     /// Extends the map to the extent of all maps together.
     extend: bool, unit "", default false;
@@ -138,7 +139,7 @@ impl MapFill {
         }
     }
 
-    /// Map combined with the other maps.
+    /// Combination of the map with the other maps.
     fn combined(
         &self,
         map: &AnomalyGrid,
@@ -285,7 +286,7 @@ mod tests {
     fn law_minimum_curvature_fills_small_gaps_best() {
         let curvature = worst(&fill(GapFillMethod::MinimumCurvature).apply(&holed(), &[]).unwrap().map);
         let harmonic = worst(&fill(GapFillMethod::Harmonic).apply(&holed(), &[]).unwrap().map);
-        // The field of 100 nT has a fifth of a wave in the gap.
+        // The gap contains a fifth of a wavelength of the field of 100 nT.
         assert!(curvature < 8.0 && curvature < harmonic, "{curvature} {harmonic}");
         let near = MapFill { within_m: Some(100.0), ..fill(GapFillMethod::Knn) }.apply(&holed(), &[]).unwrap();
         assert!(near.map.anomaly_nt[21 * NODES + 25].is_nan() && !near.map.anomaly_nt[20 * NODES + 24].is_nan());

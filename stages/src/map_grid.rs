@@ -57,10 +57,10 @@ stage! {
     /// crossings, removes outliers, and fits a surface.
     ///
     /// Use it to make a navigation map from a survey, with the lines that `where` selects. `equivalent_sources` gives a
-    /// potential field on a level, by default at the highest point, which can be continued. `minimum_curvature`
-    /// interpolates at the heights flown and requires no heights. Levelling is part of this stage because crossings are
-    /// found among the gridded points, on the plane of the map and after the reduction. Do not grid the lines that are
-    /// navigated: the filter would then know the field along them.
+    /// potential field on a level, which can be continued. By default the level is the height of the highest point.
+    /// `minimum_curvature` interpolates at the heights flown and requires no heights. Levelling is part of this stage
+    /// because crossings are found among the gridded points, on the plane of the map and after the reduction. Do not
+    /// grid the lines that are navigated: the map would then contain the field along them.
     ///
     /// These points are omitted: points without a position, a value or, for equivalent sources, a height; duplicates;
     /// outliers along a line; points far from all others; and lines of fewer than five points. These inputs are
@@ -107,7 +107,7 @@ level_m   = 300.0
     bounds: Option<Vec<f64>>, unit "m", absent "all points";
     /// Side of the blocks to which points are reduced. 0 keeps every point.
     block_m: Option<f64>, unit "m", absent "a quarter of the distance between lines, at most 200 m", rule Rule::NotNegative;
-    /// Leaves nodes unknown that are farther than this from any point. `inf` for no limit.
+    /// Distance from the nearest point beyond which nodes are unknown. `inf` for no limit.
     mask_m: Option<f64>, unit "m", absent "twice the distance between lines";
     /// Keeps points that deviate from their line, and points far from all others.
     keep_outliers: bool, unit "", default false;
@@ -213,7 +213,7 @@ impl MapGrid {
             high - low
         };
         let (east_m, north_m) = (extent_m(survey.easting_m), extent_m(survey.northing_m));
-        // A line has a length but no width; a point has neither.
+        // The area of a line has a length but no width; that of a point has neither.
         if !(east_m > 0.0 || north_m > 0.0) || spacing_m < east_m.max(north_m) {
             return Ok(());
         }
@@ -234,8 +234,10 @@ impl MapGrid {
         let crossings = CrossoverOptions { most_height_m: self.crossing_height_m, ..CrossoverOptions::default() };
         let found = find_crossovers(survey, &crossings);
         if found.is_empty() {
-            let what =
-                format!("no lines cross within {} m of height, so they cannot be levelled", self.crossing_height_m);
+            let what = format!(
+                "no lines cross at heights within {} m of each other, so they cannot be levelled",
+                self.crossing_height_m
+            );
             let help = "remove `level_order`, or increase `crossing_height_m`";
             return Err(Fault::data(what).help(help).of_param("level_order"));
         }

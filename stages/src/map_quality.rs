@@ -19,25 +19,25 @@ use crate::{
 };
 
 stage! {
-    /// Appends the value of a map for navigation along a planned or flown track. `map_gradient_n` and `map_gradient_e`
-    /// are the slope of the map to the north and east, `map_gradient` is its magnitude. `map_sd_sample` is the position
-    /// accuracy of one measurement along that slope. `map_sd_expected` is the expected root mean square horizontal
-    /// error from the measurements within `window_s` about the sample. Use it to plan flights over informative parts of
-    /// a map, and to find where no filter could have done better.
+    /// Appends measures of a map's usefulness for navigation along a planned or flown track. `map_gradient_n` and
+    /// `map_gradient_e` are the slopes of the map to the north and east, and `map_gradient` is the magnitude of the
+    /// slope. `map_sd_sample` is the position accuracy of one measurement along that slope. `map_sd_expected` is the
+    /// expected root mean square horizontal error from the measurements within `window_s` about the sample. Use it to
+    /// plan flights over informative parts of a map, and to find where no filter could have been more accurate.
     ///
-    /// `map_sd_sample` is sigma divided by slope. `map_sd_expected` is the Cramér-Rao bound, the root of the trace of
-    /// the inverse Fisher information sum(g g')/sigma^2 of the slopes g in the window. It holds for an unbiased filter
-    /// with perfect knowledge of its motion within the window and no earlier position. It assumes independent sample
-    /// errors with standard deviation `sigma_nt`. At ten samples per second, errors of the map and of the temporal
-    /// variation are correlated. Multiply `sigma_nt` by the root of the number of samples that are correlated.
-    /// `unknown_constant` subtracts the mean slope, which gives the bound for a measurement with an unknown constant
-    /// (`map_position_bound` of `score` is this bound over the whole line).
+    /// `map_sd_sample` is sigma divided by slope. `map_sd_expected` is the Cramér-Rao bound: the square root of the
+    /// trace of the inverse Fisher information sum(g g')/sigma^2 of the slopes g in the window. It holds for an
+    /// unbiased filter with perfect knowledge of its motion within the window and no earlier position. It assumes
+    /// independent sample errors with standard deviation `sigma_nt`. At ten samples per second, errors of the map and
+    /// of the temporal variation are correlated. Multiply `sigma_nt` by the square root of the number of correlated
+    /// samples. `unknown_constant` subtracts the mean slope, which gives the bound for a measurement with an unknown
+    /// constant (`map_position_bound` of `score` is this bound over the whole line).
     ///
     /// All columns are NaN for a sample off the map, in a cell with an unknown node, or without a position. Both bounds
     /// are NaN where the map is flat. `map_sd_expected` is also NaN where all slopes in the window have one direction.
     /// The slope of the core field is not included.
     ///
-    /// A line without a sample on the map is rejected, and so are times that do not ascend.
+    /// A line without a sample on the map is rejected, and so are times that do not increase.
     ///
     /// Source: Kay 1993, section 3.7; Gnadt 2022, section 2.3.
     MapQuality = "map_quality", version 1, grain Line, inputs [input: Lines, map: Map],
@@ -49,8 +49,8 @@ input    = "resample"
 map      = "anomaly"
 window_s = 20.0
 "#;
-    /// Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS. At the true position the
-    /// columns have the role truth and require `allow_truth` as features.
+    /// Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS. Columns computed at the true
+    /// position have the role truth, so using them as features requires `allow_truth`.
     position: PositionSource, unit "", default PositionSource::Truth;
     /// Standard deviation of the error of a measurement: sensor, map and residual of the compensation, per sample.
     sigma_nt: f64, unit "nT", default 5.0, rule Rule::Positive;
@@ -154,7 +154,8 @@ mod tests {
         RecordBatch::try_from_iter(columns.into_iter().map(|(name, x)| (name, array(x)))).unwrap()
     }
 
-    /// The map of a field of metres north and east of 45 degrees north, 75 degrees west: 121 by 121 nodes, 40 m apart.
+    /// Map of a field defined in metres north and east of 45 degrees north, 75 degrees west: 121 by 121 nodes, 40 m
+    /// apart.
     fn map(field: impl Fn(f64, f64) -> f64) -> RecordBatch {
         let nodes = || (-60..=60).flat_map(|row| (-60..=60).map(move |column| (f64::from(row), f64::from(column))));
         let step = DEGREE_M.map(|m| 40.0 / m);
@@ -166,7 +167,7 @@ mod tests {
         ])
     }
 
-    /// A line through places in metres north and east, one a second.
+    /// A line through positions in metres north and east, one per second.
     fn run(stage: &MapQuality, map: &RecordBatch, places: &[[f64; 2]]) -> Result<Vec<Vec<f64>>, Fault> {
         let flown = batch(vec![
             ("tt", (0..places.len()).map(|k| 100.0 + k as f64).collect()),
@@ -196,11 +197,11 @@ mod tests {
 
     #[test]
     fn law_the_bound_over_whole_periods_of_waves_is_exact() {
-        // A sin(k n) + A sin(2 k e), with a wave of 2400 m, flown on a diagonal: over whole periods the slopes north
-        // and east do not correlate, and J = N A² k²/2 diag(1, 4)/σ².
+        // The field is A sin(k n) + A sin(2 k e) with a wavelength of 2400 m, flown on a diagonal. Over whole periods
+        // the slopes north and east are uncorrelated, and J = N A² k²/2 diag(1, 4)/σ².
         let (a, k) = (50.0, std::f64::consts::TAU / 2400.0);
         let waves = map(|north, east| a * (k * north).sin() + a * (2.0 * k * east).sin());
-        // 96 steps of 25 m north and east are a period; 48 before and 47 after a sample.
+        // A period has 96 steps of 25 m north and east: 48 before and 47 after a sample.
         let diagonal: Vec<[f64; 2]> = (-90..=90).map(|step| [25.0 * f64::from(step); 2]).collect();
         for unknown_constant in [false, true] {
             let stage = MapQuality { window_s: 95.0, unknown_constant, ..map_quality() };

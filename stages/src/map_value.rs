@@ -36,8 +36,8 @@ input        = "resample"
 map          = "anomaly"
 map_levels_m = [300.0, 400.0]
 "#;
-    /// Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS. At the true position the
-    /// columns have the role truth and require `allow_truth` as features.
+    /// Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS. Columns computed at the true
+    /// position have the role truth, so using them as features requires `allow_truth`.
     position: Option<PositionSource>, unit "", absent "the INS position if the flight has `ins_lat`, `ins_lon` and `ins_alt`, otherwise the true position";
     /// Interpolation of the map: bilinear, or a natural cubic spline.
     map_interpolation: MapInterpolation, unit "", default MapInterpolation::Linear;
@@ -136,7 +136,7 @@ pub(crate) fn looked_up(map: &FieldMap, lat: &[f64], lon: &[f64], alt: &[f64]) -
     }
     if columns[0].iter().all(|x| x.is_nan()) {
         return Err(Fault::data("no sample is on the map")
-            .help("check that the map covers the flight, and `map_levels_m` its heights"));
+            .help("check that the map covers the flight, and that `map_levels_m` covers its heights"));
     }
     Ok(columns)
 }
@@ -158,7 +158,7 @@ mod tests {
         RecordBatch::try_from_iter(columns).unwrap()
     }
 
-    /// A plane: 500 nT for a degree northward, -300 nT for one eastward.
+    /// A plane with slopes of 500 nT per degree north and -300 nT per degree east.
     fn plane(lat: f64, lon: f64) -> f64 {
         80.0 + 500.0 * (lat - 45.0) - 300.0 * (lon + 75.0)
     }
@@ -191,10 +191,10 @@ mod tests {
         for map_interpolation in [MapInterpolation::Linear, MapInterpolation::Cubic] {
             let made = run(&MapValue { map_interpolation, ..map_value() }, &lat, &lon).unwrap();
             for k in 0..lat.len() {
-                // Degrees of about 75 are rounded to 1.4e-14, at 500 nT a degree.
+                // Coordinates of about 75 degrees are rounded to 1.4e-14 degrees; the slope is 500 nT per degree.
                 assert!((made[0][k] - plane(lat[k], lon[k])).abs() < 1e-9, "{k}: {}", made[0][k]);
                 // A degree at 45 degrees is 111,132 m of latitude and 78,847 m of longitude (WGS-84, at the ellipsoid).
-                // The latter changes by 9e-5 from the middle of the map to its edges.
+                // The length of a degree of longitude changes by 9e-5 from the middle of the map to its edges.
                 assert!((made[1][k] * 111_132.0 / 500.0 - 1.0).abs() < 2e-4, "{k}: {} nT/m", made[1][k]);
                 assert!((made[2][k] * 78_847.0 / -300.0 - 1.0).abs() < 2e-4, "{k}: {} nT/m", made[2][k]);
                 assert_eq!(made[3][k], 0.0, "a map at its own height has no slope upwards");

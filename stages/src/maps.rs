@@ -14,9 +14,9 @@ use schemas::{Fault, map::NativeGrid};
 
 use crate::columns::{data, floats};
 
-/// Map of a table, unchanged or continued to the heights `levels_m` (metres above the WGS-84 ellipsoid, ascending).
-/// Between these heights, the value and all three slopes are interpolated. A table with a native grid ([`NativeGrid`])
-/// is interpolated on that grid.
+/// Map of a table, unchanged or continued to the heights `levels_m` (metres above the WGS-84 ellipsoid, ascending). The
+/// value and all three slopes are interpolated between these heights. A table with a native grid ([`NativeGrid`]) is
+/// interpolated on that grid.
 ///
 /// # Errors
 /// If the table is not a grid, the coordinate system cannot be used, or the levels do not ascend. If levels

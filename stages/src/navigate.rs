@@ -63,30 +63,30 @@ stage! {
     /// Corrects an INS by matching the compensated field to an anomaly map with one of the filters below.
     ///
     /// The states are the errors of the INS (truth minus INS) and the temporal variation. The estimate is INS plus
-    /// state. Each row holds the state a posteriori. `update` gives the outcome of the measurement: `used`; `missing`,
-    /// a NaN; `off_map`, a predicted position off the map or in an unknown cell; `gated`, an outlier; `flat`, a map too
-    /// flat to observe the position (`flat_over_m`); `unused`, not needed by the filter. When a measurement is not
-    /// used, the filter makes the time update only, and `residual` and `nis` are NaN.
+    /// state. Each row holds the state a posteriori. `update` gives the outcome of the measurement: `used`; `missing`
+    /// (NaN); `off_map` (predicted position off the map or in an unknown cell); `gated` (outlier); `flat` (map too flat
+    /// to observe the position, `flat_over_m`); `unused` (not needed by the filter). Without a used measurement the
+    /// filter makes only the time update, and `residual` and `nis` are NaN.
     ///
     /// A flat map without a core field corrects the temporal variation only. With a core field, the slope of the core
-    /// field also corrects the position slightly. A NaN in an INS column is rejected with its row. Missing velocities,
-    /// specific forces and attitudes are derived from the INS positions (attitude: level, along the course).
+    /// field also corrects the position slightly. A NaN in an INS column is rejected, and the error names its row.
+    /// Missing velocities, specific forces and attitudes are derived from the INS positions (attitude: level, along the
+    /// course).
     ///
     /// The map is used at its own height unless `map_levels_m` or `tuning = "auto"` continues it. `map_height_error` is
     /// the expected rms error of the whole map at the mean height of the line, from the spectrum of the map. For a
-    /// continued map it is the error of the continuation below the map: amplified noise and the field that damping
-    /// removes. It is NaN where the map's height is unknown. A map in eastings and northings is interpolated on its
-    /// native grid.
+    /// continued map it is the error of downward continuation: amplified noise and the field that damping removes. It
+    /// is NaN where the map's height is unknown. A map in eastings and northings is interpolated on its native grid.
     ///
     /// The core field (IGRF-14) is computed at one date per line: `decimal_year`, or the flight's first sample with
     /// both `year` and `doy`. A flight without a date is rejected unless `core_field = false`.
     ///
-    /// `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. They then hold the residual of the
-    /// calibration, from the columns `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau`. `compensate` estimates these
-    /// columns from the lines of its model's fit; `residual_noise` and `assume_noise` estimate them from lines over a
-    /// known field. With `offset_window_s` the offset removes the slow error of the first seconds, and the variance and
-    /// time constant of the remaining error are doubled. With `measurement_sigma_nt = "auto"` the error of bilinear
-    /// interpolation between nodes is added to the white noise.
+    /// `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. Their values are then those of the
+    /// calibration residual, from the columns `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau`. `compensate` estimates
+    /// these columns from the lines of its model's fit; `residual_noise` and `assume_noise` estimate them from lines
+    /// over a known field. With `offset_window_s` the offset removes the slow error of the first seconds, and the
+    /// variance and time constant of the remaining error are doubled. With `measurement_sigma_nt = "auto"` the error of
+    /// bilinear interpolation between nodes is added to the white noise.
     Navigate = "navigate", version 7, grain Line,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
     groups [noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec], example r#"
@@ -104,8 +104,8 @@ core_field      = false
     /// rejects outliers, and continues a map of known height to the flight heights. `magnav` uses the defaults of
     /// MagNav.jl, no gate, and the map at its own height. A key in the spec overrides either.
     tuning: Tuning, unit "", default Tuning::Auto;
-    /// Measured field of one or several magnetometers. A filter that does not process each magnetometer uses their mean
-    /// at each sample and the noise of a mean of independent readings. Each magnetometer has its own offset.
+    /// Measured field of one or several magnetometers. A filter that cannot process magnetometers separately uses their
+    /// mean at each sample, with the noise of a mean of independent readings. Each magnetometer has its own offset.
     mag: Vec<String>, unit "nT", default vec!["mag_c".to_owned()];
     /// Predicts the core field as part of the measurement. `false`: the measurement is an anomaly.
     core_field: bool, unit "", default true;
@@ -123,9 +123,10 @@ core_field      = false
         absent "continued to the flight heights with `tuning = \"auto\"`, else used at its own height";
     /// Correlation length of the map error, for a map with the column `error` (`map_grid`, `track_map`); typically the
     /// spacing of its survey lines. The equivalent white noise is added to the measurement noise of each sample. An
-    /// extended Kalman filter predicts the position at which the error is read.
+    /// extended Kalman filter predicts the position at which the map error is looked up.
     map_error_length_m: Option<f64>, unit "m",
-        absent "with `tuning = \"auto\"` the likelihood gives the weight of the column `error`, else the map is exact", rule Rule::Positive;
+        absent "with `tuning = \"auto\"` the likelihood gives the weight of the column `error`, else the map is \
+            assumed exact", rule Rule::Positive;
     /// Length of the window from the start of a line over which the mean of measurement minus prediction is computed.
     /// This offset is subtracted before filtering, because compensation leaves a constant undetermined. 0 subtracts
     /// nothing.
@@ -154,7 +155,7 @@ fn map_and_models(inputs: &[RecordBatch]) -> (Option<&RecordBatch>, impl Iterato
     (further.clone().find(move |table| has(table, ANOMALY)), further.filter(move |table| has(table, TERM)))
 }
 
-/// Expected error of a map at another height than its own, for `score`.
+/// Expected error of a map at a height other than its own, for `score`.
 pub(crate) const MAP_HEIGHT_ERROR: &str = "map_height_error";
 
 /// The row of the catalogue, with `filters` to choose from.
@@ -176,7 +177,7 @@ impl Navigate {
             && self.filter.keys.takes_field()
     }
 
-    /// Faults of corrections that were made before.
+    /// Faults of corrections that have already been applied.
     fn corrections_twice(&self, shape: &TableShape) -> Vec<Fault> {
         let mags = self.magnetometers();
         let there = shape.get(DIURNAL).is_some() || self.remove_diurnal.is_some();

@@ -20,12 +20,12 @@ use crate::{
 
 stage! {
     /// Estimates the noise of a compensated signal on the lines that `where` selects. The true field comes from another
-    /// magnetometer, `truth`, or otherwise from a map, the core field and the diurnal variation.
+    /// magnetometer (`truth`) or, if that is unset, from a map, the core field and the diurnal variation.
     ///
     /// The noise that `fit` reports is the residual on its own calibration lines, in manoeuvres and including the
     /// anomaly. `residual_noise` is more realistic: it uses lines flown over a map as in navigation, and includes the
-    /// error of the map. `assume_noise` assigns its result to other lines, and `navigate` uses it where its noise
-    /// parameters are `"auto"`. Do not select the lines that are navigated.
+    /// error of the map. `assume_noise` assigns the result to other lines, and `navigate` uses it for noise parameters
+    /// that are `"auto"`. Do not select the lines that are navigated.
     ///
     /// The noise has a white and a first-order Gauss-Markov part, the smallest that bound the Allan variance of the
     /// lines. A constant has no effect. A time constant longer than the lines cannot be resolved. Lines without a run
@@ -43,12 +43,13 @@ truth = "mag_1_c"
     /// Compensated signal.
     mag: String, unit "nT", default "mag_c";
     /// Column of the true field, such as `mag_1_c`.
-    truth: Option<String>, unit "nT", absent "the sum of `igrf`, `map_anomaly` (of `map_value`) and, if present, `diurnal`, without the corrections that `mag` has already had";
+    truth: Option<String>, unit "nT", absent "the sum of `igrf`, `map_anomaly` (computed by `map_value`) and, if \
+        present, `diurnal`, except those already removed from `mag`";
 }
 
 stage! {
-    /// Appends noise that `residual_noise`, `fogm_noise` or `fit` estimated: `mag_sigma`, `mag_fogm_sigma` and
-    /// `mag_fogm_tau`, the same for all samples. They replace those of `compensate`.
+    /// Appends the noise estimated by `residual_noise`, `fogm_noise` or `fit`: `mag_sigma`, `mag_fogm_sigma` and
+    /// `mag_fogm_tau`, equal for all samples. These columns replace those of `compensate`.
     AssumeNoise = "assume_noise", version 1, grain Line, inputs [input: Lines, noise: Model],
     example r#"
 [[stages]]
@@ -241,7 +242,7 @@ mod tests {
         ResidualNoise { mag: "mag_c".into(), truth: truth.map(str::to_owned) }
     }
 
-    /// The white part, and the samples behind it.
+    /// White noise, and the number of samples.
     fn found(stage: &ResidualNoise, lines: &[LineInput]) -> Result<(f64, i64), Fault> {
         let gather = ResidualNoise::gather(vec![crate::testing::point(stage)]);
         let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
@@ -265,7 +266,8 @@ mod tests {
             sigmas.push(sigma);
         }
         sigmas.sort_by(f64::total_cmp);
-        // The Allan variance gives an upper bound at all spans; for a single line it has an error of some per cent.
+        // The Allan variance gives an upper bound at all averaging times. For a single line its error is a few per
+        // cent.
         assert!((sigmas[4] / SIGMA_NT - 1.0).abs() < 0.05, "{sigmas:?}");
         assert!(sigmas.iter().all(|s| (s / SIGMA_NT - 1.0).abs() < 0.15), "{sigmas:?}");
     }

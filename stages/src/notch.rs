@@ -14,13 +14,13 @@ stage! {
     ///
     /// Each harmonic is removed at its alias in the samples, for example 10 Hz for 150 Hz sampled at 160 Hz. If the
     /// sensor sampled at another rate than the line and no filter was applied in between, set `sampled_hz` to that
-    /// rate. The alias at that rate is then folded to the rate of the line. Any signal within the width is removed too.
-    /// A harmonic whose alias is within half of the width of 0 Hz or of the Nyquist frequency is an error. Remove it
-    /// before resampling to a lower rate.
+    /// rate. The alias at that rate is then folded to the rate of the line. Any signal within the notch width is also
+    /// removed. A harmonic is rejected if its alias is less than half a notch width from 0 Hz or from the Nyquist
+    /// frequency. Remove it before resampling to a lower rate.
     ///
-    /// A second-order notch at each frequency runs forwards and backwards. It settles in about 1/width, so part of the
-    /// sinusoid remains that close to each end of a run. Angles are filtered along the shorter arc. Gaps, short runs
-    /// and uneven samples are treated as in `bandpass`.
+    /// A second-order notch at each frequency runs forwards and backwards. It settles in about 1/`width_hz`, so part of
+    /// the sinusoid remains for this time at each end of a run. Angles are filtered along the shorter arc. Gaps, short
+    /// runs and uneven samples are treated as in `bandpass`.
     ///
     /// Source: S. J. Orfanidis, Introduction to signal processing, 1995, section 11.3.
     Notch = "notch", version 2, grain Line, inputs [input: Lines],
@@ -41,7 +41,7 @@ harmonics  = 2
     harmonics: usize, unit "", default 3usize, rule Rule::Between(1.0, 50.0);
     /// Full width of each notch. At half the width from the notch frequency, half of the amplitude remains.
     width_hz: f64, unit "Hz", default 0.5, rule Rule::Positive;
-    /// Rate at which the sensor sampled.
+    /// Original sample rate of the sensor.
     sampled_hz: Option<f64>, unit "Hz", absent "the rate of the line", rule Rule::Positive;
 }
 
@@ -57,8 +57,8 @@ impl Notch {
             let seen = alias_hz(self.sampled_hz.map_or(hz, |sampled_hz| alias_hz(hz, sampled_hz)), rate_hz);
             if seen <= 0.5 * self.width_hz || seen >= 0.5 * (rate_hz - self.width_hz) {
                 let what = format!(
-                    "the harmonic {hz} Hz has its alias at {seen:.3} Hz at {rate_hz} Hz; a notch of {} Hz reaches 0 \
-                     Hz or the Nyquist frequency",
+                    "at a sample rate of {rate_hz} Hz the harmonic {hz} Hz has its alias at {seen:.3} Hz; a notch of \
+                     {} Hz reaches 0 Hz or the Nyquist frequency",
                     self.width_hz
                 );
                 let help = "use `notch` before `resample`, or reduce `harmonics` or `width_hz`";
@@ -127,7 +127,7 @@ mod tests {
         let mains = |t: f64| 5.0 * (TAU * 50.0 * t).sin() + 2.0 * (TAU * 100.0 * t).cos() + (TAU * 150.0 * t).sin();
         let y = run(&notch(50.0), 160.0, |t| signal(t) + mains(t)).unwrap();
         let worst = (2000..6000).map(|k| (y[k] - signal(k as f64 / 160.0)).abs()).fold(0.0, f64::max);
-        // Each of three notches delays 0.4 Hz by about (width/f)², the nearest by 1/400.
+        // Each of three notches changes 0.4 Hz by about (width/f)², the nearest notch by 1/400.
         assert!(worst < 0.1, "{worst} nT");
         let before = (2000..6000).map(|k| mains(k as f64 / 160.0).abs()).fold(0.0, f64::max);
         assert!(before > 5.0);

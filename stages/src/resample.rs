@@ -17,36 +17,36 @@ use crate::{
 };
 
 stage! {
-    /// Brings every column of a line onto evenly spaced times, whole multiples of 1/`rate_hz`.
+    /// Resamples every column of a line to evenly spaced times: the whole multiples of 1/`rate_hz`.
     ///
-    /// Numbers are interpolated, angles (unit deg) along the shorter arc; text, integers and booleans take the nearest
-    /// sample. Whole numbers without a unit stay whole: codes and flags, whose few values recur, take the nearest
-    /// sample; counts are interpolated and rounded. A column with a unit, or of the role sensor or truth, is measured:
-    /// it is interpolated even if its values are whole. State the unit of a measured column in `units` of its table.
+    /// Numbers are interpolated, and angles (unit deg) along the shorter arc. Text, integers and booleans take the
+    /// value of the nearest sample. Whole numbers without a unit stay whole. Codes and flags, which have few distinct
+    /// values, take the value of the nearest sample; counts are interpolated and rounded. A column with a unit, or with
+    /// the role sensor or truth, is a measured quantity. It is interpolated even if its values are whole. State the
+    /// unit of a measured column in `units` of its table.
     ///
-    /// The grid begins at the first multiple at or after the first sample and ends at or before the last,
-    /// so that all sensors and lines of a flight share their times.
+    /// The grid begins at the first multiple at or after the first sample, and ends at the last multiple at or before
+    /// the last sample. All sensors and lines of a flight therefore share their times.
     ///
-    /// Times inside of a gap longer than `max_gap_s` are kept, with NaN (or null) in every column but `flight`, `line`
-    /// and `tt`. A missing value of one column counts as a gap of that column; a column that a line lacks, but others
-    /// have, is missing throughout. Repeated or backward time is an error.
+    /// Times within a gap longer than `max_gap_s` are kept, with NaN (or null) in every column except `flight`, `line`
+    /// and `tt`. A missing value counts as a gap of its column. A column that a line lacks, but other lines have, is
+    /// missing on the whole line. Repeated or decreasing times are rejected.
     ///
     /// Sensors with different sampling rates are separate tables, `input = ["mag", "imu", "gps"]`. A line combines the
-    /// same flight and line of each of them. The columns of all are brought onto one grid, over the time that all of
-    /// them cover, or over that of the first (`span`). Where two tables have a date, their times count from one common
-    /// midnight, even if the tables count from different ones. A column of the same name in two tables is an error,
-    /// except `year` and `doy`, which come from the first table with them. A line without a common time is an error
-    /// too.
+    /// rows of the same flight and line in all tables. Their columns are resampled to one grid. It covers the time that
+    /// all tables cover, or the time of the first table (`span`). If several tables have a date, their times are
+    /// converted to a common midnight. A column name in two tables is rejected, except `year` and `doy`, which are read
+    /// from the first table that has them. A line whose tables have no common time is rejected.
     ///
-    /// `lag_s` and `input_lag_s` take out how late a sensor reports: with a lag of 0.06 s, what is stamped t was so at
-    /// t - 0.06 s, and a value at t is what is stamped t + 0.06 s. `lag` finds lags of this sign.
+    /// `lag_s` and `input_lag_s` remove the lag of a sensor. With a lag of 0.06 s, a reading stamped t was measured at
+    /// t - 0.06 s. The resampled value at t is therefore the reading stamped t + 0.06 s. The stage `lag` estimates lags
+    /// with this sign.
     ///
-    /// Entries of lists that are differences per sample, such as those of `tl`, become differences at the new rate. A
-    /// list that holds values of earlier samples is an error: make it afterwards. A lag that was taken out before is an
-    /// error too.
+    /// Entries of lists that are differences per sample, such as those of `tl`, are converted to the new rate. A list
+    /// with values of earlier samples is rejected: compute it after resampling. A lag cannot be removed twice.
     ///
-    /// Nothing is filtered: when going to a lower rate, what is faster than half of it folds back. Use `lowpass` or
-    /// `bandpass` before.
+    /// The stage does not filter: at a lower rate, frequencies above half of the new rate are aliased. Apply `lowpass`
+    /// or `bandpass` first.
     Resample = "resample", version 3, grain Line, inputs [input: ManyLines],
     example r#"
 [[stages]]
@@ -55,33 +55,33 @@ stage   = "resample"
 input   = "flights"
 rate_hz = 10.0
 "#;
-    /// Samples per second of the new grid.
+    /// Sample rate of the new grid.
     rate_hz: f64, unit "Hz", rule Rule::Positive;
-    /// How values between samples are found; `cubic` is Akima's.
+    /// Interpolation between samples; `cubic` is Akima's.
     method: SampleInterpolation, unit "", default SampleInterpolation::Linear;
-    /// The longest gap that is bridged: one for all inputs, or one for each.
+    /// Longest gap that is interpolated: one value for all inputs, or one value per input.
     max_gap_s: Vec<f64>, unit "s", default vec![1.0], rule Rule::Positive;
     /// Time that the grid covers, with several inputs.
     span: GridSpan, unit "", default GridSpan::All;
-    /// How late columns report, by their name; of a vector magnetometer by that, such as `flux_a` for its `x`, `y`, `z`
-    /// and `t`. It takes the place of the lag of the column's input.
+    /// Lags of columns, by column name. The name of a vector magnetometer, such as `flux_a`, sets the lag of its `x`,
+    /// `y`, `z` and `t`. Replaces the lag of the column's input.
     lag_s: BTreeMap<String, f64>, unit "s", default BTreeMap::new(), rule Rule::Finite;
-    /// How late the sensors of each input report, one for each.
+    /// Lag of the sensors of each input, one value per input.
     input_lag_s: Option<Vec<f64>>, unit "s", absent "0 for all", rule Rule::Finite;
 }
 
 choice! {
-    /// The time that a grid of several tables covers.
+    /// Time that the grid of several tables covers.
     pub enum GridSpan {
-        /// Time that all of them cover.
+        /// Time that all tables cover.
         All = "all",
-        /// Time that the first covers; the others have NaN where they have no samples.
+        /// Time that the first table covers. Columns of other tables are NaN where they have no samples.
         First = "first",
     }
 }
 
 impl Resample {
-    /// The lag of a column of the input `i`.
+    /// Lag of a column of the input `i`, s.
     fn lag_of(&self, i: usize, name: &str) -> f64 {
         let of_vector = || {
             let (vector, _) = schemas::flight::vector_part(name)?;
@@ -91,13 +91,13 @@ impl Resample {
         own.copied().unwrap_or_else(|| self.lag_of_input(i))
     }
 
-    /// Reason why the lag of a column cannot be removed: it was removed before.
+    /// Fault if the lag of a column has already been removed.
     fn lag_again(&self, i: usize, column: &Column) -> Option<Fault> {
         let again = self.lag_of(i, &column.name) != 0.0 && column.removed.contains(&MagneticCorrection::Lag);
         let param = if self.lag_of_input(i) == 0.0 { "lag_s" } else { "input_lag_s" };
         again.then(|| {
-            let what = format!("the lag of `{}` was taken out before", column.name);
-            Fault::new(what).help(format!("leave it out of `{param}`")).of_param(param)
+            let what = format!("the lag of `{}` has already been removed", column.name);
+            Fault::new(what).help(format!("remove it from `{param}`")).of_param(param)
         })
     }
 
@@ -114,7 +114,7 @@ impl Resample {
         let mut faults = vec![];
         let n = shapes.len();
         let mut count = |given: usize, param: &str| {
-            let what = format!("there are {n} inputs, but {given} values for them");
+            let what = format!("there are {n} inputs, but `{param}` has {given} values");
             faults.push(Fault::new(what).of_param(param));
         };
         if self.max_gap_s.len() != 1 && self.max_gap_s.len() != n {
@@ -155,10 +155,10 @@ fn lagged_entry(column: &Column) -> Option<Fault> {
         "`{}` holds `{name}`, the value of an earlier sample, which has no equivalent at another rate",
         column.name
     );
-    Some(Fault::new(what).help("make the column after `resample`, or drop it by `select`").of_param("input"))
+    Some(Fault::new(what).help("compute the column after `resample`, or drop it with `select`").of_param("input"))
 }
 
-/// The columns of the input `i` that are resampled: those that no earlier input provides.
+/// Resampled columns of the input `i`: those that are in no earlier input.
 fn own_columns<'a>(shapes: &[&'a TableShape], i: usize) -> Result<Vec<&'a Column>, Fault> {
     let mut own = vec![];
     for column in shapes.get(i).map_or(&[][..], |shape| shape.columns.as_slice()) {
@@ -169,7 +169,7 @@ fn own_columns<'a>(shapes: &[&'a TableShape], i: usize) -> Result<Vec<&'a Column
             Some(first) => {
                 let name = &column.name;
                 let what = format!("both input {} and input {} have a column `{name}`", first + 1, i + 1);
-                let help = "rename one with `rename` of its table, or leave it out with `select`";
+                let help = "rename one with `rename` of its table, or drop it with `select`";
                 return Err(Fault::new(what).help(help).of_param("input"));
             }
         }
@@ -229,7 +229,7 @@ impl Stage for Resample {
     }
 }
 
-/// Samples of one input, with times in s from midnight of the first input's day.
+/// Samples of one input, with times in s from the midnight of the first input's day.
 struct ResampleInput<'a> {
     batch: &'a RecordBatch,
     tt: Vec<f64>,
@@ -246,7 +246,7 @@ impl LineStage for Resample {
         let inputs = self.samples(line)?;
         let grid = self.grid(&inputs)?;
         if grid.is_empty() {
-            return Err(Fault::data(format!("the line is too short to hold a sample at {} Hz", self.rate_hz)));
+            return Err(Fault::data(format!("the line is too short for a sample at {} Hz", self.rate_hz)));
         }
         let shapes: Vec<TableShape> = inputs.iter().map(|i| TableShape::from_schema(&i.batch.schema())).collect();
         let shapes: Vec<&TableShape> = shapes.iter().collect();
@@ -272,7 +272,7 @@ impl LineStage for Resample {
 }
 
 impl Resample {
-    /// The inputs with their times, minus the lag of each.
+    /// Inputs, with their times minus the lag of each input.
     fn samples<'a>(&self, line: &'a LineInput) -> Result<Vec<ResampleInput<'a>>, Fault> {
         let first = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let one = |(i, batch): (usize, &'a RecordBatch)| {
@@ -307,7 +307,9 @@ impl Resample {
         if first_s > last_s {
             let spans: Vec<String> = ends.iter().map(|(a, b)| format!("{a} s to {b} s")).collect();
             let what = format!("the inputs have no time in common: {}", spans.join("; "));
-            return Err(Fault::data(what).in_column("tt").help("do all of them count seconds past midnight UTC?"));
+            return Err(Fault::data(what)
+                .in_column("tt")
+                .help("check that all inputs count seconds past midnight UTC"));
         }
         even_grid(first_s, last_s, self.rate_hz).map_err(data)
     }

@@ -44,12 +44,12 @@ use crate::columns::{faults_of, floats, shape};
 
 /// Column with the reason for a missing value.
 pub const NOTE: &str = "note";
-/// Column with the quantiles of the samples, from which lines are pooled.
+/// Column with the quantiles of the samples, from which radii are pooled over lines.
 pub const SPREAD: &str = "spread";
 /// The column of a published table of scores that holds whether the line is in sample.
 pub const IN_SAMPLE: &str = "in_sample";
 
-/// The meaning of that column in a table that pools the scores of lines.
+/// Meaning of that column in a table of pooled scores.
 pub const POOLED_IN_SAMPLE: &str =
     "true if a line behind the value is in sample: used by a model, noise or map, or to choose a parameter";
 
@@ -69,23 +69,23 @@ stage! {
     /// line has a null value and the reason in `note`. An example is an upper corner above half the sample rate. The
     /// other metrics are kept. The run reports a warning, or fails if `metrics` names the metric.
     ///
-    /// The published table also has `in_sample`: true where the model, noise or map behind the score was made from this
-    /// line, or where a search chose a parameter by it. Such a score is an error of the fit, not of a prediction, and
-    /// is never the best of a sweep. Noise that `navigate` estimates on the navigated line uses no truth and does not
-    /// count. Models read from files count as made from other lines.
+    /// The published table also has `in_sample`: true if the line was used to make the model, noise or map behind the
+    /// score, or to choose a parameter in a search. Such a score is an error of the fit, not of a prediction, and is
+    /// never selected as the best of a sweep. Noise that `navigate` estimates on the navigated line uses no truth, so
+    /// it does not make the line in sample. Models read from files are assumed to be fitted to other lines.
     ///
     /// The table `scores_pooled` of the pipeline has one row per point and metric. Its `value` pools the lines that are
-    /// not in sample (all lines if every line is in sample), and `value_in_sample` pools the others. `spread` holds the
-    /// quantiles of the samples behind a radius, from which lines are pooled.
+    /// not in sample (all lines if every line is in sample), and `value_in_sample` pools the others. For a radius,
+    /// `spread` holds the quantiles of its samples, from which the pooled radius is computed.
     ///
     /// With `truth`, errors are against the truth. Without it, `std_uncompensated` and the ratios are those of the
-    /// signals themselves and include the anomaly. The run notes the metrics that lack only a truth.
+    /// signals themselves and include the anomaly. The run lists the metrics that would require only a truth.
     ///
-    /// With a table of `map_value` the map is scored: the agreement of the signal with the map, the slope of the map
-    /// along the track, and the expected accuracy of navigation. `igrf` and, if available, `diurnal` are first
+    /// A table computed by `map_value` adds scores of the map: the agreement of the signal with the map, the slope of
+    /// the map along the track, and the expected accuracy of navigation. `igrf` and, if available, `diurnal` are first
     /// subtracted from the signal. `map_position_bound` is the Cramér-Rao bound for a constant horizontal offset and an
     /// unknown constant of the measurement. It assumes independent sample errors of `map_sigma_nt`; correlated errors,
-    /// as of maps and the temporal variation, increase the error.
+    /// such as those of maps and the temporal variation, increase the actual error.
     ///
     /// A track is also tested against its own covariance: `nees_consistent` and `nis_consistent` are tests at 95 %.
     /// `whiteness`, `error_within_3sigma` and `divergence` are shares of lags or samples with known expected values for
@@ -130,7 +130,7 @@ impl Score {
         scorer.needs.iter().find(|s| places.get(**s).is_none()).map(|s| s.words(self))
     }
 
-    /// Notes on the metrics that lack only a truth.
+    /// Notes on the metrics for which only the truth is missing.
     fn not_scored(&self, places: &ScoreSourceIndex) -> Vec<String> {
         let is_missing = |source: &&ScoreSource| places.get(**source).is_none();
         let lacks_truth_alone = |scorer: &&&Scorer| scorer.needs.iter().filter(is_missing).all(|s| s.is_truth());
@@ -172,13 +172,13 @@ impl Score {
             }
         }
         if faults.is_empty() && self.chosen(places).is_empty() {
-            let help = format!("add a table with `{}` or a track to `input`", self.mag);
-            faults.push(Fault::new("these tables allow no metric").help(help).of_param("input"));
+            let help = format!("add a table with `{}`, or a track, to `input`", self.mag);
+            faults.push(Fault::new("no metric can be scored from these tables").help(help).of_param("input"));
         }
         faults
     }
 
-    /// The columns that the chosen metrics read of each of `inputs` tables.
+    /// Columns that the chosen metrics read from each of the `inputs` tables.
     fn reads(&self, places: &ScoreSourceIndex, inputs: usize) -> Vec<Vec<String>> {
         let chosen = self.chosen(places);
         let mut reads = vec![vec!["tt".to_owned()]; inputs];

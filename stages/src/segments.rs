@@ -22,14 +22,14 @@ stage! {
     /// and `segment_kind`: `straight`, `turn`, `manoeuvre`, or `none` if the heading is missing.
     ///
     /// In a turn the heading changes faster than `turn_dps` and by at least `turn_deg` in total, so the yaws of a
-    /// calibration are not turns. A part between two turns shorter than `least_s` belongs to the turns. A manoeuvre is
+    /// calibration are not turns. A part shorter than `least_s` between two turns belongs to the turns. A manoeuvre is
     /// part of a straight part. In it, the band-passed columns of `attitude` (angles, or components of a vector
     /// magnetometer) have a root mean square above `manoeuvre` over `window_s`. Examples are the pitches, rolls and
-    /// yaws of a calibration box. Boundaries have the resolution of the window.
+    /// yaws of a calibration box. Boundaries are accurate to the length of the window.
     ///
-    /// `select` with `rows = "segment_kind = 'straight'"` keeps the straight parts, which stay in their line. Samples
-    /// must be evenly spaced. A gap in time and a missing heading end a segment, and a run shorter than the window is
-    /// `none`. The heading may be a course computed with `derive`: `degrees(atan2(ve, vn))`.
+    /// `select` with `rows = "segment_kind = 'straight'"` keeps the straight parts and does not divide the line.
+    /// Samples must be evenly spaced. A gap in time or a missing heading ends a segment. A run shorter than the window
+    /// is `none`. The heading may be a course computed with `derive`: `degrees(atan2(ve, vn))`.
     Segments = "segments", version 1, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
@@ -44,9 +44,9 @@ attitude = ["heading"]
     heading: String, unit "deg", default "yaw";
     /// Window over which the turn rate and the manoeuvres are computed.
     window_s: f64, unit "s", default 5.0, rule Rule::Positive;
-    /// Turn rate above which a part may be a turn.
+    /// Minimum turn rate of a turn.
     turn_dps: f64, unit "deg/s", default 1.0, rule Rule::Positive;
-    /// Smallest change of heading in a turn.
+    /// Minimum change of heading in a turn.
     turn_deg: f64, unit "deg", default 20.0, rule Rule::NotNegative;
     /// Shortest straight part.
     least_s: f64, unit "s", default 20.0, rule Rule::NotNegative;
@@ -105,7 +105,7 @@ impl Segments {
         let Some(rates) = slope.apply(heading) else { return Ok(None) };
         let side = |rate: &f64| if (rate * rate_hz).abs() < self.turn_dps { 0.0 } else { rate.signum() };
         let mut sides: Vec<f64> = rates.iter().map(side).collect();
-        // Slower moments within a turn belong to it.
+        // Intervals of slow rotation within a turn belong to the turn.
         let short = self.window(rate_hz);
         let parts = runs(&sides);
         for w in parts.windows(3) {
@@ -159,7 +159,7 @@ impl Segments {
             (sums[to] - sums[from]) / (to - from) as f64
         };
         let mut found: Vec<bool> = (0..squares.len()).map(|row| mean(row) > self.manoeuvre * self.manoeuvre).collect();
-        // Moments between the movements of one manoeuvre belong to it.
+        // Intervals between the movements of one manoeuvre belong to the manoeuvre.
         for run in runs(&found) {
             let inside = run.start > 0 && run.end < found.len();
             if inside && !found[run.start] && run.len() < 2 * half + 1 {
@@ -270,11 +270,11 @@ mod tests {
         }
     }
 
-    /// A box: legs of 80 s, right turns of 30 s at 3 degrees a second, and rolls of 5 degrees in the middle of each
-    /// leg, from 30 to 50 s.
+    /// A box with legs of 80 s and right turns of 30 s at 3 degrees per second. In the middle of each leg, from 30 to
+    /// 50 s, there are rolls of 5 degrees.
     fn heading(t: f64) -> f64 {
         let (leg, s) = ((t / 110.0).floor(), t.rem_euclid(110.0));
-        // On the legs a yaw of 3 degrees that turns at up to 3 degrees a second.
+        // Yaw of 3 degrees amplitude on the legs, at up to 3 degrees per second.
         let yaw = if (30.0..50.0).contains(&s) { 3.0 * (TAU * 0.15 * s).sin() } else { 0.0 };
         (300.0 + 90.0 * leg + 3.0 * (s - 80.0).max(0.0) + yaw).rem_euclid(360.0)
     }

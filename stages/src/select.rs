@@ -14,9 +14,9 @@ stage! {
     /// Keeps the rows of each line for which `rows` is true. Keeps the columns that `columns` names, or those that
     /// `drop` does not name.
     ///
-    /// `rows` is a SQL predicate over the columns of a row. A row for which it is unknown, because a value is missing
-    /// (NaN), is dropped. A line without any kept row is an error of that line. Rows that are dropped in the middle
-    /// leave a gap in time, at which filters restart.
+    /// `rows` is an SQL predicate over the columns of a row. A row is dropped if the predicate is unknown because a
+    /// value is missing (NaN). A line fails if no row is kept. Rows dropped in the middle of a line leave a gap in
+    /// time, at which filters restart.
     ///
     /// `where` selects lines. The columns `flight`, `line` and `tt` are always kept.
     Select = "select", version 2, grain Line, inputs [input: Lines],
@@ -28,7 +28,7 @@ input = "resample"
 rows  = "mag_4_uc is not null and alt > 0"
 drop  = ["mag_5_uc"]
 "#;
-    /// Predicate of the rows that are kept, such as `radar > 100 and abs(roll) < 5`.
+    /// Predicate for the rows that are kept, such as `radar > 100 and abs(roll) < 5`.
     rows: Option<String>, unit "", absent "all";
     /// Columns that are kept.
     columns: Option<Vec<String>>, unit "", absent "all columns except those of `drop`";

@@ -21,21 +21,23 @@ use schemas::{
 use crate::columns::{array, data, faults_of, floats, shape};
 
 stage! {
-    /// Adds the INS of a grade to a flight without an INS, or replaces the flight's INS: the GNSS track with simulated
-    /// errors. It appends `ins_lat`, `ins_lon`, `ins_alt`, `ins_vn`, `ins_ve`, `ins_vd`, `ins_fn`, `ins_fe`, `ins_fd`,
-    /// `ins_roll`, `ins_pitch`, `ins_yaw` and `ins_aligned`, which `navigate` reads like those of a flight.
+    /// Simulates an INS of a given grade: the GNSS track plus simulated errors. The INS is added to a flight without
+    /// one, or replaces the flight's INS. The stage appends `ins_lat`, `ins_lon`, `ins_alt`, `ins_vn`, `ins_ve`,
+    /// `ins_vd`, `ins_fn`, `ins_fe`, `ins_fd`, `ins_roll`, `ins_pitch`, `ins_yaw` and `ins_aligned`, which `navigate`
+    /// reads like measured ones.
     ///
     /// The truth is `lat`, `lon` and `alt`, with `vn`, `ve`, `vd` and `roll`, `pitch`, `yaw` if the flight has all
-    /// three. Missing columns are derived: velocity from the positions, specific force from the velocity, attitude
-    /// level along the course. Derivatives amplify the noise of a GNSS receiver, and the specific force is a second
-    /// derivative. Positions and velocities are therefore first smoothed over `smooth_s`. Apart from the effect of
-    /// smoothing, the INS then has only its own errors and no jitter of the receiver.
+    /// three. Missing velocities are derived from the positions, and specific forces from the velocities. A missing
+    /// attitude is level, with the yaw along the course. Derivatives amplify the noise of a GNSS receiver, and the
+    /// specific force is a second derivative. Positions and velocities are therefore first smoothed over `smooth_s`.
+    /// Apart from the effect of smoothing, the INS then has only its own errors and no jitter of the receiver.
     ///
-    /// Each line begins with a new alignment with errors drawn by the `init_*` keys. Its realisation depends only on
-    /// `seed` and the names of its flight and line. Lines with the same seed and names have the same INS on every
-    /// machine. Samples need not be evenly spaced. One realisation is one INS: sweep `seed` for statistics of a grade.
+    /// Each line begins with a new alignment. Its errors are random, with the standard deviations of the `init_*` keys.
+    /// They depend only on `seed` and the names of flight and line. Lines with the same seed and names have the same
+    /// INS on every machine. Samples need not be evenly spaced. One seed gives one realisation; sweep `seed` for the
+    /// statistics of a grade.
     ///
-    /// The stage rejects a NaN in position, velocity or attitude, times that do not ascend, a line of one sample, and
+    /// The stage rejects a NaN in position, velocity or attitude, times that do not increase, a line of one sample, and
     /// an INS with an error above 1,000 km. An existing INS is rejected unless `replace = true`.
     ///
     /// Source: Gnadt 2022, (5.15) to (5.35); Titterton & Weston 2004, chapter 12; grades: Lee 2019, Tables 9 and 10.
@@ -48,11 +50,11 @@ input     = "resample"
 ins_grade = "navigation"
 replace   = true
 "#;
-    /// Propagation of the errors: the linear error model that `navigate` uses, or a strapdown mechanisation of faulty
-    /// readings, which is accurate for errors of any size.
+    /// Propagation of the errors: the linear error model of `navigate`, or a strapdown mechanisation of sensor readings
+    /// with errors. The mechanisation is accurate for errors of any size.
     method: ErrorPropagation, unit "", default ErrorPropagation::ErrorModel;
-    /// Length of the window over which positions and velocities are smoothed, by parabolas whose weights fall to 0 at
-    /// its ends. 0 does not smooth.
+    /// Length of the window over which parabolas smooth positions and velocities. The weights fall to 0 at its ends. 0
+    /// switches smoothing off.
     smooth_s: f64, unit "s", default 5.0, rule Rule::NotNegative;
     /// Seed of all random draws.
     seed: usize, unit "", default 0usize;
@@ -74,7 +76,7 @@ const POSITION: [(&str, &str); 3] = [("lat", "deg"), ("lon", "deg"), ("alt", "m"
 const VELOCITY: [(&str, &str); 3] = [("vn", "m/s"), ("ve", "m/s"), ("vd", "m/s")];
 const ATTITUDE: [(&str, &str); 3] = [("roll", "deg"), ("pitch", "deg"), ("yaw", "deg")];
 
-/// Columns that are made: those of [`faulty_ins`], in its order, and the time of the alignment.
+/// Columns that the stage makes: those of [`faulty_ins`], in its order, and the time of the alignment.
 const MADE: [&str; 13] = [
     "ins_lat",
     "ins_lon",
@@ -91,17 +93,17 @@ const MADE: [&str; 13] = [
     "ins_aligned",
 ];
 
-/// Largest position error, in m, for which an error model or a map applies.
+/// Largest position error for which an error model or a map is valid, m.
 const ERROR_LIMIT_M: f64 = 1e6;
 
 impl SimulateIns {
-    /// Columns that are read: all of a group, or none.
+    /// Columns that are read. A group is read completely or not at all.
     fn reads(shape: &TableShape) -> Vec<(&'static str, &'static str)> {
         let there = |group: &&[(&str, &str); 3]| group.iter().all(|(name, _)| shape.get(name).is_some());
         POSITION.into_iter().chain([&VELOCITY, &ATTITUDE].into_iter().filter(there).copied().flatten()).collect()
     }
 
-    /// Fault of an existing INS that must not be replaced.
+    /// Fault of an existing INS without `replace = true`.
     fn kept(&self, shape: &TableShape) -> Option<Fault> {
         let have = MADE.into_iter().find(|name| shape.get(name).is_some()).filter(|_| !self.replace)?;
         let what = format!("the flight already has an INS: `{have}`");

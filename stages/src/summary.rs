@@ -22,21 +22,23 @@ use crate::{
 };
 
 stage! {
-    /// Pools the scores of lines, each figure with a confidence interval.
+    /// Pools the scores of lines, with a confidence interval for each pooled value.
     ///
-    /// Errors in nT and m are pooled as root mean squares, ratios and biases as means, both weighted by samples; `cep`
-    /// and `r95` are the radii of all samples together; numbers of samples are added. The interval is that of
-    /// percentiles over `draws` resamples of whole lines with replacement: the samples of a line err together, so they
-    /// are no independent evidence. One line alone has no interval (null).
+    /// Errors in nT and m are pooled as root mean squares, ratios and biases as means. Both are weighted by the number
+    /// of samples. `cep` and `r95` are radii of the samples of all lines. Numbers of samples are added. The interval
+    /// consists of percentiles over `draws` resamples of lines with replacement. Whole lines are resampled because the
+    /// errors within a line are correlated. A single line has no interval (null).
     ///
-    /// Each metric is pooled over the held-out lines. Where no held-out line has a value, it is pooled over the lines
-    /// in sample, and `in_sample` is true. A line is in sample if a model, noise or map behind its scores was made from
-    /// it, or a search chose by it. `scores_pooled` also pools the lines in sample, where there are others.
+    /// Each metric is pooled over the held-out lines. If no held-out line has a value, it is pooled over the lines in
+    /// sample, and `in_sample` is true. A line is in sample if it was used to make a model, noise or map behind its
+    /// scores, or to choose a parameter in a search. The table `scores_pooled` also pools the lines in sample if other
+    /// lines exist.
     ///
-    /// With `train`, the lines that the model was fitted on, there is one more metric: `overfitting_ratio`, the pooled
-    /// `std_error` (without it, the rms of `map_std_error`) of all other lines, in sample or not, over that of these; 1
-    /// for a model that is as good on new lines as on its own, more for one that overfits. In its resamples training
-    /// lines and other lines are drawn each among themselves.
+    /// `train` lists the lines to which the model was fitted, and adds the metric `overfitting_ratio`. It is the pooled
+    /// `std_error` of all other lines, in sample or not, divided by that of the training lines. Without `std_error` it
+    /// uses the root mean square of `map_std_error`. The ratio is 1 for a model that is as accurate on new lines as on
+    /// its training lines, and larger for one that overfits. In its resamples, training lines are drawn only from
+    /// training lines, and other lines only from other lines.
     ///
     /// Source: van der Meer 2025, (2.42) and section 4.1; Efron & Tibshirani 1993, chapter 13.
     Summary = "summary", version 4, grain Survey, inputs [input: Scores],
@@ -47,14 +49,14 @@ stage = "summary"
 input = "score"
 "#;
     /// Metrics to pool.
-    metrics: ChoiceSubset<Scorer>, unit "", absent "everything that was scored";
-    /// The lines that a model was fitted on, for `overfitting_ratio`.
+    metrics: ChoiceSubset<Scorer>, unit "", absent "all scored metrics";
+    /// Lines to which the model was fitted, for `overfitting_ratio`.
     train: Vec<String>, unit "", default Vec::<String>::new();
-    /// The confidence level of the interval.
+    /// Confidence level of the interval.
     level: f64, unit "1", default 0.95, rule Rule::Between(0.5, 0.999);
-    /// How many resamples.
+    /// Number of resamples.
     draws: usize, unit "", default 1000usize, rule Rule::Between(10.0, 100000.0);
-    /// Where the draws begin.
+    /// Seed of the resamples.
     seed: usize, unit "", default 0usize;
 }
 
@@ -64,14 +66,14 @@ pub fn entry(scorers: Vec<&'static Scorer>) -> StageEntry {
 }
 
 const READS: [&str; 4] = ["metric", "value", "n", score::SPREAD];
-/// Errors whose ratio between new and training lines is the overfitting ratio; the first available one is used.
+/// Errors from which the overfitting ratio is computed; the first available error is used.
 const OVERFITTING: [&Metric; 2] = [&score::STD_ERROR.metric, &score::MAP_STD_ERROR.metric];
 /// Metrics that are scored over all lines only.
 const METRICS: [Metric; 1] = [OVERFITTING_RATIO];
 const OVERFITTING_RATIO: Metric = Metric {
     name: "overfitting_ratio",
     unit: "1",
-    meaning: "error of all other lines over that of the lines that the model was fitted on",
+    meaning: "pooled error of all other lines divided by that of the training lines",
     pool: PoolingRule::Mean,
     better: MetricPreference::Lower,
     shown: MetricDisplay::NOWHERE,
@@ -85,13 +87,13 @@ impl Stage for Summary {
         }
         let made = |c: Column| c.from(0, &READS);
         let columns = vec![
-            made(Column::text("metric", "what was scored").role(Role::Key)),
-            made(Column::float("value", "", "the score of all lines; null where no sample was left for it")),
+            made(Column::text("metric", "name of the metric").role(Role::Key)),
+            made(Column::float("value", "", "pooled value; null without samples")),
             made(Column::float("low", "", "lower end of the confidence interval; null with fewer than two lines")),
             made(Column::float("high", "", "upper end of the confidence interval")),
-            made(Column::text("unit", "the unit of the value")),
-            made(Column::integer("lines", "", "lines behind it")),
-            made(Column::integer("n", "", "samples or pairs behind it")),
+            made(Column::text("unit", "unit of the value")),
+            made(Column::integer("lines", "", "number of lines")),
+            made(Column::integer("n", "", "number of samples or pairs")),
             made(Column {
                 column_type: ColumnType::Other(DataType::Boolean),
                 ..Column::float(IN_SAMPLE, "", POOLED_IN_SAMPLE).role(Role::Key)
@@ -177,7 +179,7 @@ impl SurveyAggregator for SummaryAggregator {
     }
 }
 
-/// A pooled figure.
+/// A pooled value.
 struct SummaryFigure {
     metric: &'static Metric,
     value: f64,
@@ -192,7 +194,7 @@ impl Summary {
         for name in &self.train {
             if !parts.iter().any(|p| p.line == *name) {
                 let what = format!("`train` names the line `{name}`, which was not scored");
-                return Err(Fault::data(what).help("name lines of the table of scores"));
+                return Err(Fault::data(what).help("name lines that the table of scores contains"));
             }
         }
         let mut rows: Vec<SummaryFigure> =
@@ -247,7 +249,7 @@ impl Summary {
         }
     }
 
-    /// The error of the other lines divided by that of the training lines.
+    /// Error of the other lines divided by the error of the training lines.
     fn overfitting(&self, parts: &[&SummaryLine]) -> Option<SummaryFigure> {
         let (train, test): (Vec<&SummaryLine>, Vec<&SummaryLine>) =
             parts.iter().partition(|p| self.train.contains(&p.line));
@@ -258,7 +260,7 @@ impl Summary {
             draws.values(|chosen| metric.pool.value(chosen.map(|i| scores[i].weighed())))
         };
         let all = |scores: &[&SummaryScore]| metric.pool.value(scores.iter().map(|s| s.weighed()));
-        // Independent streams for both sides. The second starts at a seed that users cannot set.
+        // Numerator and denominator use independent random streams. The second starts at a seed that users cannot set.
         let (new, own) = (drawn(&test, self.seed as u64), drawn(&train, !(self.seed as u64)));
         let ratios = new.iter().zip(&own).map(|(new, own)| new / own).collect();
         Some(SummaryFigure {
@@ -272,7 +274,7 @@ impl Summary {
     }
 }
 
-/// The interval of a figure of several lines; `None` for one line, which has no scatter.
+/// Confidence interval of a value pooled over several lines. `None` for a single line.
 fn of_several(lines: usize, drawn: Vec<f64>, level: f64) -> Option<PercentileInterval> {
     if lines < 2 { None } else { PercentileInterval::central(drawn, level) }
 }
@@ -341,7 +343,7 @@ mod tests {
             SummaryLine { scores, ..part }
         };
         let (mut held_out, others) = (part("1", 3.0, 100), [seen(part("2", 4.0, 300)), seen(part("3", 1.0, 100))]);
-        // The held-out line has no value of `nees`, so that of the others is used.
+        // The held-out line has no value of `nees`, so the values of the other lines are used.
         held_out.scores[1].value = f64::NAN;
         let parts: Vec<&SummaryLine> = std::iter::once(&held_out).chain(&others).collect();
         let table = summary(&[]).table(&parts).unwrap();

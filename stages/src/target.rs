@@ -40,10 +40,10 @@ stage! {
     /// | `e` | magnetometer minus core field and diurnal variation; `fit` band-passes it | the aircraft field |
     ///
     /// Set `target` of `fit` to this column. Set `low_hz = 0` and `high_hz = 0` too, except for type `e`. Apply a model
-    /// of the anomaly with `predicts = "anomaly"` of `compensate`. Types `b` and `c` require `map_anomaly`, of
-    /// `map_value`.
+    /// of the anomaly with `predicts = "anomaly"` of `compensate`. Types `b` and `c` require `map_anomaly`, which
+    /// `map_value` computes.
     ///
-    /// The column has the role truth: it may be a target but not a feature. A sample with a missing part is NaN. The
+    /// The column has the role truth: it may be a target but not a feature. A sample is NaN if a term is missing. The
     /// metadata `removed` list the corrections, so that no later stage repeats them.
     ///
     /// Source: Gnadt 2022, section 3.7.
@@ -83,7 +83,7 @@ impl Target {
         matches!(self.kind, TargetType::A | TargetType::C | TargetType::E)
     }
 
-    /// Corrections that the target has had.
+    /// Corrections applied to the target.
     fn removed(&self, shape: &TableShape, from: &str, less: &[String]) -> CorrectionSet {
         let both = [MagneticCorrection::Core, MagneticCorrection::Diurnal];
         match self.kind {

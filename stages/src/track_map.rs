@@ -30,10 +30,10 @@ stage! {
     /// Makes a map from the measurements of lines at the positions of their tracks, by reduced-rank Gaussian-process
     /// regression. `sd` is the standard deviation of each node.
     ///
-    /// Use it to plot, score and navigate on the anomaly that an aircraft without a map has measured. `track` is the
-    /// table of a `navigate`, for example by `slam`; its `lat`, `lon` and `alt` are the positions of the measurements
-    /// of `input`. Without `track` they are the flight's own `lat`, `lon` and `alt`, from GNSS. For survey lines that
-    /// are first levelled and cleaned, use `map_grid`.
+    /// Use it to plot, score and navigate on the anomaly that an aircraft measured without a map. `track` is the table
+    /// of a `navigate`, for example by `slam`; its `lat`, `lon` and `alt` are the positions of the measurements of
+    /// `input`. Without `track` they are the flight's own `lat`, `lon` and `alt`, from GNSS. For survey lines that are
+    /// first levelled and cleaned, use `map_grid`.
     ///
     /// The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area of the lines. The
     /// size of the equations therefore does not depend on the length of the flight. Each line may have its own
@@ -78,8 +78,8 @@ spacing_m       = 500.0
     interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
     /// Source of the hyper-parameters of the kernel: maximum likelihood on the lines, or the spec.
     hyperparameters: HyperparameterSource, unit "", default HyperparameterSource::Fitted;
-    /// Standard deviation north and east that is added to that of the track. It is for an error outside the track's
-    /// covariance, such as that of `slam` before its first revisit.
+    /// Standard deviation, north and east, that is added to that of the track. It describes an error that the track's
+    /// covariance omits, such as that of `slam` before its first revisit.
     position_sigma_m: f64, unit "m", default 0.0, rule Rule::NotNegative;
     /// Covariance function of the anomaly over distance.
     covariance: CovarianceFunction, unit "", default CovarianceFunction::Matern52;
@@ -114,7 +114,7 @@ const SPREAD: [&str; 3] = ["sd_n", "sd_e", "cov_ne"];
 const SD: &str = "sd";
 /// Nodes per length of the kernel.
 const NODES_A_LENGTH: f64 = 6.0;
-/// Largest standard deviation of a known node, divided by that of the anomaly.
+/// Largest standard deviation of a known node, divided by the standard deviation of the anomaly.
 const KNOWN: f64 = 0.25;
 /// Maximum number of nodes.
 const MOST_NODES: f64 = 1e7;
@@ -271,8 +271,8 @@ impl TrackMap {
     }
 }
 
-/// Map of the measurements within bounds and up to three lengths beyond, which affect it. The length is fitted to all
-/// measurements.
+/// Map of the measurements within the bounds and up to three lengths beyond them, because those affect the map. The
+/// length is fitted to all measurements.
 fn within(
     parameters: &TrackMapParameters,
     mut samples: Vec<TrackSample>,
@@ -349,7 +349,7 @@ impl Stage for TrackMap {
     fn idle(&self, key: &str) -> Option<Fault> {
         let of = |what: &str| Some(Fault::new(format!("`{key}` {what}")).help(format!("remove `{key}`")));
         match key {
-            // `length_m` and `sigma_n_nt` are the start of the search.
+            // `length_m` and `sigma_n_nt` are the initial values of the search.
             "sigma_se_nt" if self.hyperparameters == HyperparameterSource::Fitted => {
                 of("has no effect without `hyperparameters = \"fixed\"`")
             }

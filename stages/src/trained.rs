@@ -57,13 +57,13 @@ pub struct FieldPrediction {
 /// Layers of a network.
 #[derive(Clone, Copy, Debug)]
 pub enum NetworkLayers<'a> {
-    /// Layers of a network that sees one sample.
+    /// Layers of a network of single samples.
     Dense(&'a NetworkShape),
-    /// Layers of a network that sees a window of samples at a rate, Hz.
+    /// Layers of a network over a window of samples, and their rate, Hz.
     Windowed(&'a WindowedNetworkShape, f64),
 }
 
-/// Parts of a network, from which another training can start.
+/// Parts of a network from which another training can start.
 #[derive(Clone, Copy, Debug)]
 pub struct NetworkParts<'a> {
     /// Names of the inputs.
@@ -136,7 +136,7 @@ impl LearnedModel {
     /// Checks that samples at a rate can be the input.
     ///
     /// # Errors
-    /// If the model sees a window of samples at another rate.
+    /// If the model uses a window of samples at another rate.
     pub fn check_rate(&self, rate_hz: f64) -> Result<(), Fault> {
         match self {
             LearnedModel::Windowed(network) => network.check_rate(rate_hz),
@@ -144,7 +144,7 @@ impl LearnedModel {
         }
     }
 
-    /// Returns whether the model sees more than one sample at a time.
+    /// Returns whether the model uses more than one sample at a time.
     pub fn sees_a_window(&self) -> bool {
         match self {
             LearnedModel::Windowed(_) => true,

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use numerics::signal::resample::{ResampleError, ResamplePlan, SampleInterpolation};
 use schemas::{Column, Role};
 
-/// The maximum number of distinct values of a code: those of one byte.
+/// Maximum number of distinct values of a code: the number of values of one byte.
 const MOST_CODES: usize = 256;
 /// Number of distinct values up to which a column holds codes even if no value recurs, as on a short line.
 const FEW_CODES: usize = 16;
@@ -30,7 +30,7 @@ enum ColumnInterpolation {
 /// [`MOST_CODES`]. Otherwise it holds counts.
 ///
 /// # Errors
-/// Fails if the length of the column differs from that of the times of the plan.
+/// Fails if the column and the times of the plan have different lengths.
 pub fn between_samples(
     plan: &ResamplePlan,
     column: &Column,
@@ -81,9 +81,9 @@ mod tests {
         let aux = column("", Role::Aux);
         assert_eq!(doubled(&aux, &[0.0, 1.0, 1.0, 0.0]), [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0]);
         assert_eq!(doubled(&column("1", Role::Derived), &[8.0, 12.0]), [8.0, 8.0, 12.0]);
-        // A missing cell is a gap of two seconds, which is bridged.
+        // A missing value is a gap of two seconds, over which values are interpolated.
         assert_eq!(doubled(&aux, &[3.0, f64::NAN, 6.0]), [3.0, 3.0, 3.0, 6.0, 6.0]);
-        // Large status words recur.
+        // Large status words are codes, because their values recur.
         let status: Vec<f64> = (0..100).map(|k| f64::from(1_u32 << (k % 20))).collect();
         assert!(doubled(&aux, &status).iter().all(|x| status.contains(x)));
     }

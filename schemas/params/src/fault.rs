@@ -4,7 +4,7 @@ use std::{fmt, ops::Range};
 
 use crate::one_line;
 
-/// Party responsible for correcting a fault.
+/// Party that must correct a fault.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FaultOwner {
     /// The spec or an argument: the user corrects it.
@@ -19,7 +19,7 @@ pub enum FaultOwner {
 }
 
 impl FaultOwner {
-    /// Whether the same work fails with the same fault on every machine and in every version.
+    /// Whether the same computation fails with the same fault on every machine and in every version.
     pub fn is_lasting(self) -> bool {
         match self {
             FaultOwner::Spec | FaultOwner::Data => true,

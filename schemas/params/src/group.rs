@@ -13,7 +13,7 @@ pub struct ParamDoc {
     pub type_name: &'static str,
     /// The unit; empty for none.
     pub unit: &'static str,
-    /// The default in canonical spelling; `None` for a parameter that is required or optional.
+    /// The default in canonical spelling; `None` for a required or an optional parameter.
     pub default: Option<String>,
     /// Behaviour of an unset parameter without a default; `None` if it is required.
     pub absent: Option<&'static str>,
@@ -28,8 +28,8 @@ pub struct ParamDoc {
 }
 
 impl ParamDoc {
-    /// Its row in a table of the reference: key, type, unit, default, allowed values and meaning. `within` precedes the
-    /// key.
+    /// Row of the parameter in a table of the reference: key, type, unit, default, allowed values and meaning. `within`
+    /// is a prefix of the key.
     pub fn row(&self, within: &str) -> String {
         let default = match (self.default.as_deref(), self.absent) {
             (Some(default), _) => format!("`{default}`"),
@@ -56,8 +56,8 @@ pub struct Param<'a, T> {
 
 /// A group of parameters, as [`params!`](crate::params!) declares it.
 pub trait Params: Sized {
-    /// Reads the group. The values of `base`, if any, replace the defaults. `None` if there are faults, which are then
-    /// in the reader.
+    /// Reads the group. The values of `base`, if any, replace the defaults. Returns `None` if there are faults; the
+    /// reader then holds them.
     fn read(reader: &mut ParamReader, base: Option<&Self>) -> Option<Self>;
 
     /// Its parameters, for the reference.
@@ -161,7 +161,7 @@ impl<'a> ParamReader<'a> {
         }
     }
 
-    /// Adds a fault for each key that is not in `known`. `more` are keys of other owners that may be suggested.
+    /// Adds a fault for each key that is not in `known`. `more` are keys of other owners that a message may suggest.
     pub fn unknown_keys(&mut self, known: &[&str], more: &[&str]) {
         for (name, given) in self.args.iter().filter(|(name, _)| !known.contains(&name.as_str())) {
             let all: Vec<&str> = known.iter().chain(more).copied().collect();
@@ -322,7 +322,7 @@ pub fn obeys<T: ParamValue>(value: &T, name: &str, rule: Rule) -> Result<(), Fau
     value.check(&rule).map_err(|fault| Fault { what: format!("`{name}` {}", fault.what), ..fault }.of_param(name))
 }
 
-/// The first of a list.
+/// First element of a list.
 #[doc(hidden)]
 pub fn first<T, const N: usize>(list: [T; N]) -> Option<T> {
     list.into_iter().next()

@@ -4,8 +4,8 @@ use std::{any::Any, fmt, sync::Arc};
 
 use crate::{Fault, Literal, Param, ParamDoc, ParamReader, ParamValue, Params, Rule};
 
-/// One of several choices that a key selects by name, with its own keys. They are in the same table as the selecting
-/// key. A key of another choice is rejected. If the choice comes from an axis, such a key has no effect.
+/// One of several choices that a key selects by name. Its own keys are in the same table as the selecting key. A key of
+/// another choice is rejected; if the choice is a value of an axis, such a key has no effect.
 pub trait ChoiceKind: Send + Sync + 'static {
     /// The selected choice, with its keys.
     type Keys: ?Sized + Send + Sync + 'static;
@@ -29,7 +29,7 @@ pub trait ChoiceKind: Send + Sync + 'static {
         &[]
     }
 
-    /// Reads its own keys. `None` if there are faults, which are then in the reader.
+    /// Reads its own keys. Returns `None` if there are faults; the reader then holds them.
     fn read(&self, reader: &mut ParamReader) -> Option<ChoiceKeys<Self::Keys>>;
 }
 
@@ -114,7 +114,7 @@ impl<K: ChoiceKind> ChoiceList<K> {
             _ => names.concat(),
         };
         let what = format!("`{key}` belongs to {names}");
-        Some(Fault::new(what).help(format!("`{}` does not take it: leave it out", kind.name())))
+        Some(Fault::new(what).help(format!("remove it; it has no effect with `{}`", kind.name())))
     }
 }
 
@@ -146,7 +146,8 @@ pub struct ChoiceSelection<K: ChoiceKind> {
 }
 
 impl<K: ChoiceKind> ChoiceSelection<K> {
-    /// Reason why `key` has no effect with the selected choice: other choices own it. `None` if it has an effect.
+    /// Reason why `key` has no effect with the selected choice, because other choices own it. `None` if it has an
+    /// effect.
     pub fn foreign(&self, key: &str) -> Option<Fault> {
         self.kinds.foreign(self.kind, key)
     }
@@ -298,7 +299,7 @@ impl<K: ChoiceKind> ParamValue for ChoiceSubset<K> {
     }
 
     fn canonical(&self) -> String {
-        // All choices are spelt, so that an addition to the list changes the key.
+        // All choices are in the spelling, so that an addition to the list changes the key.
         let all = self.named.as_ref().unwrap_or(&self.kinds.all);
         format!("[{}]", all.iter().map(|kind| spelt(*kind)).collect::<Vec<_>>().join(","))
     }

@@ -31,7 +31,7 @@ fn is_device(name: &str) -> bool {
 /// Checks the name of a pipeline, table, axis or stage. The name becomes a folder and an SQL identifier.
 ///
 /// # Errors
-/// The rule that the name violates.
+/// Returns the rule that the name violates.
 pub fn check_name(name: &str) -> Result<(), String> {
     let plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     if !name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') || !name.chars().all(plain) {
@@ -41,7 +41,7 @@ pub fn check_name(name: &str) -> Result<(), String> {
         return Err(format!("a name has at most {LONGEST_NAME} characters"));
     }
     if is_device(name) {
-        return Err("the name is a device on Windows".to_owned());
+        return Err("Windows reserves this name for a device".to_owned());
     }
     Ok(())
 }
@@ -49,7 +49,7 @@ pub fn check_name(name: &str) -> Result<(), String> {
 /// Checks a path below a folder, with `/` between its parts. It must stay in the folder on every operating system.
 ///
 /// # Errors
-/// The reason why it does not.
+/// Returns the reason why the path is rejected.
 pub fn check_path(path: &str) -> Result<(), String> {
     if path.is_empty() {
         return Err("the path is empty".to_owned());
@@ -61,14 +61,14 @@ pub fn check_path(path: &str) -> Result<(), String> {
         return Err("the path is absolute".to_owned());
     }
     if path.contains(char::is_control) {
-        return Err("the path has control characters".to_owned());
+        return Err("the path contains control characters".to_owned());
     }
     if path.contains('\\') {
-        return Err("the path has a backslash".to_owned());
+        return Err("the path contains a backslash".to_owned());
     }
     let drive = path.as_bytes();
     if drive.get(1) == Some(&b':') && drive.first().is_some_and(u8::is_ascii_alphabetic) {
-        return Err("the path names a drive".to_owned());
+        return Err("the path contains a drive letter".to_owned());
     }
     for part in path.split('/') {
         if part.is_empty() || part == "." || part == ".." {
@@ -78,7 +78,7 @@ pub fn check_path(path: &str) -> Result<(), String> {
             return Err(format!("a part of the path is longer than {LONGEST_PART} bytes"));
         }
         if is_device(part) {
-            return Err(format!("`{part}` is a device on Windows"));
+            return Err(format!("Windows reserves the name `{part}` for a device"));
         }
     }
     Ok(())
@@ -89,13 +89,13 @@ pub fn check_path(path: &str) -> Result<(), String> {
 /// # Errors
 /// Fails for a path outside `root`, for a link, and on an error of the file system.
 pub fn check_no_link(root: &Path, path: &Path) -> io::Result<()> {
-    let below = path.strip_prefix(root).map_err(|_| io::Error::other("it lies outside of the folder"))?;
+    let below = path.strip_prefix(root).map_err(|_| io::Error::other("it is outside the folder"))?;
     let mut at = root.to_owned();
     for part in below.components() {
         at.push(part);
         match fs::symlink_metadata(&at) {
             Ok(about) if about.is_symlink() => {
-                return Err(io::Error::other(format!("{} is a link", at.display())));
+                return Err(io::Error::other(format!("{} is a symbolic link", at.display())));
             }
             Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
             _ => {}
@@ -160,7 +160,7 @@ mod tests {
         assert!(check_path(&"a".repeat(256)).is_err() && check_path(&"a/".repeat(3000)).is_err());
     }
 
-    /// Deterministic generator of hostile texts from pieces that file systems interpret.
+    /// Deterministic generator of hostile texts, composed of parts that file systems interpret.
     fn hostile(seed: u64) -> String {
         const PIECES: [&str; 28] = [
             "..",

@@ -9,7 +9,7 @@ use toml::{
 
 use crate::{Fault, Literal};
 
-/// Value of one key of the spec, with the positions of both.
+/// Value of one key of the spec, with the positions of key and value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpecEntry {
     /// Its value.
@@ -75,17 +75,17 @@ pub fn literal(value: &Spanned<DeValue>) -> Result<Literal, Vec<Fault>> {
         DeValue::Boolean(b) => Ok(Literal::Bool(*b)),
         DeValue::Integer(n) => i64::from_str_radix(n.as_str(), n.radix())
             .map(Literal::Int)
-            .map_err(|_| wrong(format!("the number {} is out of range", n.as_str()))),
+            .map_err(|_| wrong(format!("{} is outside the range of 64-bit integers", n.as_str()))),
         DeValue::Float(x) => match x.as_str().parse::<f64>() {
             Ok(x) if !x.is_nan() => Ok(Literal::Float(x)),
-            _ => Err(wrong(format!("{} is not a number that can be used here", x.as_str()))),
+            _ => Err(wrong(format!("{} is not allowed here", x.as_str()))),
         },
         DeValue::Array(items) => {
             let mut faults = vec![];
             let read = items.iter().filter_map(|v| literal(v).map_err(|more| faults.extend(more)).ok()).collect();
             if faults.is_empty() { Ok(Literal::List(read)) } else { Err(faults) }
         }
-        DeValue::Datetime(_) => Err(wrong("a date cannot stand here; write it as text".to_owned())),
+        DeValue::Datetime(_) => Err(wrong("a date value is not allowed here; write it as text".to_owned())),
         DeValue::Table(table) => SpecSection::from_table(table, value.span()).map(Literal::Section),
     }
 }

@@ -72,7 +72,7 @@ pub enum Rule {
     NotNegative,
     /// Within the two limits, both included.
     Between(f64, f64),
-    /// One of these words (each of them, for a list).
+    /// One of these words; for a list, each element is one of them.
     OneOf(&'static [&'static str]),
 }
 
@@ -136,11 +136,11 @@ pub trait ParamValue: Sized {
     /// Fails if it does not; the fault lists the permitted values.
     fn check(&self, rule: &Rule) -> Result<(), Fault>;
 
-    /// Canonical spelling for the key of a result: `0.10` and `0.1` are equal, `1` and `"1"` differ.
+    /// Canonical spelling for the key of a result: `0.10` and `0.1` are equal; `1` and `"1"` differ.
     fn canonical(&self) -> String;
 
-    /// Reads the parameter `param` of the current group. `None` if it is invalid or missing; the fault is then in the
-    /// reader.
+    /// Reads the parameter `param` of the current group. Returns `None` if it is invalid or missing; the reader then
+    /// holds the fault.
     fn obtain(reader: &mut ParamReader, param: Param<Self>) -> Option<Self> {
         reader.plain(param)
     }
@@ -450,7 +450,7 @@ impl<T: ParamValue> ParamValue for BTreeMap<String, T> {
 /// ```
 /// use params::{Literal, ParamValue, choice};
 /// choice! {
-///     /// What is between the nodes.
+///     /// Interpolation between the nodes.
 ///     pub enum Between {
 ///         /// A straight line.
 ///         Linear = "linear",

@@ -65,15 +65,16 @@ pub enum InputKind {
     ManyMaps,
     /// A table of scores.
     Scores,
-    /// A table of flight lines, all of which belong to every line of the others: the days of a station's record. The
-    /// stage sees its columns of all lines together, in the order of flight and line, in [`crate::LineStage::prepare`].
+    /// A table of flight lines that all belong to every line of the other inputs, such as the days of a station's
+    /// record. [`crate::LineStage::prepare`] receives its columns of all lines together, in the order of flight and
+    /// line.
     Record,
     /// One or several such tables.
     ManyRecords,
 }
 
 impl InputKind {
-    /// Whether the stage gets the current line of this input. It works on the lines that all such inputs have.
+    /// Whether the stage receives the current line of this input. It processes the lines that exist in all such inputs.
     pub const fn is_by_line(self) -> bool {
         match self {
             InputKind::Lines | InputKind::ManyLines | InputKind::Scores => true,
@@ -86,7 +87,7 @@ impl InputKind {
         }
     }
 
-    /// Whether all lines of it belong to each line of the others.
+    /// Whether all its lines belong to each line of the other inputs.
     pub const fn is_record(self) -> bool {
         matches!(self, InputKind::Record | InputKind::ManyRecords)
     }
@@ -151,11 +152,11 @@ impl Table {
 /// Columns of the first input that the stage's table keeps, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PassThroughColumns {
-    /// All of them: the stage appends columns.
+    /// All columns: the stage appends columns.
     All,
-    /// These only; the rows stay the same.
+    /// Only these; the rows are unchanged.
     Only(Vec<String>),
-    /// None: the rows are new ones.
+    /// None: the rows are new.
     None,
 }
 
@@ -168,13 +169,13 @@ pub struct StageSchema {
     pub passes: PassThroughColumns,
     /// The columns it reads, per input (all inputs, in the declared order).
     pub reads: Vec<Vec<String>>,
-    /// Samples per second of the result, if the stage makes the sampling even.
+    /// Sample rate of the result, Hz, if the stage makes the sampling even.
     pub rate_hz: Option<f64>,
     /// For a fit: the columns that a line needs for the model to be applied.
     pub features: Vec<String>,
     /// Whether a line may lack a column that is read. The column is then NaN or null; otherwise the line fails.
     pub lenient: bool,
-    /// Notes on choices made automatically.
+    /// Notes on automatic choices.
     pub notes: Vec<String>,
 }
 

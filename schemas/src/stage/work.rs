@@ -1,4 +1,4 @@
-//! Support for computations that take minutes: saved state, progress and interruption.
+//! Support for long computations: saved state, progress and interruption.
 
 use std::ops::ControlFlow;
 
@@ -8,11 +8,11 @@ pub trait CheckpointMonitor: Sync {
     /// The last state that [`CheckpointMonitor::keep`] saved for a point in an interrupted run.
     fn kept(&self, point: usize) -> Option<Vec<u8>>;
 
-    /// Saves the state of a point and replaces the previous one. If it cannot be saved, only the resumption of an
-    /// interrupted run is lost.
+    /// Saves the state of a point and replaces its previous state. If saving fails, an interrupted run cannot resume
+    /// this point, but results are unaffected.
     fn keep(&self, point: usize, state: &[u8]);
 
-    /// Reports the progress of a point in a few words and returns whether to continue. An interrupted run stops, with a
+    /// Reports the progress of a point in a few words and returns whether to continue. An interrupted run stops with a
     /// fault of the machine.
     fn goes_on(&self, point: usize, progress: &str) -> ControlFlow<()>;
 }

@@ -106,7 +106,7 @@ fn ref_the_feature_sets_have_the_sizes_of_the_thesis() {
 #[test]
 fn law_differences_lags_and_gradients_of_a_parabola_are_exact() {
     let stage = features(&["mag_3_uc_dot", "mag_3_uc_dot4", "mag_3_uc_lag_2", "mag_2_4_uc", "lpf_cur_strb"]);
-    // mag_3_uc is the column 3: 30 + 4 t + 0.1 t².
+    // `mag_3_uc` is column 3: 30 + 4 t + 0.1 t².
     assert!((entry(&stage, "mag_3_uc_dot", 10) - (4.0 + 0.2 * 10.0)).abs() < 1e-12);
     assert!(entry(&stage, "mag_3_uc_dot4", 10).abs() < 1e-12, "the fourth difference of a parabola is 0");
     assert!((entry(&stage, "mag_3_uc_lag_2", 10) - (30.0 + 32.0 + 6.4)).abs() < 1e-12);
@@ -123,7 +123,7 @@ fn law_inputs_are_projected_on_the_direction_of_the_vector() {
     let at = |name: &str| entry(&stage, name, 20);
     let length = (2..=4).map(|k| at(&format!("cur_strb_{k}")).powi(2)).sum::<f64>().sqrt();
     assert!((length / at("cur_strb_1") - 1.0).abs() < 1e-12);
-    // The column 30 changes by 31 + 0.2 t a sample.
+    // Column 30 changes by 31 + 0.2 t per sample.
     let change = (5..=7).map(|k| at(&format!("cur_strb_{k}")).powi(2)).sum::<f64>().sqrt();
     assert!((change - (31.0 + 0.2 * 20.0)).abs() < 1e-9);
     let raw = Features { groups: vec![1], vector: None, ..features(&["ETL_cur_strb"]) };

@@ -27,11 +27,11 @@ model! {
     /// gives the same trees if columns have up to 256 values.
     BoostedTrees = "boosted_trees", version 1, scaling None, intercept true, made of Samples, choose [Given], takes [],
     example "trees = 20";
-    /// Inputs of the trees: entries of the features, by name or by a prefix of several names before a `_`.
+    /// Inputs of the trees: entries of the features, by name or by a prefix that several names share before a `_`.
     inputs: Option<Vec<String>>, unit "", absent "all features";
     /// Maximum number of trees.
     trees: usize, unit "1", default 200usize, rule Rule::Between(1.0, 100_000.0);
-    /// Factor applied to each tree, often called the learning rate. Half of it requires twice as many trees.
+    /// Factor applied to each tree, also called learning rate. Halving it requires twice as many trees.
     shrinkage: f64, unit "1", default 0.1, rule Rule::Between(1e-6, 1.0);
     /// Maximum number of leaves of a tree.
     leaves: usize, unit "1", default 31usize, rule Rule::Between(2.0, 65_536.0);
@@ -43,8 +43,8 @@ model! {
     leaf_l2: f64, unit "samples", default 0.0, rule Rule::NotNegative;
     /// Fraction of the samples used for each tree.
     subsample: f64, unit "1", default 1.0, rule Rule::Between(1e-3, 1.0);
-    /// Lines (`1003.08` or `1003/1003.08`) or whole flights kept for validation. The number of trees with the smallest
-    /// validation loss is used.
+    /// Lines (`1003.08` or `1003/1003.08`) or whole flights reserved for validation. The number of trees with the
+    /// smallest validation loss is used.
     validation: Vec<String>, unit "", default Vec::<String>::new();
     /// Number of trees without a smaller validation loss after which training ends.
     patience: Option<usize>, unit "1", absent "all trees are trained", rule Rule::Positive;

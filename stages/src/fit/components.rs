@@ -33,17 +33,17 @@ impl FitComponents {
         (1..=self.found.len()).map(|k| format!("component {k}")).collect()
     }
 
-    /// Moments of the components, from those of the features.
+    /// Moments of the components, computed from the moments of the features.
     ///
     /// # Errors
-    /// If the number of features differs from that of the components.
+    /// If the number of features differs from the number of features of the components.
     pub fn component_moments(&self, features: &RegressionMoments) -> Result<RegressionMoments, Fault> {
         let (weights, offsets) = self.found.as_sums();
         features.combined(&weights, &offsets).map_err(data)
     }
 
     /// Model of the features that is equivalent to a model of the components. The errors of its coefficients are
-    /// unknown.
+    /// unknown (NaN).
     pub fn original(&self, fit: &LinearFit) -> (LinearFit, Vec<f64>, Vec<String>) {
         (self.found.original(fit), vec![f64::NAN; self.features.len()], self.features.clone())
     }

@@ -1,4 +1,4 @@
-//! Points of a sweep of fits whose models learn from samples, and the data that networks among them share.
+//! Points of a sweep of fits whose models learn from samples, and the data shared by their networks.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +18,7 @@ use super::{
 const TEAM: usize = 4;
 
 impl FitAggregator {
-    /// Learned models of the points at `places`, which have one matrix, one target and the same entries.
+    /// Learned models of the points at `places`. These points have the same matrix, target and entries.
     pub(super) fn learnt(
         &self,
         problem: &Result<FitProblem, Fault>,
@@ -29,7 +29,8 @@ impl FitAggregator {
             Ok(problem) => problem,
             Err(fault) => return places.iter().map(|_| Err(fault.clone())).collect(),
         };
-        // A network with a warm start keeps the rate at which the inputs of its start were differences per sample.
+        // A network with a warm start keeps the rate at which the inputs of the first training were differences per
+        // sample.
         let mut rates: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
         let mut answers: BTreeMap<usize, Result<FitSolution, Fault>> = BTreeMap::new();
         for &place in places {
@@ -131,7 +132,8 @@ impl FitAggregator {
         teams.into_iter().flat_map(team).collect()
     }
 
-    /// Learned models of a team. A team of several points consists of networks.
+    /// Learned models of points that are trained together. Several points are trained together only if all are
+    /// networks.
     fn learnt_together(
         &self,
         samples: &FitSamples,

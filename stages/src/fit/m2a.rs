@@ -9,8 +9,8 @@ use super::{
 };
 
 model! {
-    /// The network predicts the coefficients of the linear terms as functions of the inputs: a . N(x), where a are the
-    /// unscaled terms. The ridge of the terms is used only by `physics`.
+    /// The network predicts the coefficients of the linear terms as functions of the inputs: a . N(x), where a is the
+    /// vector of unscaled terms. The ridge fit of the terms is used only by `physics`.
     ///
     /// Source: Gnadt 2022, section 4.2, model 2a.
     M2a = "m2a", version 3, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],

@@ -9,9 +9,9 @@ use super::{
 };
 
 model! {
-    /// The model `m2b` with trained coefficients: a . b + N(x). Training starts from the coefficients of the ridge. In
-    /// training the terms are centred and scaled, and with `whiten` decorrelated. The table holds the coefficients of
-    /// the original terms.
+    /// The model `m2b` with trained coefficients: a . b + N(x). Training starts from the coefficients of the ridge fit.
+    /// During training the terms are centred and scaled, and decorrelated if `whiten` is set. The table holds the
+    /// coefficients of the original terms.
     ///
     /// Source: Gnadt 2022, section 4.2, model 2c; Gnadt, Wollaber & Nielsen 2022.
     M2c = "m2c", version 2, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],

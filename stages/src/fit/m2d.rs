@@ -9,7 +9,7 @@ use super::{
 };
 
 model! {
-    /// The network predicts changes of the ridge coefficients as functions of the inputs: a . (b + N(x)).
+    /// The network predicts corrections to the ridge coefficients as functions of the inputs: a . (b + N(x)).
     ///
     /// Source: Gnadt 2022, section 4.2, model 2d; Gnadt, Wollaber & Nielsen 2022.
     M2d = "m2d", version 3, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],

@@ -28,11 +28,11 @@ pub struct FitModelDecl {
     pub scaling: Divisor,
     /// Default of `intercept`.
     pub intercept: bool,
-    /// Data that the model is fitted to.
+    /// Data to which the model is fitted.
     pub made_of: FitData,
     /// Permitted values of `choose`.
     pub choose: &'static [ModelSelection],
-    /// Settings of the stage that it accepts and some models do not.
+    /// Settings of the stage that this model accepts, but not every model.
     pub takes: &'static [&'static str],
     /// Keys of the example of the stage with this model, one per line.
     pub example: &'static str,
@@ -100,7 +100,7 @@ pub struct LearningResult {
 
 /// A model with its keys.
 pub trait FitModel: Send + Sync {
-    /// Fits the model to all lines of `problem`. `prepared` holds the columns on the scale of `settings`.
+    /// Fits the model to all lines of `problem`. `prepared` holds the columns with the scaling of `settings`.
     ///
     /// # Errors
     /// If the data do not determine the model.
@@ -136,7 +136,7 @@ pub trait FitModel: Send + Sync {
         self.network().map(|network| network.faults()).unwrap_or_default()
     }
 
-    /// Reason why one of its own keys has no effect. `None` if it has one.
+    /// Reason why one of its own keys has no effect. `None` if it has an effect.
     fn idle(&self, key: &str) -> Option<Fault> {
         self.network()?.keys.idle(key)
     }
@@ -156,7 +156,7 @@ pub trait FitModel: Send + Sync {
         None
     }
 
-    /// Returns whether the errors of its coefficients are computed. If not, [`ridge`](super::ridge()) returns NaN for
+    /// Returns whether the errors of its coefficients are computed. Otherwise [`ridge`](super::ridge()) returns NaN for
     /// them.
     fn wants_errors(&self) -> bool {
         self.is_ridge()
@@ -167,7 +167,7 @@ pub trait FitModel: Send + Sync {
         None
     }
 
-    /// Returns whether the model is a point on the path of ridges that the points of a sweep share.
+    /// Returns whether the model is a point on the ridge path shared by the points of a sweep.
     fn is_ridge(&self) -> bool {
         false
     }
@@ -184,7 +184,7 @@ impl FitModelDecl {
         let lambda = (key == "lambda" && !given)
             .then(|| format!("`lambda` and `choose = \"{}\"` cannot be combined; remove one of them", choose.word()));
         let lambdas = (key == "lambdas" && given)
-            .then(|| "`lambdas` has no effect without a method to choose one; set `choose`".to_owned());
+            .then(|| "`lambdas` has no effect without a selection method; set `choose`".to_owned());
         let error = (key == "one_standard_error" && !choose.leaves_out()).then(|| {
             "`one_standard_error` requires cross-validation; set `choose = \"leave_one_line_out\"`".to_owned()
         });

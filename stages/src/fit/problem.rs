@@ -20,7 +20,7 @@ use super::{
 };
 use crate::columns::data;
 
-/// Directions with less than this fraction of the strongest excitation are listed.
+/// Directions whose excitation is below this fraction of the strongest are listed.
 const WEAK: f64 = 1e-4;
 
 /// Range of the total field on earth, nT.
@@ -30,7 +30,7 @@ const TOTAL_NT: std::ops::Range<f64> = 20_000.0..80_000.0;
 #[derive(Clone)]
 pub struct FitProblem<'a> {
     shares: Vec<&'a LineContribution>,
-    /// Names of the matrix columns, and how the terms of each share depend on the sample rate.
+    /// Names of the matrix columns, and the rate dependence of the terms of each share.
     all_terms: &'a [String],
     rates: Vec<&'a [TermRate]>,
     /// Factors that convert the terms of each share to `rate_hz`. `None` if all are 1.
@@ -39,7 +39,7 @@ pub struct FitProblem<'a> {
     pub(super) rate_hz: f64,
     /// Flight of each share.
     flights: Vec<String>,
-    /// Lines used, and the reasons for the lines not used.
+    /// Used lines, and for each unused line the reason.
     pub(super) lines: Vec<String>,
     pub(super) unused: String,
     /// Matrix columns used. `None` for all.
@@ -107,7 +107,7 @@ impl<'a> FitProblem<'a> {
         problem.at_rate(rate_hz)
     }
 
-    /// The same problem with all terms as differences per sample of another rate.
+    /// The same problem with all difference terms converted to another rate.
     ///
     /// # Errors
     /// If a term has no equivalent at that rate, or the lines have different numbers of terms.
@@ -195,7 +195,7 @@ impl<'a> FitProblem<'a> {
         flights.iter().map(|(_, lines)| RegressionMoments::merged(lines).map_err(data)).collect()
     }
 
-    /// The same problem with only the terms at `places`, or with all of them, from the factor of all.
+    /// The same problem with only the terms at `places` (or all terms), computed from the factor of all terms.
     ///
     /// # Errors
     /// If a position is beyond the last term.
@@ -287,7 +287,7 @@ impl<'a> FitProblem<'a> {
         FitSamples { names: &self.terms, lines: lines.filter_map(one).collect() }
     }
 
-    /// Columns on one scale, and the directions that the flight excites.
+    /// Scaled columns, and the directions that the flight excites.
     pub(super) fn prepared(&mut self, settings: &FitSettings) -> Result<(Arc<ScaledFactor>, Arc<Excitation>), Fault> {
         let (scaling, intercept) = (settings.scaling, settings.intercept);
         let key = (scaling as u8, intercept);
@@ -301,13 +301,13 @@ impl<'a> FitProblem<'a> {
         Ok(made)
     }
 
-    /// Solves for the ridge parameters of all points of a kind at once. `lambdas` are those of the sweep.
+    /// Solves for the ridge parameters of all points with the same settings at once. `lambdas` are those of the sweep.
     ///
     /// # Errors
     /// If the decomposition does not converge.
     pub fn solve_ridges(&mut self, settings: &FitSettings, lambdas: &[f64]) -> Result<(), Fault> {
         let (prepared, _) = self.prepared(settings)?;
-        // If one cannot be solved, such as 0 with unexcited terms, each is solved separately later.
+        // If one parameter has no solution, such as 0 with unexcited terms, each is solved separately later.
         if let Ok(path) = prepared.ridge(lambdas, &self.terms) {
             self.paths.insert((settings.scaling as u8, settings.intercept), Arc::new(path));
         }
@@ -368,7 +368,7 @@ pub fn factor(rate: TermRate, term: &str, to_hz: f64) -> Result<f64, Fault> {
     })
 }
 
-/// Moments of only the columns at `places`; of all without.
+/// Moments of the columns at `places`, or of all columns if `None`.
 fn own(moments: &RegressionMoments, places: Option<&[usize]>) -> Result<RegressionMoments, Fault> {
     match places {
         Some(places) => moments.select(places, &(0..moments.targets()).collect::<Vec<_>>()).map_err(data),
@@ -385,7 +385,7 @@ pub fn lines_needed(error: LeastSquaresError) -> Fault {
 /// Maximum number of lines listed by name.
 const NAMED: usize = 5;
 
-/// Unused selected lines and the reasons. Empty if there are none.
+/// Selected lines that are not used, and the reasons. Empty if there are none.
 fn too_short(lines: &[(&FitLineSummary, &LineContribution)]) -> String {
     let lines: Vec<&(&FitLineSummary, &LineContribution)> = lines.iter().filter(|(_, s)| s.selected > 0).collect();
     let one = |(part, share): &&(&FitLineSummary, &LineContribution)| {

@@ -14,12 +14,12 @@ pub struct DesignMatrixKey {
 /// Columns that are fitted together: one, except for partial least squares of several.
 pub type TargetColumns = Vec<String>;
 
-/// Targets of a matrix, and those whose rows or errors are also needed.
+/// Targets of a matrix, and the targets whose rows or errors are also required.
 #[derive(Default)]
 pub struct FitRequest {
     /// All targets.
     pub targets: Vec<TargetColumns>,
-    /// Targets whose rows are needed.
+    /// Targets whose rows are required.
     pub keeps_rows: Vec<TargetColumns>,
     /// Targets for which the errors of coefficients are requested.
     pub wants_errors: Vec<TargetColumns>,

@@ -13,25 +13,26 @@ use crate::trained::{self, LearnedModel};
 
 model! {
     /// A linear model plus a Gaussian process, both of standardised inputs. The process uses random Fourier features of
-    /// a Gaussian kernel. A ridge gives the solution, with the most likely strength. The model requires no training and
-    /// little tuning. The standard deviation of the prediction grows where samples are rare. It is that of the
-    /// function, and too small for correlated errors.
+    /// a Gaussian kernel. The solution is a ridge regression with the most likely ridge parameter. The model requires
+    /// no training and little tuning. The standard deviation of the prediction is larger where samples are rare. It
+    /// includes only the uncertainty of the function, and is too small if errors are correlated.
     ///
     /// Source: Rahimi & Recht 2007; Rasmussen & Williams 2006, chapters 2 and 5.
     RandomFeatures = "random_features", version 1, scaling Standardise, intercept true, made of Samples, choose [Given],
     takes [], example "random_features = 20";
-    /// Inputs: entries of the features, by name or by a prefix of several names before a `_`.
+    /// Inputs: entries of the features, by name or by a prefix that several names share before a `_`.
     inputs: Option<Vec<String>>, unit "", absent "all features";
-    /// Number of random features. More features approximate the Gaussian process better. Time grows with the square.
+    /// Number of random features. More features approximate the Gaussian process better. Computing time is proportional
+    /// to the square of this number.
     random_features: usize, unit "1", default 200usize, rule Rule::Between(2.0, 10_000.0);
     /// Length scale of the kernel, in standard deviations of the inputs: the distance over which values are correlated.
     length_scale: Option<f64>, unit "1", absent "the most likely of 1/4, 1/2, 1, 2 and 4 times the median distance between samples", rule Rule::Positive;
     /// Weight of the linear model: the expected coefficient of a standardised input divided by the standard deviation
     /// of the process. 0 removes the linear model.
     linear_weight: f64, unit "1", default 1.0, rule Rule::NotNegative;
-    /// Variance of the errors divided by that of the process.
-    noise_ratio: Option<f64>, unit "1", absent "the most likely one", rule Rule::Positive;
-    /// Stores the factor from which the standard deviation of the prediction is computed. It has as many rows as the
+    /// Variance of the errors divided by the variance of the process.
+    noise_ratio: Option<f64>, unit "1", absent "the most likely value", rule Rule::Positive;
+    /// Stores the factor from which the standard deviation of the prediction is computed. Its number of rows is the
     /// square of the number of features.
     sigma: bool, unit "", default true;
     /// Seed of the random features.

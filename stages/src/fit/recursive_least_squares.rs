@@ -14,12 +14,12 @@ use super::{
 use crate::columns::data;
 
 model! {
-    /// Recursive least squares with exponential `forgetting` of older rows. It starts from zero coefficients and the
-    /// ridge `lambda`, with columns divided by their standard deviations.
+    /// Recursive least squares with exponential `forgetting` of older rows. It starts from zero coefficients with the
+    /// ridge parameter `lambda`. Columns are divided by their standard deviations.
     ///
-    /// Forgotten information is replaced by a ridge about the current coefficients. A direction that the flight does
-    /// not excite for long therefore keeps its value. The textbook recursion also forgets its initial ridge. With
-    /// `forgetting = 1.0` nothing is forgotten, and both are equal to the ridge.
+    /// Forgotten information is replaced by a ridge penalty about the current coefficients. A direction that the flight
+    /// does not excite for long therefore keeps its value. The textbook recursion also forgets its initial ridge
+    /// penalty. With `forgetting = 1.0` nothing is forgotten, and both recursions give the ridge solution.
     ///
     /// Source: Haykin 2002, "Adaptive Filter Theory", chapter 9.
     RecursiveLeastSquares = "recursive_least_squares", version 1, scaling Standardise, intercept false, made of Rows,
@@ -52,7 +52,7 @@ impl FitModel for RecursiveLeastSquares {
 
     fn faults(&self, settings: &FitSettings) -> Vec<Fault> {
         let constant = "`recursive_least_squares` has no intercept; add `bias` to `terms` of `a_matrix`";
-        let penalty = "`recursive_least_squares` starts from a ridge; set `lambda` above 0";
+        let penalty = "`recursive_least_squares` requires an initial ridge penalty; set `lambda` above 0";
         let mut faults = vec![];
         faults.extend(settings.intercept.then(|| Fault::new(constant).of_param("intercept")));
         faults.extend((self.lambda == 0.0).then(|| Fault::new(penalty).of_param("lambda")));

@@ -1,7 +1,7 @@
 //! Residual noise of a fit on its own lines, over all frequencies.
 //!
 //! A fit on band-passed data has `residual_std` in its band only, but navigation errors come mostly from lower
-//! frequencies. Means of the unfiltered rows over about a second are therefore kept, with some steps between
+//! frequencies. Therefore, means of the unfiltered rows over about a second are kept, and some steps between
 //! neighbouring samples. The residual of any model is computed from them.
 
 use numerics::signal::noise::{BlockMeans, LineNoiseModel, noise};

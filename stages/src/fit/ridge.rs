@@ -1,4 +1,4 @@
-//! The ridge, and the parts that the Tolles-Lawson models share with it.
+//! The ridge model, and the code that it shares with the Tolles-Lawson models.
 
 use std::sync::Arc;
 
@@ -37,10 +37,10 @@ params! {
     /// Ridge parameter.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
     /// Values of `lambda` to choose from.
-    lambdas: Option<Vec<f64>>, unit "", absent "a grid that suits the features";
+    lambdas: Option<Vec<f64>>, unit "", absent "a grid computed from the features";
 }
 
-/// A model that is a ridge. It has its own name and columns; the fit is the same.
+/// A model that is a ridge with another name and other columns.
 pub trait RidgeModel: Send + Sync {
     /// Penalty of the model.
     fn penalty(&self) -> &RidgePenalty;
@@ -70,7 +70,7 @@ impl<M: RidgeModel> FitModel for M {
     }
 }
 
-/// Ridge with the parameter `lambda`. `prepared` holds the columns of `problem` on the scale of `settings`.
+/// Ridge with the parameter `lambda`. `prepared` holds the columns of `problem` with the scaling of `settings`.
 ///
 /// # Errors
 /// If the columns do not determine the solution.
@@ -171,7 +171,7 @@ mod tests {
         }
     }
 
-    /// Normal numbers of a generator that is independent of the one in `numerics`.
+    /// Normally distributed numbers, from a generator that is independent of that in `numerics`.
     struct Noise(u64);
 
     impl Noise {
@@ -188,7 +188,7 @@ mod tests {
 
     /// Ratio of the scatter of the coefficients of many calibrations to their computed standard deviation: the root of
     /// the ratio of mean squares, because the mean of squared ratios follows Student's distribution. The noise of a
-    /// sample is `memory` times that of the sample before, plus a new number.
+    /// sample is `memory` times that of the previous sample, plus a new random number.
     fn scatter_over_claimed(memory: f64, keys: &[(String, schemas::Literal)]) -> f64 {
         let (calibrations, rows) = (120, 3000);
         let wave = |f: f64| sampled(0.0, 10.0, rows, move |t| (std::f64::consts::TAU * f * t).sin());
@@ -219,7 +219,7 @@ mod tests {
         let band = [number("low_hz", 0.1), number("high_hz", 0.9)];
         for (memory, keys) in [(0.0, &band[..]), (0.0, &[]), (0.95, &band[..]), (0.95, &[])] {
             let found = scatter_over_claimed(memory, keys);
-            // Under the assumption of independent samples: 2.5 after the filter, 6 in coloured noise.
+            // If samples are assumed independent, the ratio is 2.5 after the filter and 6 in coloured noise.
             assert!((0.9..1.1).contains(&found), "{memory} {}: {found}", keys.len());
         }
     }

@@ -16,9 +16,9 @@ use crate::columns::data;
 choice! {
     /// Loss function of a residual.
     pub enum FitLossFunction {
-        /// Squares, and straight lines beyond a threshold.
+        /// Huber loss: quadratic up to the threshold, linear beyond it.
         Huber = "huber",
-        /// The likelihood of Student's t distribution.
+        /// Negative log-likelihood of Student's t distribution.
         StudentT = "student_t",
     }
 }
@@ -26,26 +26,27 @@ choice! {
 choice! {
     /// Estimator of the scale of the residuals.
     pub enum FitScaleMethod {
-        /// By their median.
+        /// Median absolute deviation.
         Mad = "mad",
-        /// Together with the coefficients.
+        /// Estimated together with the coefficients.
         Joint = "joint",
     }
 }
 
 model! {
-    /// Minimises a loss that grows more slowly than squares, of columns as they are, row by row: spikes do not spoil
-    /// it. `threshold` is of the loss `huber`, `degrees_of_freedom` of `student_t`.
+    /// Minimises a loss that grows more slowly than the square of the residual, so that spikes have little influence.
+    /// Columns are not scaled. `threshold` applies to the loss `huber`, `degrees_of_freedom` to `student_t`.
     ///
     /// Source: Huber 1981, "Robust Statistics"; Lange, Little and Taylor 1989.
     Robust = "robust", version 1, scaling None, intercept true, made of Rows, choose [Given], takes [], example "loss = \"huber\"";
-    /// The strength of the penalty.
+    /// Ridge parameter.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
-    /// The loss.
+    /// Loss function of a residual.
     loss: FitLossFunction, unit "", default FitLossFunction::Huber;
-    /// How the size of ordinary residuals is found: by their median, or together with the coefficients.
+    /// Estimator of the scale of the residuals: their median absolute deviation, or an estimate together with the
+    /// coefficients.
     scale: FitScaleMethod, unit "", default FitScaleMethod::Mad;
-    /// Where Huber's loss turns from squares to straight lines, in sizes of ordinary residuals.
+    /// Residual at which Huber's loss changes from quadratic to linear, in units of the scale.
     threshold: f64, unit "1", default 1.345, rule Rule::Positive;
     /// Degrees of freedom of Student's t.
     degrees_of_freedom: f64, unit "1", default 4.0, rule Rule::Positive;
@@ -57,14 +58,14 @@ impl FitModel for Robust {
         let rows: Vec<LineRows> = rows.iter().map(|(a, y)| LineRows { a, y }).collect();
         let found = self.numeric(settings).fit(&rows, &problem.terms).map_err(data)?;
         if !found.converged {
-            let what = format!("the robust fit did not settle within {} passes over the rows", found.passes);
-            return Err(Fault::data(what).help("give `lambda` above 0, or leave features out"));
+            let what = format!("the robust fit did not converge within {} passes over the rows", found.passes);
+            return Err(Fault::data(what).help("set `lambda` above 0, or remove features"));
         }
         Ok(LinearFitResult::without_errors(found.fit, found.scale, self.lambda))
     }
 
     fn faults(&self, settings: &FitSettings) -> Vec<Fault> {
-        let unscaled = "`robust` penalises columns as they are: `scaling` can only be `none`";
+        let unscaled = "`robust` does not scale columns; set `scaling = \"none\"`";
         let wrong = settings.scaling != ColumnScaling::None;
         wrong.then(|| Fault::new(unscaled).of_param("scaling")).into_iter().collect()
     }
@@ -72,7 +73,7 @@ impl FitModel for Robust {
     fn idle(&self, key: &str) -> Option<Fault> {
         let of = [("threshold", FitLossFunction::Huber), ("degrees_of_freedom", FitLossFunction::StudentT)];
         let (_, loss) = of.into_iter().find(|(k, loss)| *k == key && *loss != self.loss)?;
-        let help = format!("the loss is `{}`: leave it out", self.loss.word());
+        let help = format!("remove it; the loss is `{}`", self.loss.word());
         Some(Fault::new(format!("`{key}` belongs to the loss `{}`", loss.word())).help(help))
     }
 

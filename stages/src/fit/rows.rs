@@ -1,4 +1,4 @@
-//! Rows of one line: selected, filtered, trimmed and reduced to moments.
+//! Rows of one line, which are selected, filtered, trimmed and reduced to moments.
 
 use std::{collections::BTreeMap, ops::Range};
 
@@ -24,13 +24,13 @@ use crate::{
     columns::{data, even_rate_hz, floats, matrix, sampling},
 };
 
-/// Number of unfiltered rows kept per line, evenly spaced: enough to recognise a total field.
+/// Number of unfiltered rows kept per line, evenly spaced. It suffices to recognise a total field.
 const THINNED: usize = 500;
 /// Maximum number of columns for errors of coefficients, because the cost of cross-spectra grows with the square.
 pub const MOST_WITH_ERRORS: usize = 96;
 
-/// Dependence of a term on the sample rate, and the rate at which it was made, Hz. `None` if it does not depend on the
-/// rate.
+/// Dependence of a term on the sample rate, and the rate at which it was computed, Hz. `None` if it does not depend on
+/// the rate.
 pub type TermRate = Option<(RateLaw, f64)>;
 
 /// Share of one line in a fit.
@@ -75,7 +75,7 @@ pub struct FitLineSummary {
     /// Sample rate, Hz.
     pub rate_hz: f64,
     pub shares: BTreeMap<(DesignMatrixKey, TargetColumns), LineContribution>,
-    /// Fault of each question that this line cannot answer.
+    /// Fault of each question for which this line cannot be used.
     pub refused: BTreeMap<(DesignMatrixKey, TargetColumns), Fault>,
     pub terms: BTreeMap<DesignMatrixKey, Vec<String>>,
     /// Dependence of each of these terms on the sample rate.
@@ -118,13 +118,13 @@ struct FitRequestGroup<'a> {
 }
 
 impl FitLineSummary {
-    /// Reduces a line to its shares. A question has no share if the line lacks one of its columns.
+    /// Reduces a line to its shares. If the line lacks a column of a question, that question has no share.
     ///
     /// Columns that several questions share are filtered once. The moments of each question are bit-identical to those
-    /// of the question alone.
+    /// computed for it alone.
     ///
     /// # Errors
-    /// If the line has no numeric column `tt`, or its times have no sample rate. The fault of one question is
+    /// If the line has no numeric column `tt`, or its times have no sample rate. A fault of a single question is stored
     /// in the part instead.
     pub fn new(line: &LineInput, questions: &BTreeMap<DesignMatrixKey, FitRequest>) -> Result<FitLineSummary, Fault> {
         let batch = &line.inputs[0];
@@ -335,7 +335,7 @@ fn unfiltered(
     Ok(WidebandContribution { asked: asked.collect(), wide })
 }
 
-/// Runs joined into one sequence, with or without their ends.
+/// Runs joined into one sequence, trimmed or untrimmed.
 fn packed(runs: &[Range<usize>], trim: usize) -> (Vec<Range<usize>>, Vec<Range<usize>>) {
     let mut start = 0;
     let mut whole = vec![];
@@ -381,7 +381,7 @@ fn targets(group: &FitRequestGroup) -> Vec<String> {
     names
 }
 
-/// Some rows of both, evenly spaced. `None` if there are no rows.
+/// Evenly spaced rows of features and targets. `None` if there are no rows.
 fn thinned(a: &FeatureMatrix, y: &FeatureMatrix) -> Option<(FeatureMatrix, FeatureMatrix)> {
     let rows = y.values.len() / y.width.max(1);
     let step = rows.div_ceil(THINNED).max(1);

@@ -27,11 +27,11 @@ impl ModelSelection {
 }
 
 choice! {
-    /// Divisor of columns before the penalty, as named in the spec.
+    /// Scaling of columns before the penalty, as named in the spec.
     pub enum Divisor {
         /// No scaling.
         None = "none",
-        /// Standard deviation over n - 1.
+        /// Standard deviation with divisor n - 1.
         Standardise = "standardise",
         /// Largest absolute value.
         MaxAbs = "max_abs",
@@ -52,7 +52,7 @@ impl Divisor {
     }
 }
 
-/// Data that a model is fitted to.
+/// Data to which a model is fitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FitData {
     /// Moments of the lines, whose factors a whole sweep shares.
@@ -66,9 +66,9 @@ pub enum FitData {
 /// Settings that most models have, including the defaults of the model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitSettings {
-    /// Divisor of columns before the penalty.
+    /// Scaling of columns before the penalty.
     pub scaling: ColumnScaling,
-    /// Whether a constant is fitted too.
+    /// Whether a constant is also fitted.
     pub intercept: bool,
     /// Method that selects `lambda` or the number of components.
     pub choose: ModelSelection,

@@ -47,7 +47,7 @@ pub struct FitSolution {
     pub rows: (usize, usize),
     /// Condition number of the scaled matrix. NaN for a nonlinear model.
     pub condition: f64,
-    /// Standard deviation of the residual of the target, filtered if the target was.
+    /// Standard deviation of the residual of the target; both are filtered or both unfiltered.
     pub residual_std: f64,
     /// Ridge parameter, number of components or epoch used.
     pub chosen: f64,
@@ -156,11 +156,11 @@ pub fn solved(problem: &FitProblem, samples: &FitSamples, learnt: LearningResult
 fn residual(samples: &FitSamples, line: &LineSamples, model: &LearnedModel) -> Result<Vec<f64>, Fault> {
     let place = |name: &String| samples.names.iter().position(|n| n == name);
     let at: Option<Vec<usize>> = model.columns().iter().map(place).collect();
-    let at = at.ok_or_else(|| Fault::bug("a model is made of columns that it was not given"))?;
+    let at = at.ok_or_else(|| Fault::bug("a model uses columns that it did not receive"))?;
     let runs: Vec<usize> = line.runs.iter().map(Range::len).collect();
     let predicted = model.predict(&line.columns(&at, samples.names.len()), &runs).field_nt;
     if predicted.len() != line.y.len() {
-        return Err(Fault::bug("a model predicts other rows than it is given"));
+        return Err(Fault::bug("a model returned predictions for other rows than it received"));
     }
     Ok(line.y.iter().zip(predicted).map(|(y, p)| y - p).collect())
 }

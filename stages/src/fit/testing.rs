@@ -68,12 +68,12 @@ pub fn bent() -> Vec<RecordBatch> {
     lines(&|_, exact| exact + INTERCEPT_NT + 15.0 * (exact / 8.0).tanh())
 }
 
-/// The first of the bent lines on another aircraft, with larger fields and another constant.
+/// The first line with a nonlinear target, on another aircraft with larger fields and another constant.
 pub fn another() -> Vec<RecordBatch> {
     lines(&|_, exact| 1.1 * exact + 700.0 + 17.0 * (exact / 8.0).tanh())[..1].to_vec()
 }
 
-/// [`plain`] lines with a target that lags the features by half a second.
+/// [`plain`] lines whose target lags the features by half a second.
 pub fn delayed() -> Vec<RecordBatch> {
     let late = |line: RecordBatch| {
         let y = line.column(1).as_primitive::<Float64Type>().values().to_vec();

@@ -92,7 +92,7 @@ fn unit_trees_are_explained_exactly_and_have_no_gradient() {
         ("leaf[1,2]", -4.0),
         ("leaf[1,3]", 4.0),
     ];
-    // Either 4 or -4, the mean of the background being near 0.
+    // Either 4 or -4, because the mean of the background is near 0.
     near(&run(&importance(ImportanceMethod::Shapley), &stump).unwrap().1, &[4.0, 0.0], 0.06);
     let fault = run(&importance(ImportanceMethod::ExpectedGradients), &stump).err().unwrap();
     assert_eq!((fault.what.as_str(), fault.param.as_deref()), ("the model has no gradient", Some("method")));
@@ -154,7 +154,7 @@ fn law_shapley_values_of_a_linear_model_are_its_centred_terms() {
 
 #[test]
 fn law_the_best_sparse_linear_model_keeps_the_larger_terms() {
-    // Sines of amplitudes 5 and 2 have deviations of 5/√2 and 2/√2.
+    // Sines of amplitudes 5 and 2 have standard deviations of 5/√2 and 2/√2.
     let deviation = std::f64::consts::FRAC_1_SQRT_2;
     near(&run(&importance(ImportanceMethod::HardThresholding), &TERMS).unwrap().1, &[5.0 * deviation, 0.0, 0.0], 0.05);
     let two = Importance { terms: 2, ..importance(ImportanceMethod::HardThresholding) };
@@ -187,7 +187,7 @@ fn law_first_layer_weights_agree_with_a_manual_calculation() {
         ("w2[1,2]", 1.0),
         ("b2[1]", 0.0),
     ];
-    // √(9 + 16) = 5 and 0.5, times the deviations of a sine over the scales.
+    // √(9 + 16) = 5 and 0.5, times the standard deviations of a sine divided by the scales.
     let deviation = std::f64::consts::FRAC_1_SQRT_2;
     near(
         &run(&importance(ImportanceMethod::GroupLasso), &network).unwrap().1,

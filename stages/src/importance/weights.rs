@@ -59,7 +59,7 @@ pub struct SampleAttributions {
 
 impl SampleAttributions {
     /// Values and inputs of `kept` of the samples, evenly spaced, one group after the other. NaN if there are fewer
-    /// samples, and for the input of a group of several.
+    /// samples, and for a group of several inputs.
     pub fn lists(&self, kept: usize, groups: &[Vec<usize>]) -> [Vec<f64>; 2] {
         let count = self.x.len() / self.width.max(1);
         let shown = kept.min(count);
@@ -74,7 +74,7 @@ impl SampleAttributions {
     }
 }
 
-/// Rows of a line that are used.
+/// Used rows of a line.
 pub struct ImportanceRows {
     x: Vec<f64>,
     y: Vec<f64>,
@@ -83,7 +83,7 @@ pub struct ImportanceRows {
 }
 
 impl ImportanceRows {
-    /// Rows of a line that are used.
+    /// Used rows of a line.
     ///
     /// # Errors
     /// If the line lacks a column, is not evenly sampled, or has fewer than two such rows.
@@ -181,7 +181,7 @@ impl Importance {
         let predict = |x: &[f64]| Ok::<_, Infallible>(fitted.field_nt(x));
         let block = (self.block_s * rows.rate_hz).round().max(1.0) as usize;
         let blocks = PermutationBlocks { rows: block, repeats: self.repeats, seed: self.seed as u64 };
-        // Ignores the mean of the model's error, as the cross-validation of `fit` does.
+        // Ignores the mean of the model's error, as in the cross-validation of `fit`.
         let missed: Vec<f64> = rows.y.iter().zip(fitted.field_nt(&rows.x)).map(|(y, f)| y - f).collect();
         let mean = statistics::mean(&missed).value;
         let y: Vec<f64> = rows.y.iter().map(|y| y - mean).collect();
@@ -311,7 +311,7 @@ fn first_layer(
             let deviation = mean_and_deviation(&rows.column(j)).1 / scaling.scale[j];
             deviation * root_of_squares(layer.chunks_exact(shape.inputs.max(1)).map(|unit| weight(unit, j)))
         };
-        // Inputs are the first columns; the others are linear terms only.
+        // The first columns are inputs; the others are only linear terms.
         (0..own).map(of).collect()
     };
     let members: Vec<Vec<f64>> = members.iter().map(sizes).collect();
@@ -352,7 +352,7 @@ fn of_rows(found: Attributions, x: Vec<f64>, groups: &[Vec<usize>]) -> LineImpor
     LineImportance { weights, samples: Some(SampleAttributions { values: found.values, x, width }) }
 }
 
-/// Correlation with the target, for the entry of each group with the largest. NaN if all are constant.
+/// Largest correlation of an entry of each group with the target. NaN if all entries are constant.
 fn correlations(
     rows: &ImportanceRows,
     groups: &[Vec<usize>],

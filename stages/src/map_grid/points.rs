@@ -75,7 +75,7 @@ fn dates(points: &SurveyPointSet) -> Result<Option<Vec<f64>>, Fault> {
     let (Some(year), Some(doy)) = (points.extra.year.as_ref(), points.extra.doy.as_ref()) else { return Ok(None) };
     let tt = points.extra.tt_s.as_ref();
     let one = |i: usize| {
-        // After midnight `tt` keeps counting and the date advances, so only the time of day is added.
+        // After midnight the date advances and `tt` continues to increase, so only the time of day is added.
         let tt = tt.map_or(0.0, |tt| tt[i].rem_euclid(86_400.0));
         if ![year[i], doy[i], tt].iter().all(|x| x.is_finite()) {
             return Ok(f64::NAN);
@@ -119,8 +119,8 @@ pub fn without_far(points: &mut SurveyPointSet) -> Vec<usize> {
     far
 }
 
-/// Metres east and north at the middle latitude: accurate enough to detect distant points, and defined outside the
-/// points' own projection.
+/// Metres east and north at the middle latitude. They are accurate enough to detect distant points, and are defined
+/// outside the projection of the points.
 fn positions(points: &SurveyPointSet) -> [Vec<f64>; 2] {
     let middle = |values: &[f64]| {
         let mut known: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();

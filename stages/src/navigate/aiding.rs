@@ -13,32 +13,32 @@ use super::filter::{FilterFlight, FilterInput};
 use crate::columns::{data, floats, role_of};
 
 params! {
-    /// Positions by GNSS that aid a filter in addition to the magnetic field.
+    /// GNSS positions that aid a filter in addition to the magnetic field.
     pub struct Aiding;
     /// Times of loss and recovery of GNSS, in s from the first sample of the line. Before the loss and after the
-    /// recovery, the position in the columns of `gnss` aids the filter. `[0.0, 600.0]` starts without GNSS and recovers
-    /// it after ten minutes. With an end after the line's end, GNSS is not recovered.
+    /// recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0, 600.0]` starts without GNSS and recovers it
+    /// after ten minutes. If the recovery is after the end of the line, GNSS is not recovered.
     gnss_lost_s: Option<[f64; 2]>, unit "s", absent "GNSS is not used", rule Rule::NotNegative;
-    /// Columns of latitude, longitude (deg) and height above the ellipsoid (m) by GNSS.
+    /// Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m).
     gnss: [String; 3], unit "", default ["lat", "lon", "alt"].map(str::to_owned);
-    /// Time between two positions by GNSS.
+    /// Time between two GNSS positions.
     gnss_interval_s: f64, unit "s", default 1.0, rule Rule::Positive;
-    /// Standard deviation of the position by GNSS, north and east each.
+    /// Standard deviation of the GNSS position in each of north and east.
     gnss_sigma_m: f64, unit "m", default 2.0, rule Rule::Positive;
-    /// Standard deviation of the height by GNSS.
+    /// Standard deviation of the GNSS height.
     gnss_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;
-    /// Adds white noise of these standard deviations to the positions, reproducibly for a line. The truth of a
-    /// simulation is free of noise; a filter that assumes noise where there is none appears better than it is.
+    /// Adds white noise with these standard deviations to the positions. It is reproducible for each line. The truth of
+    /// a simulation is free of noise; a filter that assumes noise where there is none appears better than it is.
     gnss_noise: Option<bool>, unit "", absent "true if `gnss` names columns of the role truth";
     /// Tests each position against the INS, alone (chi-square) and together with earlier positions (cumulative sum).
     /// Rejected positions are not used. The test detects a jump at once and a drift of 1 m/s after about 10 s; a drift
     /// is then rejected from its start. Positions are accepted again after ten consecutive positions agree with the
-    /// INS. `gnss_update` is appended in either case.
+    /// INS. `gnss_update` is appended with and without the test.
     gnss_test: bool, unit "", default true;
 }
 
 choice! {
-    /// Outcome for a position by GNSS.
+    /// Outcome of a GNSS position.
     pub enum GnssOutcome {
         /// Used by the filter.
         Used = "used",
@@ -49,7 +49,7 @@ choice! {
     }
 }
 
-/// Positions by GNSS along a line.
+/// GNSS positions along a line.
 pub struct GnssPositions {
     /// Positions that passed the test.
     pub accepted: PositionFixes,
@@ -91,11 +91,11 @@ impl Aiding {
 
     /// Columns that it makes.
     pub(super) fn columns(&self) -> Vec<Column> {
-        let column = || Column::text(GNSS_UPDATE, "outcome for the position by GNSS: used, rejected or none");
+        let column = || Column::text(GNSS_UPDATE, "outcome of the GNSS position: used, rejected or none");
         self.gnss_lost_s.map(|_| column()).into_iter().collect()
     }
 
-    /// The positions along the line, tested.
+    /// Tested positions along the line.
     pub(super) fn gnss(&self, flown: &FilterInput) -> Result<Option<GnssPositions>, Fault> {
         let Some(fixes) = self.fixes(flown)? else { return Ok(None) };
         let there = |row: usize| fixes.lat_deg[row].is_finite() && fixes.lon_deg[row].is_finite();

@@ -19,9 +19,9 @@ params! {
     pub struct AircraftModelKeys;
     /// List column of the terms, as made by `a_matrix`.
     terms: String, unit "", default "tl";
-    /// Prior standard deviation of a permanent coefficient, about 0, unless `model` gives its prior.
+    /// Standard deviation of the zero-mean prior of a permanent coefficient, unless `model` supplies a prior.
     permanent_sigma_nt: f64, unit "nT", default 2000.0, rule Rule::Positive;
-    /// Prior standard deviation of an induced coefficient, as for `permanent_sigma_nt`.
+    /// Standard deviation of the prior of an induced coefficient, as for `permanent_sigma_nt`.
     induced_sigma_nt: f64, unit "nT", default 1000.0, rule Rule::Positive;
     /// Prior standard deviation of an eddy coefficient. Its term is the change of the field from sample to sample
     /// divided by the scale. The value is multiplied by the sample rate of the line.
@@ -35,14 +35,14 @@ params! {
     /// harmonic of the angle between its axis and the field, `heading_1`, `heading_2` and `heading_4`. Requires
     /// `vector`.
     heading_error_sigma_nt: Option<f64>, unit "nT", absent "the heading error is not estimated", rule Rule::Positive;
-    /// Factor on the standard deviations of the calibrations under `model`. With one calibration they are those of its
-    /// fit, with several the scatter between them. Coefficients of differences per sample are converted from the rate
-    /// of the fit to that of the line. Below about 5 Hz the differences are inaccurate in manoeuvres: they lack the
-    /// fraction (2 pi f / rate)^2 / 6 of a change at frequency f.
+    /// Factor on the prior standard deviations from `model`. With one calibration these are the standard deviations of
+    /// its fit, with several they are the scatter between the calibrations. Coefficients of differences per sample are
+    /// converted from the rate of the fit to that of the line. At rates below about 5 Hz the differences are inaccurate
+    /// in manoeuvres: they underestimate a change at frequency f by the fraction (2 pi f / rate)^2 / 6.
     prior_factor: f64, unit "1", default 1.0, rule Rule::Positive;
 }
 
-/// Terms of a line.
+/// Terms of the aircraft field along a line.
 pub(super) struct AircraftTerms<'a> {
     pub(super) names: Vec<String>,
     /// Row-major, one row per sample.
@@ -84,7 +84,7 @@ impl AircraftModelKeys {
         Ok(vec![self.terms.clone()])
     }
 
-    /// The terms along a line.
+    /// Terms of the aircraft field along a line.
     pub(super) fn terms<'a>(&self, flown: &'a FilterInput) -> Result<AircraftTerms<'a>, Fault> {
         let (values, mut names) = matrix(flown.columns, &self.terms)?;
         let sampling = sampling(flown.columns, &self.terms)?;
@@ -105,13 +105,13 @@ impl AircraftModelKeys {
         let names = &terms.names;
         let cold: Vec<f64> = names.iter().map(|name| self.cold_sigma_nt(name, &terms.sampling)).collect();
         let mut prior = CoefficientPrior::independent(&vec![0.0; names.len()], &cold);
-        // The coefficients that all calibrations contain.
+        // Coefficients that are in all calibrations.
         let known: Vec<usize> = (0..names.len())
             .filter(|i| !models.is_empty() && models.iter().all(|m| m.term(&names[*i]).is_some()))
             .collect();
         if !models.is_empty() && known.is_empty() {
             let what = format!("the model has none of the terms of `{}`", self.terms);
-            return Err(Fault::data(what).help("fit the model on the same terms").of_param("model"));
+            return Err(Fault::data(what).help("fit the model with the same set of terms").of_param("model"));
         }
         let of = |model: &CalibrationPrior| -> Result<(Vec<f64>, Vec<f64>), Fault> {
             let own = known.iter().filter_map(|i| Some((&names[*i], model.term(&names[*i])?)));
@@ -246,7 +246,7 @@ mod tests {
             let terms = ["zz_dot", "x"].map(str::to_owned).to_vec();
             CalibrationPrior { terms, values_nt: vec![300.0, 40.0], sigmas_nt: vec![5.0, 1.0], rate_hz }
         };
-        // A difference at 1 Hz is ten times that at 10 Hz, so its coefficient is a tenth.
+        // A difference at 1 Hz is ten times the difference at 10 Hz, so its coefficient is a tenth.
         let prior = model().prior(&terms(&NAMES, 1.0), &[of(Some(10.0))]).unwrap();
         assert_eq!((prior.mean[2], prior.mean[0]), (30.0, 40.0));
         let sigma = prior.sigma();
@@ -265,7 +265,8 @@ mod tests {
         let several = [[30.0, 40.0], [34.0, 40.0], [32.0, 46.0]].map(calibration);
         let prior = model().prior(&terms(&NAMES, 10.0), &several).unwrap();
         assert_eq!(prior.mean[..2], [42.0, 32.0]);
-        // Variances of 12 and 4 nT², times 4/3 for the mean, times 3 because they are estimates, and times the factor.
+        // Variances of 12 and 4 nT². They are multiplied by 4/3 for the mean, by 3 because they are estimates, and by
+        // the factor.
         for (sigma, variance) in prior.sigma().iter().zip([12.0, 4.0]) {
             assert!((sigma.powi(2) / (variance * 4.0 * 4.0) - 1.0).abs() < 1e-12, "{sigma}");
         }

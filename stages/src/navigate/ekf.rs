@@ -27,7 +27,7 @@ filter! {
     Ekf = "ekf", version 3, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "discretisation = \"trapezoidal\"";
     /// Appends the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
-    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
+    /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
     /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.

@@ -30,13 +30,13 @@ filter! {
     /// simpler and as accurate. The filter distinguishes noise from map errors only within the bounds.
     ///
     /// `sigma_adapted` is the assumed noise of the sample's measurement. It starts at `measurement_sigma_nt` and is
-    /// estimated from the window before the sample. With several magnetometers each has its own, `sigma_adapted_<mag>`;
-    /// a magnetometer whose noise increases loses weight.
+    /// estimated from the window before the sample. With several magnetometers each has a column `sigma_adapted_<mag>`,
+    /// and a magnetometer whose noise increases loses weight.
     ///
-    /// With `noise_column`, the predicted noise of each sample by a network or an ensemble, the filter estimates one
-    /// scale factor and keeps the predicted variation over time. If the position is less accurate than the measurement,
-    /// at a wide start or just after a period of noise, innovations contain little information on the noise. The
-    /// default form then changes the noise little; the others drive it to one of the bounds.
+    /// `noise_column` holds the noise that a network or an ensemble predicts for each sample. With it the filter
+    /// estimates one scale factor and keeps the predicted variation over time. If the position is less accurate than
+    /// the measurement, as after an inaccurate start or a noisy period, innovations contain little information on the
+    /// noise. The default `form` then changes the noise little; the other forms drive it to one of the bounds.
     ///
     /// Source: Gnadt 2022, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
     EkfAdaptive = "ekf_adaptive", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "window = 50";
@@ -56,8 +56,8 @@ filter! {
     /// default of version 1, subtracts from each squared innovation the predicted covariance of its time.
     /// `"compatible"`, as in MagNav.jl, starts at the mean of the bounds and subtracts the present covariance from all.
     form: AdaptiveForm, unit "", default AdaptiveForm::Residual;
-    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected, but used to
-    /// estimate the noise.
+    /// Largest accepted NIS (squared innovation divided by its variance) of a measurement. Rejected measurements are
+    /// used only to estimate the noise.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
     /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
@@ -190,15 +190,15 @@ mod tests {
             let found = flown("ekf_adaptive", &keys, &noisy).unwrap();
             let late: Vec<f64> = found.numbers("sigma_adapted")[300..].to_vec();
             let mean = late.iter().sum::<f64>() / late.len() as f64;
-            // Amplitudes of 6 nT and 1.4 nT: 4.4 nT rms together. A variance estimated from 50 samples varies by a
-            // fifth.
+            // Amplitudes of 6 nT and 1.4 nT: 4.4 nT rms together. A variance estimated from 50 samples has a standard
+            // error of a fifth.
             assert!((mean / 4.4 - 1.0).abs() < 0.25, "told {told}: {mean}");
         }
     }
 
     #[test]
     fn law_sample_noise_adds_to_the_common_noise() {
-        // 1.5 and 2 combine to 2.5; a sample without its noise has no measurement.
+        // 1.5 nT and 2 nT combine to 2.5 nT. A sample without a noise value has no measurement.
         let two = with(&flight(), "mag_2_c", |_, _| 2.0);
         for filter in ["ekf", "iekf", "ukf", "ekf_adaptive", "rts", "crlb"] {
             let one = flown(filter, "noise_column = 'mag_2_c'\nmag = 'mag_1_c'", &two).unwrap();

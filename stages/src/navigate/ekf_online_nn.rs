@@ -27,20 +27,21 @@ filter! {
     /// aircraft fields that are nonlinear in the features, such as those of switched currents. For linear aircraft
     /// fields `ekf_online_tl` is more accurate.
     ///
-    /// The weights are first trained on the part of the line before GNSS is lost; `gnss_lost_s` is required. There the
-    /// aircraft field is the measurement minus the map and the core field at the position by GNSS. The training is
+    /// The weights are first trained on the part of the line before GNSS is lost; `gnss_lost_s` is required. In this
+    /// part the aircraft field is the measurement minus the map and the core field at the GNSS position. Training uses
     /// recursive least squares. During training GNSS aids the INS, and the measurement is `missing` so that it is not
     /// used twice. Afterwards the measurement noise is the residual of the training, if it exceeds
     /// `measurement_sigma_nt`. The network also estimates a constant, so `offset_window_s` is ignored.
     ///
     /// `model` is the table of a fit of `m1` with one hidden layer to the aircraft field (targets `c` and `d`). With it
-    /// the weights start from that network, and `hidden` and `activation` must equal its units and activation. The
-    /// recursion then estimates their covariance and later changes. Features that are differences per sample are
-    /// converted to the rate of that fit.
+    /// the weights start from that network, and `hidden` and `activation` must equal those of that network. The
+    /// recursion then estimates the covariance of the weights and their later changes. Features that are differences
+    /// per sample are converted to the rate of that fit.
     ///
     /// A scalar magnetometer among the features is rejected: the filter would subtract its own measurement. `aircraft`
-    /// is the aircraft field for the weights of the sample. The covariance of the weights excludes the modelling error
-    /// of the network. The filter is therefore overconfident in conditions that the training did not include.
+    /// is the aircraft field computed with the weights estimated at the sample. The covariance of the weights excludes
+    /// the modelling error of the network. The filter is therefore overconfident in conditions outside the training
+    /// data.
     ///
     /// Source: Gnadt 2022, section 5.6, with the regressor ∂m/∂w in (5.44) and (5.45).
     EkfOnlineNn = "ekf_online_nn", version 1, groups [aiding: Aiding, further: AuxiliaryMeasurements], example r#"features = "tl"
@@ -57,7 +58,7 @@ gnss_lost_s = [20.0, 1e6]"#;
     passes: usize, unit "1", default 10usize, rule Rule::Between(1.0, 1000.0);
     /// Time in which the weights are expected to change by their standard deviation after training.
     memory_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
+    /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
     /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
@@ -108,7 +109,8 @@ impl NavigationFilter for EkfOnlineNn {
     }
 
     fn columns(&self, flight: &FilterFlight) -> Vec<Column> {
-        let mut columns = vec![Column::float("aircraft", "nT", "aircraft field for the weights of the sample")];
+        let what = "aircraft field computed with the weights estimated at the sample";
+        let mut columns = vec![Column::float("aircraft", "nT", what)];
         if self.save_weights {
             let inputs = inputs(flight, &self.features).unwrap_or_default();
             let unit = |of: &str| (1..=self.hidden).map(|unit| format!("{of}_{unit}")).collect::<Vec<_>>();
@@ -220,7 +222,7 @@ impl EkfOnlineNn {
                 (network, Some(start))
             }
             _ => {
-                return Err(Fault::new("the filter `ekf_online_nn` requires a single trained network under `model`")
+                return Err(Fault::new("the filter `ekf_online_nn` requires a single trained network in `model`")
                     .of_param("model"));
             }
         };
@@ -236,7 +238,8 @@ impl EkfOnlineNn {
     }
 }
 
-/// Network of a trained model for the features `names`, and its weights. `hidden` and `activation` come from the spec.
+/// Network of a trained model for the features `names`, and its weights. `hidden` and `activation` are the values in
+/// the spec.
 fn from_model(
     model: &Fitted,
     names: &[String],
@@ -265,7 +268,7 @@ fn from_model(
         let what = format!("the trained network has the input `{name}`, which is not in the features");
         return Err(wrong(what, "features"));
     }
-    // A feature that the training found constant has no weight.
+    // A feature that is constant in the training data has no weight.
     let place = |name: &String| layer.names.iter().position(|known| known == name);
     let places: Vec<Option<usize>> = names.iter().map(place).collect();
     let of = |values: &[f64], without: f64| {
@@ -280,7 +283,8 @@ fn from_model(
     Ok((network.map_err(data)?, weights))
 }
 
-/// Measurement minus the field at the position by GNSS, in nT, one value per sample; NaN without either.
+/// Measurement minus the field at the GNSS position, nT, one value per sample. NaN if the measurement or the position
+/// is missing.
 fn aircraft_field(line: &NavigationLine, fixes: &PositionFixes, rows: usize) -> Vec<f64> {
     let (ins, mut field) = (line.ins, line.predicted());
     let of = |row: usize| {

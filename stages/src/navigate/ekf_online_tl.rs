@@ -22,28 +22,29 @@ filter! {
     /// `mag` is uncompensated, and the coefficients follow changes of the aircraft field.
     ///
     /// Use it if the calibration is old, from another aircraft, or absent, and the line has manoeuvres. On a straight
-    /// line at constant attitude the aircraft field is a constant that only the prior separates from the map. A
+    /// line at constant attitude the aircraft field is a constant, and only the prior separates it from the map. A
     /// constant among the terms (`bias`) absorbs the constant that map and compensation leave undetermined, so
     /// `offset_window_s` is not needed.
     ///
-    /// The prior is that of the calibrations under `model` (one or several tables of `fit`), converted to the rate of
-    /// the line. Without `model` the start is cold. A scalar magnetometer among the terms is rejected: the filter would
-    /// subtract its own measurement. `aircraft` is the aircraft field for the coefficients of the sample; with several
-    /// magnetometers each has its own, `aircraft_<mag>`. `residual` is the innovation of the first magnetometer used at
-    /// a sample, `nis` the mean over those used.
+    /// The prior comes from the calibrations in `model` (one or several tables of `fit`), converted to the rate of the
+    /// line. Without `model` the filter starts cold. A scalar magnetometer among the terms is rejected: the filter
+    /// would subtract its own measurement. `aircraft` is the aircraft field computed with the coefficients estimated at
+    /// the sample. With several magnetometers each has a column `aircraft_<mag>`. `residual` is the innovation of the
+    /// first magnetometer used at a sample. `nis` is the mean over all magnetometers used at it.
     ///
     /// Source: Gnadt 2022, section 5.5, without (5.39).
     EkfOnlineTl = "ekf_online_tl", version 1, groups [aiding: Aiding, aircraft: AircraftModelKeys, further: AuxiliaryMeasurements], example "walk_per_hour = 0.1";
     /// Random walk of a coefficient: its standard deviation after one hour, divided by its prior standard deviation.
     /// With 0 the coefficients are constants.
     walk_per_hour: f64, unit "1", default 0.1, rule Rule::NotNegative;
-    /// Standard deviation of a bias of each axis of `vector`, which makes the terms. If set, the bias is estimated.
+    /// Standard deviation of a bias of each axis of `vector`, from which the terms are computed. If set, the bias is
+    /// estimated.
     flux_bias_sigma_nt: Option<f64>, unit "nT", absent "`vector` is exact", rule Rule::Positive;
     /// Time constant of that bias.
     flux_bias_tau_s: Option<f64>, unit "s", absent "the bias is constant", rule Rule::Positive;
     /// Field scale of the terms, as in the `a_matrix` that made them.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
-    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
+    /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
     /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
@@ -54,7 +55,7 @@ filter! {
 
 /// Columns of the aircraft field, one per magnetometer.
 pub(super) fn aircraft_columns(flight: &FilterFlight) -> Vec<Column> {
-    let what = "aircraft field for the coefficients of the sample";
+    let what = "aircraft field computed with the coefficients estimated at the sample";
     let name = |mag: &String| if flight.mags.len() == 1 { "aircraft".to_owned() } else { format!("aircraft_{mag}") };
     flight.mags.iter().map(|mag| Column::float(name(mag), "nT", what)).collect()
 }
@@ -197,7 +198,7 @@ mod tests {
             40.0 * of("flux_d_x") - 25.0 * of("flux_d_y") + 30.0 * of("flux_d_z")
         };
         let field = found.numbers("aircraft");
-        // Up to a constant, which is not separable from the temporal variation.
+        // The comparison ignores a constant, which is not separable from the temporal variation.
         let change = |of: &dyn Fn(usize) -> f64| (400..ROWS).map(of).collect::<Vec<f64>>();
         let (found, truth) = (change(&|row| field[row]), change(&own));
         let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;

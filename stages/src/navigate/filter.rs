@@ -35,14 +35,14 @@ pub struct FilterInput<'a> {
     /// INS, one value per sample. Columns that the flight lacks are derived.
     pub ins: InsSeries<'a>,
     /// Measured field in nT at each sample, minus the diurnal variation if it is removed; NaN if missing. It contains
-    /// the core field if and only if `core` is given. With several magnetometers, their mean.
+    /// the core field if and only if `core` is given. With several magnetometers it is their mean.
     pub measured_nt: Vec<f64>,
-    /// Standard deviation of the white noise of each of `measured_nt`, in nT.
+    /// Standard deviation of the white noise of each element of `measured_nt`, nT.
     pub sigma_nt: Vec<f64>,
     /// Each magnetometer, for a filter that processes them separately ([`NavigationFilter::each_magnetometer`]); else
     /// empty.
     pub magnetometers: Vec<FilterMagnetometer<'a>>,
-    /// The anomaly map, for a filter that needs one ([`NavigationFilter::needs_map`]).
+    /// The anomaly map, for a filter that requires it ([`NavigationFilter::needs_map`]).
     pub map: Option<&'a FieldMap>,
     /// The core field at the date of the line.
     pub core: Option<Arc<CoreField>>,
@@ -55,9 +55,9 @@ pub struct FilterInput<'a> {
     pub offset_window_s: f64,
     /// Columns that [`NavigationFilter::reads`] returns, and the INS columns.
     pub columns: &'a RecordBatch,
-    /// The calibrations under `model`.
+    /// The calibrations in `model`.
     pub models: &'a [CalibrationPrior],
-    /// The vector magnetometer under `vector`, in nT along nose, right and down.
+    /// The vector magnetometer `vector`, nT along nose, right and down.
     pub field_nt: Option<[&'a [f64]; 3]>,
     /// The cosine of the angle between the scalar sensor's axis and that field; NaN if unknown.
     pub cosines: Option<Vec<f64>>,
@@ -67,11 +67,11 @@ pub struct FilterInput<'a> {
     pub sample_sigma_nt: Option<Vec<f64>>,
     /// Standard deviation of the map error at each sample, as white noise, in nT.
     pub map_sigma_nt: Option<Vec<f64>>,
-    /// Positions by GNSS after the test, for a filter that uses them ([`NavigationFilter::aiding`]).
+    /// GNSS positions after the test, for a filter that uses them ([`NavigationFilter::aiding`]).
     pub gnss: Option<GnssPositions>,
-    /// Counts the curvature of the map over the position's uncertainty as noise of the measurement.
+    /// Whether the curvature of the map over the position's uncertainty counts as measurement noise.
     pub second_order: bool,
-    /// The number of magnetometers in each of `measured_nt`.
+    /// Number of magnetometers in each element of `measured_nt`.
     pub(super) counts: Vec<f64>,
     /// Outcome of measurements that are withheld from the filter; empty if there are none.
     pub(super) left_out: Vec<Option<UpdateOutcome>>,
@@ -93,7 +93,7 @@ pub struct FilterMagnetometer<'a> {
 pub struct FilterFlight<'a> {
     /// Its columns.
     pub shape: &'a TableShape,
-    /// The magnetometers under `mag`.
+    /// The magnetometers in `mag`.
     pub mags: &'a [String],
     /// Whether a vector magnetometer gives the direction of the field ([`FilterInput::field_nt`]).
     pub has_direction: bool,
@@ -153,7 +153,7 @@ impl FilterInput<'_> {
         self.tuned.is_some()
     }
 
-    /// Positions by GNSS that passed the test.
+    /// GNSS positions that passed the test.
     pub fn fixes(&self) -> Option<&PositionFixes> {
         self.gnss.as_ref().map(|gnss| &gnss.accepted)
     }
@@ -217,7 +217,7 @@ pub struct FilterTrack {
 }
 
 impl FilterTrack {
-    /// Track of a filter's output. The filter adds the states itself. `gate_nis` is its innovation gate.
+    /// Track from a filter's output, without the states, which the filter adds. `gate_nis` is its innovation gate.
     ///
     /// # Errors
     /// When no measurement was used, or the offset is unknown.
@@ -300,7 +300,7 @@ pub fn state_columns() -> Vec<Column> {
 /// # Errors
 /// If they do not make a list column.
 pub fn state_arrays(out: &mut NavigationOutput) -> Result<Vec<ArrayRef>, Fault> {
-    // Moved out of the filter output, because the covariances of a long flight take half a gigabyte.
+    // Moved out of the filter output, because the covariances of a long flight occupy half a gigabyte.
     let (x, p) = (std::mem::take(&mut out.x), std::mem::take(&mut out.p));
     Ok(vec![list(x.into_flattened(), STATES)?, list(p.into_flattened().into_flattened(), STATES * STATES)?])
 }
@@ -335,7 +335,7 @@ pub trait NavigationFilter: Any + Send + Sync {
         1.0
     }
 
-    /// Whether it uses each magnetometer separately instead of their mean.
+    /// Whether it processes each magnetometer separately instead of their mean.
     fn each_magnetometer(&self) -> bool {
         false
     }
@@ -365,7 +365,7 @@ pub trait NavigationFilter: Any + Send + Sync {
         false
     }
 
-    /// Fault of a key that has no effect with the other keys; `None` if it has one.
+    /// Fault of a key that has no effect with the other keys; `None` if it has an effect.
     fn idle(&self, _key: &str) -> Option<Fault> {
         None
     }
@@ -448,7 +448,7 @@ impl ChoiceKind for FilterDecl {
 pub fn navigate_points<F: NavigationFilter>(points: &[FilterPoint]) -> Vec<Result<FilterTrack, Fault>> {
     let mut ours: Vec<Option<(&F, &FilterInput)>> = vec![];
     for (filter, flown) in points {
-        // All filters in a list of one kind have its type.
+        // All filters in a list of one kind have the same type.
         let filter: &dyn Any = *filter;
         ours.push(filter.downcast_ref::<F>().map(|filter| (filter, *flown)));
     }

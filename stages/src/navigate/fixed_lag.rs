@@ -24,16 +24,17 @@ use crate::columns::{array, data};
 filter! {
     /// A smoother over sliding windows that estimates the aircraft field while it navigates. It has the 18 states of
     /// `ekf`, the coefficients of the line's A-matrix, and a first-order Gauss-Markov error of the magnetometer. It can
-    /// start cold, on an uncompensated magnetometer: while the INS is accurate to metres at the line's start, the map
-    /// determines the coefficients.
+    /// start cold with an uncompensated magnetometer: while the INS is accurate to metres at the start of the line, the
+    /// map determines the coefficients.
     ///
-    /// Each window is solved by Gauss-Newton iterations that linearise the map anew. It passes the filtered covariance
-    /// of INS states and coefficients to the next window. Between the ends of windows a filter continues from the last
-    /// window; its innovations give `residual` and `nis`, one per `measurement_interval_s`. With `lag_s = 0.0` the
-    /// track is that of a real-time navigator.
+    /// Each window is solved by Gauss-Newton iterations, each with a new linearisation of the map. It passes the
+    /// filtered covariance of INS states and coefficients to the next window. Between the ends of windows a filter
+    /// continues from the last window; its innovations give `residual` and `nis`, one per `measurement_interval_s`.
+    /// With `lag_s = 0.0` the track corresponds to real-time navigation.
     ///
-    /// `fogm_sigma_nt` is the temporal variation common to all magnetometers. `aircraft_sigma_nt` is the residual of
-    /// the linear aircraft model. Without `aircraft_sigma_nt` every filter on cabin magnetometers is overconfident.
+    /// `fogm_sigma_nt` describes the temporal variation common to all magnetometers. `aircraft_sigma_nt` describes the
+    /// residual of the linear aircraft model. Without `aircraft_sigma_nt`, filters on cabin magnetometers are
+    /// overconfident.
     ///
     /// Source: windows and their prior as in fixed-lag factor-graph smoothing; each window is an iterated smoother
     /// [Bell 1994] in Bryson-Frazier form [Bierman 1973].
@@ -42,7 +43,8 @@ filter! {
     window_s: f64, unit "s", default 300.0, rule Rule::Positive;
     /// Fraction of a window that the next window shares: windows end every `window_s` (1 - `overlap`) seconds.
     overlap: f64, unit "1", default 0.95, rule Rule::Between(0.0, 0.999);
-    /// Maximum delay after a sample of the measurements in its estimate. 0 navigates in real time.
+    /// Maximum time by which a measurement in the estimate of a sample is later than the sample. 0 gives real-time
+    /// navigation.
     lag_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
     /// Interval over which measurements are averaged into one. 0 uses every sample.
     measurement_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;

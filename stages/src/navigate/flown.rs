@@ -19,7 +19,7 @@ use super::{
 };
 use crate::columns::data;
 
-/// Points with the same INS and the same start.
+/// Points with the same INS and the same initial estimate.
 struct FilterPointGroup<'a> {
     batch: &'a RecordBatch,
     begin: InitialCondition,
@@ -27,7 +27,7 @@ struct FilterPointGroup<'a> {
     places: Vec<usize>,
 }
 
-/// Core fields by date: a sweep has few dates.
+/// Core fields by date, because a sweep has few dates.
 #[derive(Default)]
 struct CoreFieldCache(Vec<(f64, Arc<CoreField>)>);
 
@@ -104,7 +104,7 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<LineOutput> {
             }
         }
     }
-    // Every point has a fault or belongs to a group.
+    // Every point either has a fault or belongs to a group.
     answers.into_iter().map(|a| a.unwrap_or_else(|| Err(Fault::bug("a point was lost")))).collect()
 }
 
@@ -173,7 +173,7 @@ fn flown<'a>(
         tuned: None,
     };
     flown.gnss = stage.filter.keys.aiding().map(|aiding| aiding.gnss(&flown)).transpose()?.flatten();
-    // A filter that uses each magnetometer separately also subtracts the offset of each.
+    // For a filter that processes each magnetometer separately, the offset of each is also subtracted.
     let each = stage.filter.keys.each_magnetometer().then(|| flown.magnetometers.clone());
     flown.combine()?;
     let finds_noise = stage.finds_noise(map.is_some());
@@ -195,7 +195,7 @@ fn flown<'a>(
 }
 
 impl FilterInput<'_> {
-    /// Averages the magnetometers at each sample with readings. Their predictions are equal, so the mean loses no
+    /// Averages the available magnetometers at each sample. Their predictions are equal, so the mean loses no
     /// information on the position. The offset of each is subtracted before.
     fn combine(&mut self) -> Result<(), Fault> {
         let mut magnetometers = std::mem::take(&mut self.magnetometers);

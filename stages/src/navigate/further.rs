@@ -20,14 +20,14 @@ use super::filter::{FilterFlight, FilterInput, FilterTrack, UpdateOutcome, enoug
 use crate::columns::{array, data, faults_of, floats};
 
 params! {
-    /// Measurements besides the scalar field.
+    /// Measurements in addition to the scalar field.
     pub struct AuxiliaryMeasurements;
     /// Two compensated scalar magnetometers. Their difference, first minus second, measures the slope of the map along
-    /// the line between them. It is free of the temporal variation and of all other common errors. Requires
+    /// the line between them. The temporal variation and all other common errors cancel in it. Requires
     /// `map_interpolation = "cubic"`, because the slope of a bilinear map has steps.
     gradient: Option<[String; 2]>, unit "nT", absent "the difference is not measured";
     /// Vector from the second magnetometer of `gradient` to the first, body frame: nose, right, down. It is rotated by
-    /// the attitude of the INS, whose estimated error is part of the measurement.
+    /// the attitude of the INS. The estimated error of this attitude is part of the measurement model.
     gradient_baseline_m: Option<[f64; 3]>, unit "m", absent "required with `gradient`", rule Rule::Finite;
     /// Standard deviation of the white noise of the difference.
     gradient_sigma_nt: f64, unit "nT", default 0.1, rule Rule::Positive;
@@ -35,14 +35,14 @@ params! {
     gradient_bias_sigma_nt: f64, unit "nT", default 1.0, rule Rule::NotNegative;
     /// Time constant of the slow error of the difference.
     gradient_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Standard deviation of the error of the map's slope along that line. The baseline times this error enters the
-    /// difference. The error is correlated along the track like the map's anomalies. `"auto"` uses the value of maximum
-    /// likelihood of the innovations of the difference, which also detects maps of sparse lines. For a map without a
-    /// vertical slope (one height, no `map_levels_m`), the error increases by the vertical baseline times the rms
-    /// slope.
+    /// Standard deviation of the error of the map's slope along that line. Multiplied by the baseline, it is an error
+    /// of the difference. Like the map's anomalies, it is correlated along the track. `"auto"` uses the
+    /// maximum-likelihood value from the innovations of the difference, which also detects maps made from sparse lines.
+    /// For a map without a vertical slope (one height, no `map_levels_m`), the error increases by the vertical baseline
+    /// times the rms slope.
     gradient_slope_sigma: NumberOrAuto, unit "nT/m", default NumberOrAuto::Auto, rule Rule::NotNegative;
-    /// Uses `mag` for the measurement update too. `false` uses only the difference and the vector, as in a magnetic
-    /// storm.
+    /// Uses `mag` for the measurement update too. `false` uses only the difference and the vector, for example in a
+    /// magnetic storm.
     use_scalar: bool, unit "", default true;
     /// Standard deviation of the white noise of each component of `vector`. If set, the vector is a measurement of the
     /// attitude about the field and of the scalar field. Requires `core_field` and a vector magnetometer with its own
@@ -52,10 +52,10 @@ params! {
     vector_bias_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
     /// Time constant of the bias.
     vector_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Standard deviation of each component of the crustal field that a map of the scalar anomaly does not determine;
-    /// about the standard deviation of the anomaly.
+    /// Standard deviation of the part of each crustal-field component that a map of the scalar anomaly does not
+    /// determine. It is about the standard deviation of the anomaly.
     vector_crustal_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
-    /// Correlation length of that component; about the height above the sources.
+    /// Correlation length of that part; about the height above the sources.
     vector_crustal_length_m: f64, unit "m", default 1000.0, rule Rule::Positive;
     /// Column of measured heights above the ellipsoid, such as `baro` of a barometer that does not already aid the INS.
     height: Option<String>, unit "m", absent "the height of the INS and its barometer is used";
@@ -69,13 +69,13 @@ params! {
     map_sigma_nt: Option<f64>, unit "nT", absent "the map error is not estimated", rule Rule::NotNegative;
     /// Distance over which the autocorrelation of the map error falls to 1/e.
     map_sigma_length_m: f64, unit "m", default 500.0, rule Rule::Positive;
-    /// Standard deviation, before the line, of the delay of the magnetometer's time stamps. If set, the delay is a
-    /// state of the filter, constant along the line. A sample stamped `t` was measured at `t` minus the delay, which
-    /// may be negative. Appends `mag_latency` and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`.
+    /// Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag is a state of the filter,
+    /// constant along the line. A sample stamped `t` was measured at `t` minus the lag, which may be negative. Appends
+    /// `mag_latency` and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`.
     mag_latency_sigma_s: Option<f64>, unit "s", absent "time stamps are exact", rule Rule::Positive;
-    /// Largest standard deviation of a measurement, divided by the map's horizontal slope, for which the sample
-    /// observes the position. Above it the sample is `flat` and corrects only the temporal variation and the map error.
-    /// Appends `map_slope`.
+    /// Largest ratio of a measurement's standard deviation to the map's horizontal slope at which the sample observes
+    /// the position. Above it the sample is `flat` and corrects only the temporal variation and the map error. Appends
+    /// `map_slope`.
     flat_over_m: Option<f64>, unit "m", absent "all samples observe the position", rule Rule::Positive;
 }
 
@@ -181,7 +181,11 @@ impl AuxiliaryMeasurements {
             columns.push(Column::float("gradient_nis", "1", "normalised innovation squared of the difference"));
         }
         if self.vector_sigma_nt.is_some() {
-            columns.push(Column::float("vector_residual", "nT", "magnitude of the innovation of the vector"));
+            columns.push(Column::float(
+                "vector_residual",
+                "nT",
+                "magnitude of the innovation of the vector-magnetometer measurement",
+            ));
             columns.push(Column::float(
                 "vector_nis",
                 "1",
@@ -193,7 +197,7 @@ impl AuxiliaryMeasurements {
             columns.push(Column::float("height_nis", "1", "normalised innovation squared of the height"));
         }
         if self.mag_latency_sigma_s.is_some() {
-            columns.push(Column::float("mag_latency", "s", "estimated delay of the magnetometer's time stamps"));
+            columns.push(Column::float("mag_latency", "s", "estimated lag of the magnetometer's time stamps"));
             columns.push(Column::float("mag_latency_sigma", "s", "standard deviation of `mag_latency`"));
         }
         if self.flat_over_m.is_some() {
@@ -203,7 +207,7 @@ impl AuxiliaryMeasurements {
         columns
     }
 
-    /// Rejects `use_scalar = false` and a delay of the magnetometer in a filter that requires the scalar field.
+    /// Rejects `use_scalar = false`, and a lag of the magnetometer, in a filter that requires the scalar field.
     pub(super) fn needs_scalar(&self, what_for: &str) -> Result<Vec<String>, Vec<Fault>> {
         if self.use_scalar {
             return self.no_latency();
@@ -211,14 +215,14 @@ impl AuxiliaryMeasurements {
         Err(vec![Fault::new(format!("without the scalar field {what_for} cannot be estimated")).of_param("use_scalar")])
     }
 
-    /// Rejects a delay of the magnetometer in a filter that does not estimate it.
+    /// Rejects a lag of the magnetometer in a filter that does not estimate it.
     pub(super) fn no_latency(&self) -> Result<Vec<String>, Vec<Fault>> {
         let fault = |_| {
             let what = "`mag_latency_sigma_s` is available only in `ekf`, `iekf` and `ukf`";
             vec![
                 Fault::new(what)
                     .of_param("mag_latency_sigma_s")
-                    .help("set `filter` to one of these to estimate the delay"),
+                    .help("set `filter` to one of these to estimate the lag"),
             ]
         };
         self.mag_latency_sigma_s.map_or(Ok(vec![]), |sigma_s| Err(fault(sigma_s)))

@@ -27,7 +27,7 @@ params! {
     /// Orientation of a scalar sensor in the field.
     pub struct SensorGeometry;
     /// Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise and the aircraft field at
-    /// it are negligible here.
+    /// its position are neglected here.
     vector: Option<String>, unit "", absent "equal noise in all attitudes";
     /// Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
     sensor_axis: [f64; 3], unit "1", default [1.0, 0.0, 0.0], rule Rule::Finite;

@@ -54,7 +54,7 @@ mod tests {
     fn unit_the_track_equals_the_ins_and_the_covariance_grows() {
         let found = run("ins_only", "");
         assert!(planned("ins_only", "mag = 'nowhere'").is_ok() && planned("ekf", "mag = 'nowhere'").is_err());
-        // 10 m and 0.15 m/s north, 0.2 m/s east, after 599 s.
+        // INS errors of 10 m and 0.15 m/s north and 0.2 m/s east, after 599 s.
         let expected = (10.0 + 0.15 * 599.0_f64).hypot(0.2 * 599.0);
         assert!((found.error_m(ROWS - 1) - expected).abs() < 0.5, "{}", found.error_m(ROWS - 1));
         assert_eq!(found.updates("unused"), ROWS);
@@ -67,7 +67,7 @@ mod tests {
     fn unit_gnss_bounds_the_error_until_its_loss() {
         let found = run("ins_only", "mag = 'mag_1_c'\ngnss_lost_s = [400.0, 1e6]\ngnss_sigma_m = 3.0");
         assert!(found.error_m(399) < 3.0, "{}", found.error_m(399));
-        // The drift is known at the loss, to a few millimetres a second.
+        // When GNSS is lost, the drift is known to a few mm/s.
         assert!(found.error_m(ROWS - 1) < 20.0, "{}", found.error_m(ROWS - 1));
         assert!(found.numbers("sd_n")[ROWS - 1] > found.numbers("sd_n")[399]);
         assert_refused("ins_only", "gnss_lost_s = [400.0, 300.0]", "recovered earlier");

@@ -24,16 +24,16 @@ filter! {
     /// navigation-grade INS `ekf` is as accurate and seventy times as fast.
     ///
     /// The estimate is the mean over all particles. Particles off the map keep their total weight relative to the
-    /// others. A sample with less than a tenth of the weight on the map is `off_map`. A measurement outside six
-    /// standard deviations of every particle is `gated`, regardless of `gate_nis`. Many such measurements in a row mean
-    /// that the particles have lost the aircraft. The line is rejected when most of its measurements are gated in this
-    /// way.
+    /// particles on it. A sample with less than a tenth of the weight on the map is `off_map`. A measurement outside
+    /// six standard deviations of every particle is `gated`, regardless of `gate_nis`. Many such measurements in a row
+    /// mean that the particles have lost the aircraft. The line is rejected when most of its measurements are gated in
+    /// this way.
     ///
     /// Biases of further measurements and the map error are linear states of each particle. The weights depend on the
     /// values of the map, not on its slope, so `flat_over_m` is rejected; use `map_sigma_nt` for the map error.
     ///
     /// Source: Schön, Gustafsson & Nordlund 2005; resampling from a kernel density (Musso, Oudjane & Le Gland 2001)
-    /// that is marginalised in the linear states too. The same seed gives the same bits on any number of threads.
+    /// that is also marginalised over the linear states. The same seed gives the same bits on any number of threads.
     Mpf = "mpf", version 1, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "particles = 2000";
     /// Number of particles: 1000 for an INS known to hundreds of metres; 10,000 for an INS lost by kilometres or with a
     /// measurement as precise as `gradient`.
@@ -43,16 +43,16 @@ filter! {
     /// Effective number of particles, as a fraction of all, below which they are resampled. 0.5 is usual; more frequent
     /// resampling (MagNav.jl: 0.8) only adds noise.
     resample_threshold: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
-    /// Resamples from a kernel density. Otherwise, with a good INS, whose position error has almost no driving noise,
-    /// only copies of a few particles remain and the covariance is far too small.
+    /// Resamples from a kernel density. Without it, only copies of a few particles remain with a good INS, whose
+    /// position error has almost no driving noise. The covariance is then far too small.
     regularise: bool, unit "", default true;
     /// Distance over which the map is nearly linear; about its height above the sources. A wider cloud has one kernel
     /// for each of its parts. The slope that `gradient` measures is linear over a third of this distance.
     smooth_over_m: f64, unit "m", default 200.0, rule Rule::Positive;
-    /// Standard deviation of the position noise of each resampled particle, per axis, in ranges of the particles
-    /// divided by the square root of their number. Gordon, Salmond & Smith 1993 use 0.2.
+    /// Standard deviation of the position noise of each resampled particle, per axis. It is in units of the range of
+    /// the particles divided by the square root of their number. Gordon, Salmond & Smith 1993 use 0.2.
     roughening: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// Largest NIS of a measurement, for the mean and variance of the whole cloud; larger ones are rejected.
+    /// Largest accepted NIS of a measurement, for the mean and variance of the whole cloud.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
     /// Appends the three most probable modes of the position to each sample. Takes 50 % more time.

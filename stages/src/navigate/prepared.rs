@@ -15,7 +15,7 @@ pub struct NavigationResources {
     pub(super) models: Vec<CalibrationPrior>,
 }
 
-/// A map at the heights that lines require. Each level is computed once while it is cached.
+/// A map that is continued to the heights of the lines. Each level is computed once while it is cached.
 pub(super) struct NavigationMaps {
     table: RecordBatch,
     interpolation: MapInterpolation,
@@ -48,15 +48,17 @@ struct MapHeightLevels {
 const SAME_HEIGHT: f64 = 0.05;
 /// Distance of two levels, in cells.
 const SPACING: f64 = 0.25;
-/// Maximum downward continuation, in cells. It multiplies the shortest wave of the map by e^(pi x cells).
+/// Maximum downward continuation, in cells. It multiplies the amplitude of the shortest wavelength of the map by e^(pi
+/// x cells).
 const DOWNWARD: f64 = 1.0;
-/// Maximum number of maps that are cached: lines at many heights would fill the memory.
+/// Maximum number of cached maps. Without a limit, lines at many heights would fill the memory.
 const MOST_KEPT: usize = 8;
 /// Maximum number of levels per line.
 const MOST_LEVELS: f64 = 24.0;
 
 impl MapHeightLevels {
-    /// Levels for a line between two heights, in m: none if the map's own height is close enough, one for level flight.
+    /// Levels for a line between two heights, m. There are none if the map's own height is close enough, and one for
+    /// level flight.
     fn levels_m(&self, low_m: f64, high_m: f64) -> Option<Vec<f64>> {
         let Self { own_m, cell_m } = *self;
         let near = SAME_HEIGHT * cell_m;

@@ -20,14 +20,14 @@ use crate::columns::{array, data};
 filter! {
     /// The most probable track of the whole line given all its measurements: a smoother for post-processing. Each
     /// iteration linearises the map along the track and passes forward and backward over the line, until the track
-    /// converges. It also returns the covariance. At the last sample its error equals that of a filter; before, it is a
-    /// few times smaller.
+    /// converges. It also returns the covariance. At the last sample its error equals that of a filter; at earlier
+    /// samples it is a few times smaller.
     ///
     /// The position of a sample uses all measurements. `residual` and `nis` use only earlier measurements, so the
-    /// expected value of `nis` is 1, as for a filter. A robust loss limits the influence of outliers: it is constant
-    /// with `huber`, and decreases with distance with `cauchy`, which requires a good initial track. `smoothing` is
-    /// `converged`, or `stopped` if the iteration ended before the track converged; `smoothing_step` is then its last
-    /// change.
+    /// expected value of `nis` is 1, as for a filter. A robust loss limits the influence of outliers. With `huber` the
+    /// influence is constant. With `cauchy` it decreases with distance, which requires a good initial track.
+    /// `smoothing` is `converged`, or `stopped` if the iteration ended before the track converged; `smoothing_step` is
+    /// then its last change.
     ///
     /// A line takes five to ten times as long as with `ekf`, and 0.8 kB per sample (2.6 kB more with `save_state`).
     /// With further measurements it takes 15 kB per sample, the iteration has a single start, and a robust loss applies
@@ -38,7 +38,7 @@ filter! {
     Rts = "rts", version 1, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "loss = \"huber\"";
     /// Maximum number of passes over the line.
     iterations: usize, unit "1", default 20usize, rule Rule::Between(1.0, 1000.0);
-    /// Largest change of a position of the line in one iteration below which the iteration ends.
+    /// Largest position change along the line in one iteration, below which the iteration ends.
     tolerance_m: f64, unit "m", default 0.1, rule Rule::Positive;
     /// Loss function of a residual: quadratic, Huber's, or Cauchy's.
     loss: TrajectoryLoss, unit "", default TrajectoryLoss::None;

@@ -25,11 +25,11 @@ filter! {
     /// Only the position relative to the earlier path is observed. The error of the INS before the first revisit
     /// therefore remains. Without a revisit the track is that of the INS. The map of the stage and `offset_window_s`
     /// are ignored: a constant in the measurement is part of the unknown map. `unused` in the column `update` means
-    /// that no particle has been nearby before.
+    /// that no particle has an earlier position nearby.
     ///
     /// The same `seed` gives the same bits on any number of threads.
     ///
-    /// With `gnss_lost_s` positions by GNSS aid the filter. A map that begins under GNSS has the absolute position of
+    /// With `gnss_lost_s`, GNSS positions aid the filter. A map that begins under GNSS has the absolute position of
     /// GNSS. A later fix weights particles by their whole path, so it also corrects the map. Initial GNSS does not
     /// reduce the number of particles: with 400 particles all of ten surveys succeeded; with 150 two of six diverged,
     /// with a covariance far too small.
@@ -44,7 +44,7 @@ filter! {
     /// `smoothing_misfit` is far above 1 where the assumed noise is too small for the track. `smoothing_agreement` is
     /// the information that revisits of places give about each other, divided by its expected value for the assumed
     /// noise: about 1 on a correct track, near 0 on a track in error by hundreds of metres. A line below 0.5 is
-    /// rejected. The column is NaN where almost nothing is revisited. 1000 measurements take about 20 s of one core and
+    /// rejected. The column is NaN where almost nothing is revisited. 1000 measurements take about 20 s on one core and
     /// 70 MB. Twice as many take eight times the time and four times the memory.
     ///
     /// Source: Lee 2019, chapters III and V and appendix A, with four changes. Every prediction includes the last
@@ -54,7 +54,8 @@ filter! {
     /// the covariance. The smoother maximises the likelihood of a Gaussian process at uncertain places (Lawrence 2003),
     /// with the covariance of the error model as prior of the places and Laplace's approximation of its covariance.
     Slam = "slam", version 2, groups [aiding: Aiding], example "particles = 1000";
-    /// Number of particles. They must cover the drift between revisits densely, so a poorer INS needs more.
+    /// Number of particles. They must cover the drift between revisits densely, so a less accurate INS requires more
+    /// particles.
     particles: usize, unit "1", default 1000usize, rule Rule::Between(2.0, 1e6);
     /// Seed of all random draws.
     seed: usize, unit "", default 0usize;
@@ -78,7 +79,7 @@ filter! {
     fit_window_s: f64, unit "s", default 600.0, rule Rule::Positive;
     /// Maximum number of earlier samples in a prediction.
     neighbours: usize, unit "1", default 12usize, rule Rule::Between(1.0, 20.0);
-    /// Time before a sample within which samples do not count as earlier samples.
+    /// Time before a sample in which other samples do not count as earlier samples.
     ignore_s: f64, unit "s", default 30.0, rule Rule::NotNegative;
     /// Radius of a revisit: it contains more than `trigger_points` earlier samples.
     trigger_radius_m: Option<f64>, unit "m",
@@ -88,13 +89,13 @@ filter! {
     /// Radius within which earlier samples are used for a prediction.
     interpolation_radius_m: Option<f64>, unit "m",
         absent "half the length of the covariance, at most 0.4 of the distance flown in `ignore_s`", rule Rule::Positive;
-    /// Maximum height difference of earlier samples. Smaller differences increase their variance.
+    /// Maximum height difference of earlier samples. Smaller differences increase the variance of these samples.
     max_height_difference_m: f64, unit "m", default 100.0, rule Rule::NotNegative;
     /// Standard deviation of a prediction by inverse distance.
     interpolant_sigma_nt: f64, unit "nT", default 10.0, rule Rule::Positive;
     /// Effective number of particles, as a fraction of all, below which they are resampled.
     resample_below: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
-    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
+    /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
     /// Replaces the track of the particles by the most probable track of the whole flight.
@@ -165,7 +166,7 @@ impl NavigationFilter for Slam {
             "fit_window_s" if self.hyperparameters == HyperparameterSource::Fixed => {
                 belongs("`hyperparameters = \"fitted\"`")
             }
-            // `length_m` and `sigma_n_nt` are the start of the search.
+            // `length_m` and `sigma_n_nt` are the initial values of the search.
             "sigma_se_nt" if self.hyperparameters == HyperparameterSource::Fitted => {
                 belongs("`hyperparameters = \"fixed\"`")
             }
@@ -275,7 +276,7 @@ mod tests {
     #[test]
     fn unit_without_a_revisit_the_track_equals_the_ins() {
         let (found, ins) = (run("slam", "mag = 'mag_1_c'\nparticles = 20"), run("ins_only", "mag = 'mag_1_c'"));
-        // The mean of the particles' paths: within a few standard errors.
+        // The mean of the particles' paths is within a few standard errors.
         let apart = (found.error_m(ROWS - 1) - ins.error_m(ROWS - 1)).abs();
         assert!(apart < 5.0 * ins.numbers("sd_n")[ROWS - 1] / 20_f64.sqrt(), "{apart}");
         assert_eq!(found.updates("used"), 0);
@@ -304,7 +305,7 @@ mod tests {
         let found = run("slam", keys);
         let aided = run("ins_only", "mag = 'mag_1_c'\ngnss_lost_s = [300.0, 1e6]\ngnss_sigma_m = 3.0");
         assert!(found.words("smoothing").iter().all(|word| word == "converged"));
-        // The last sample, where smoother and filter have the same information.
+        // At the last sample, smoother and filter use the same information.
         let (ours, exact) = (found.numbers("sd_n")[ROWS - 1], aided.numbers("sd_n")[ROWS - 1]);
         assert!((ours / exact - 1.0).abs() < 0.02, "{ours} {exact}");
         assert!((found.error_m(ROWS - 1) - aided.error_m(ROWS - 1)).abs() < 0.3);

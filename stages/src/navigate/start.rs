@@ -17,15 +17,15 @@ use crate::columns::{faults_of, floats, role_of};
 choice! {
     /// Source of the initial estimate of a filter.
     pub enum StartSource {
-        /// `given` if an initial position, height or velocity key is set. Else `alignment` if the flight has the column
-        /// `ins_aligned`. Else `fix` if it has the columns of `fix`. Other flights are rejected.
+        /// `given` if an initial position, height or velocity key is set; otherwise `alignment` if the flight has the
+        /// column `ins_aligned`; otherwise `fix` if it has the columns of `fix`. Other flights are rejected.
         Auto = "auto",
         /// A position and velocity fix corrects the INS at the first sample of the line.
         Fix = "fix",
-        /// The initial standard deviations hold at the alignment, at the time in the column `ins_aligned`. Their
+        /// The initial standard deviations apply at the alignment, at the time in the column `ins_aligned`. Their
         /// covariance is propagated to the first sample of the line, assuming straight and level flight.
         Alignment = "alignment",
-        /// The initial standard deviations hold at the first sample of the line.
+        /// The initial standard deviations apply at the first sample of the line.
         Given = "given",
     }
 }
@@ -33,17 +33,17 @@ choice! {
 params! {
     /// Initial estimate and covariance at the first sample of a line.
     pub struct StartKeys;
-    /// Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys do not hold minutes
+    /// Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys are not valid minutes
     /// later.
     start: StartSource, unit "", default StartSource::Auto;
     /// Columns of latitude, longitude (deg) and height (m) of the fix. The first values within 2 s of the line's start
-    /// are used. White noise of the fix's standard deviations is added to columns of the role truth, reproducibly for a
-    /// line.
+    /// are used. White noise with the fix's standard deviations is added to columns with the role truth. It is
+    /// reproducible for each line.
     fix: [String; 3], unit "", default ["lat", "lon", "alt"].map(str::to_owned);
-    /// Columns of the velocity north, east and down of the fix.
+    /// Columns of the fix's velocity north, east and down.
     fix_velocity: Option<[String; 3]>, unit "m/s",
         absent "`vn`, `ve` and `vd` if the flight has them, else the velocity of the INS";
-    /// Standard deviation of the fix's position, north and east each.
+    /// Standard deviation of the fix's position in each of north and east.
     fix_sigma_m: f64, unit "m", default 3.0, rule Rule::Positive;
     /// Standard deviation of the fix's height.
     fix_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;
@@ -64,7 +64,7 @@ const LONGEST_AGE_S: f64 = 2.0 * 86_400.0;
 pub(super) enum InitialCondition {
     /// The initial standard deviations.
     Given,
-    /// The alignment and the time since.
+    /// The alignment, and the time since then.
     Aligned {
         /// Time since the alignment, in s.
         age_s: f64,

@@ -100,7 +100,7 @@ pub(super) fn flight() -> RecordBatch {
     RecordBatch::try_new(Arc::new(schema), arrays).unwrap()
 }
 
-/// The flight with the values of a column changed.
+/// The flight with changed values in one column.
 pub(super) fn with(flight: &RecordBatch, column: &str, of: impl Fn(usize, f64) -> f64) -> RecordBatch {
     let (at, _) = flight.schema().column_with_name(column).map(|(at, field)| (at, field.clone())).unwrap();
     let mut columns = flight.columns().to_vec();
@@ -109,7 +109,7 @@ pub(super) fn with(flight: &RecordBatch, column: &str, of: impl Fn(usize, f64) -
     RecordBatch::try_new(flight.schema(), columns).unwrap()
 }
 
-/// Output of a filter.
+/// Output of a filter on the test flight.
 #[derive(Debug)]
 pub(super) struct NavigateOutput(Vec<(String, Arc<dyn Array>)>);
 

@@ -5,7 +5,7 @@ use schemas::{Literal, ParamReader, Params, SpecEntries, SpecEntry};
 use super::*;
 
 filter! {
-    /// A second filter besides the built-in one.
+    /// A second filter in addition to the built-in one.
     Still = "still", version 1, example "hold_s = 2.0";
     /// A key of this filter.
     hold_s: f64, unit "s", default 1.0;

@@ -20,8 +20,8 @@ use crate::{
 choice! {
     /// Source of unset parameters.
     pub enum Tuning {
-        /// Noise from the likelihood of each line's innovations, rejection of outliers, and map continued to the flight
-        /// heights. The curvature of the map over the position's uncertainty counts as noise of the measurement.
+        /// Noise from the likelihood of each line's innovations, rejection of outliers, and continuation of the map to
+        /// the flight heights. The curvature of the map over the position's uncertainty counts as measurement noise.
         Auto = "auto",
         /// Defaults of MagNav.jl, no gate, and the map at its own height.
         Magnav = "magnav",
@@ -87,13 +87,13 @@ impl Navigate {
             let fault = shape.number(column, unit).err()?;
             let what = format!("`{param} = \"auto\"` uses the residual of the calibration, but {}", fault.what);
             let help =
-                format!("set `input` to a table of `compensate` or `assume_noise`, or set `{param}` to a number");
+                format!("set `input` to a table made by `compensate` or `assume_noise`, or set `{param}` to a number");
             Some(Fault::new(what).help(help).of_param(param))
         });
         missing.collect()
     }
 
-    /// Noise of a line without a search: from the spec, the calibration, or MagNav.jl.
+    /// Noise of a line without estimation: from the spec, the calibration, or MagNav.jl.
     pub(super) fn expected(&self, batch: &RecordBatch) -> Result<AssumedNoise, Fault> {
         let mut values = [0.0; 3];
         for (at, (value, param, column, _)) in self.of_calibration().into_iter().enumerate() {
@@ -163,7 +163,7 @@ impl Navigate {
     }
 
     /// Whether noise and outliers of each line are estimated. Filters that estimate the aircraft field from an
-    /// uncompensated magnetometer, and flights without a map, use the given noise or MagNav.jl's.
+    /// uncompensated magnetometer use the noise in the spec or that of MagNav.jl. So do flights without a map.
     pub(super) fn finds_noise(&self, has_map: bool) -> bool {
         let filter = &self.filter.keys;
         let compensated = |mag: &String| mag == "mag_c" || flight::is_compensated(mag);
@@ -303,7 +303,7 @@ impl LineNoiseEstimate {
         Ok(Self { noise, rows, map_nt })
     }
 
-    /// Sets the noise, and removes the measurements between those that are used.
+    /// Sets the noise, and removes the measurements that are not used.
     fn apply(&self, flown: &mut FilterInput) {
         if let Some(noise) = &self.noise {
             flown.measurement_sigma_nt = noise.sigma_nt.value;
@@ -346,7 +346,7 @@ impl FilterInput<'_> {
         }
     }
 
-    /// Removes the outliers: of each magnetometer if the filter uses each, else of their mean.
+    /// Removes outliers: from each magnetometer if the filter processes them separately, otherwise from their mean.
     ///
     /// # Errors
     /// Fails in the cases of [`likelihood::outliers`].

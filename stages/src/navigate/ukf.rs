@@ -14,10 +14,10 @@ use super::further::AuxiliaryMeasurements;
 use crate::columns::{array, data};
 
 filter! {
-    /// The unscented Kalman filter on the states of `ekf`. The map is not linearised at the estimated position but
-    /// regressed over its uncertainty, from seven map values per sample. Where the map is linear over that uncertainty
-    /// the filter equals the EKF; elsewhere it treats the nonlinearity of the map as noise. Use it if the position
-    /// uncertainty exceeds the node spacing of the map.
+    /// The unscented Kalman filter on the states of `ekf`. Instead of linearising the map at the estimated position,
+    /// the filter fits it by regression over the position's uncertainty, from seven map values per sample. If the map
+    /// is linear over that uncertainty, the filter equals the EKF. Otherwise it treats the nonlinearity of the map as
+    /// noise. Use it if the position uncertainty exceeds the node spacing of the map.
     ///
     /// Where an outer point is off the map, the map is linearised at the estimated position. `sd_nonlinear` is the part
     /// of the innovation's standard deviation due to the nonlinearity of the map; NaN where it is not computed.
@@ -27,13 +27,14 @@ filter! {
     Ukf = "ukf", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "kappa = 0.0";
     /// Scale factor of the distance of the outer points.
     alpha: f64, unit "1", default 1.0, rule Rule::Positive;
-    /// Additional weight of the centre in the variance, compared with the mean; at least -alpha² kappa/3. The variance
-    /// of a field's nonlinearity is (5 + 4 beta)/8 of the true variance on average over directions, so 2 is cautious.
+    /// Additional weight of the centre in the variance, compared with the mean; at least -alpha² kappa/3. Averaged over
+    /// directions, the variance computed for the nonlinearity of the field is (5 + 4 beta)/8 of the true variance. The
+    /// filter is therefore cautious with a beta of 2.
     beta: f64, unit "1", default 2.0, rule Rule::Finite;
-    /// Parameter of the outer points, which are alpha sqrt(3 + kappa) standard deviations away; above -3. With 0 the
-    /// gain is exact to the fourth moment of a normal distribution.
+    /// Parameter of the outer points, which are alpha sqrt(3 + kappa) standard deviations from the centre; above -3.
+    /// With 0 the gain is exact to the fourth moment of a normal distribution.
     kappa: f64, unit "1", default 0.0, rule Rule::Finite;
-    /// Largest NIS (squared innovation over its variance) of a measurement. Larger ones are rejected.
+    /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",
         absent "no gate; `tuning = \"auto\"` rejects outliers before the filter", rule Rule::Positive;
     /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.

@@ -38,7 +38,7 @@ fn straight(t: f64) -> f64 {
     3.0 + 2.0 * (t - 100.0)
 }
 
-/// A turn through north: 340 degrees at 100 s, eight degrees a second.
+/// A turn through north from 340 degrees at 100 s, at 8 degrees per second.
 fn heading(t: f64) -> f64 {
     (340.0 + 8.0 * (t - 100.0)).rem_euclid(360.0)
 }
@@ -88,7 +88,7 @@ fn law_a_straight_line_is_interpolated_exactly() {
             assert!(row.iter().all(|x| x.is_nan()), "{t}: {row:?}");
             continue;
         }
-        // Times of about 100 s are rounded to 1.4e-14.
+        // Times of about 100 s are rounded to 1.4e-14 s.
         for (found, expected) in row.iter().zip([straight(*t), heading(*t), straight(*t), -straight(*t)]) {
             let off = (found - expected).abs();
             // North is both 0 and 360.
@@ -122,7 +122,7 @@ fn unit_other_types_take_the_nearest_sample_and_keys_stay() {
 #[test]
 fn unit_lines_between_grid_times_and_decreasing_times_are_rejected() {
     let fault = resample().run(&line(vec![100.01, 100.09]), &()).unwrap_err();
-    assert_eq!(fault.what, "the line is too short to hold a sample at 10 Hz");
+    assert_eq!(fault.what, "the line is too short for a sample at 10 Hz");
     let fault = resample().run(&line(vec![100.0, 100.2, 100.1]), &()).unwrap_err();
     assert!(fault.what.contains("row 2"), "{fault}");
 }
@@ -187,7 +187,7 @@ fn unit_sensors_of_different_rates_share_one_grid_over_their_common_time() {
 fn law_a_lag_is_removed_from_a_late_sensor() {
     let tt = times(100.0, 50.0, 500);
     let wave = |t: f64| (3.0 * t).sin();
-    // The value stamped t was measured 0.06 s before.
+    // The value stamped t was measured 0.06 s earlier.
     let batch = sensor(
         tt.clone(),
         vec![
@@ -206,7 +206,7 @@ fn law_a_lag_is_removed_from_a_late_sensor() {
             assert!((column[k] - wave(made[0][k])).abs() < 5e-4, "{k}");
         }
     }
-    // The same as a lag of the whole table, except for the grid, which ends with the samples.
+    // The result equals that for a lag of the whole table, except that the grid ends with the samples.
     let late = sensor(tt.clone(), vec![("flux_b_x", "nT", of(&tt, |t| wave(t - 0.06)))]);
     let stage = Resample { input_lag_s: Some(vec![0.0, 0.06]), ..resample() };
     let made = together(&stage, vec![batch, late]).unwrap();

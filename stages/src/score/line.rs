@@ -1,4 +1,4 @@
-//! The line to score: its columns, and intermediate results that several metrics share.
+//! The line to score: its columns, and intermediate results shared by several metrics.
 
 use std::cell::OnceCell;
 

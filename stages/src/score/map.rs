@@ -9,8 +9,8 @@ use schemas::{Fault, metric::MetricDisplay};
 use super::{line::ScoreLine, metric::metric, source::ScoreSource};
 
 metric! {
-    /// expected error of the map at the line's height, because its own height differs; with `map_levels_m`, of its
-    /// continuation
+    /// expected error of the map due to the difference between its height and the line's; with `map_levels_m`, expected
+    /// error of its continuation
     MAP_HEIGHT_ERROR = "map_height_error", unit "nT", pool Rms, better Neither, needs [Track, MapHeight];
     |line| Ok(statistics::mean(line.column(ScoreSource::MapHeight)?))
 }
@@ -37,7 +37,8 @@ metric! {
 }
 
 metric! {
-    /// least root mean square horizontal error of a constant offset of the line estimated on the map
+    /// lower bound of the root mean square horizontal error of a constant position offset of the line, estimated from
+    /// the map
     MAP_POSITION_BOUND = "map_position_bound", unit "m", pool Rms, better Neither,
     shown MetricDisplay::column(150, 70), needs [Map, Position];
     |line| {
@@ -76,7 +77,7 @@ mod tests {
         };
         let (north, east) = (table(along(), still()), table(still(), along()));
         assert!((value(&MAP_GRADIENT_ALONG_TRACK, &north).value - 0.03).abs() < 1e-15);
-        // A parallel is not straight: from sample to sample it turns by a small part of its 70 m.
+        // A parallel is not straight, but its curvature over a step of 70 m is negligible.
         assert!(value(&MAP_GRADIENT_ALONG_TRACK, &east).value < 1e-6);
         // On a constant slope, a constant offset is not separable from a position offset.
         assert!(value(&MAP_POSITION_BOUND, &north).value.is_nan());

@@ -12,7 +12,7 @@ use super::{line::ScoreLine, source::ScoreSource};
 pub struct Scorer {
     /// Properties that do not depend on a line.
     pub metric: Metric,
-    /// Version, raised whenever the value changes, of a metric that is not built in. Built-in metrics share the version
+    /// Version of a metric that is not built in, raised whenever its value changes. Built-in metrics share the version
     /// of `score`.
     pub version: u32,
     /// Required sources.
@@ -21,11 +21,11 @@ pub struct Scorer {
     pub uses: &'static [ScoreSource],
     /// Computation of the value.
     pub score: fn(&ScoreLine) -> Result<SampleStatistic, Fault>,
-    /// Sorted samples whose quantile the metric is. Lines are pooled over them.
+    /// Sorted samples of which the metric is a quantile. They are used to pool lines.
     pub spread: Option<QuantileSamplesFn>,
 }
 
-/// Sorted samples of a line whose quantile a metric is.
+/// Sorted samples of a line of which a metric is a quantile.
 pub type QuantileSamplesFn = for<'l> fn(&'l ScoreLine) -> Result<&'l [f64], Fault>;
 
 impl ChoiceKind for Scorer {
@@ -53,8 +53,8 @@ impl Scorer {
 }
 
 /// Declares a [`Scorer`]: its meaning (a sentence without its full stop), name, unit, pooling over lines, preferred
-/// values, place in tables (default: none), samples whose quantile it is (default: none), required and used sources,
-/// and computation.
+/// values, place in tables (default: none), samples of which it is a quantile (default: none), required and used
+/// sources, and computation.
 #[macro_export]
 macro_rules! metric {
     (

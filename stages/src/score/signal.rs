@@ -75,17 +75,17 @@ metric! {
 }
 
 metric! {
-    /// slope of the compensated signal, minus core field and diurnal variation, over the true anomaly; 1 keeps the
-    /// whole anomaly; n is the energy of the anomaly about its mean, nT^2, and weights the lines; null where a line has
-    /// at most two independent samples
+    /// slope of the compensated signal, minus core field and diurnal variation, as a function of the true anomaly; 1 if
+    /// compensation keeps the whole anomaly; n is the energy of the anomaly about its mean, nT^2, and weights the
+    /// lines; null where a line has at most two independent samples
     ANOMALY_RETENTION = "anomaly_retention", unit "1", pool Mean, better Near(1.0),
     shown MetricDisplay::column(60, 80), needs [Signal, Anomaly, Core], uses [Diurnal];
     |line| Ok(retention(line)?.0)
 }
 
 metric! {
-    /// standard error of `anomaly_retention`, for a slowly changing residual and anomaly; pooled: that of the pooled
-    /// slope; retentions within two standard errors are indistinguishable
+    /// standard error of `anomaly_retention`, for a slowly changing residual and anomaly; pooled: standard error of the
+    /// pooled slope; retentions within two standard errors are indistinguishable
     ANOMALY_RETENTION_SE = "anomaly_retention_se", unit "1", pool Error, better Neither,
     shown MetricDisplay::column(62, 78), needs [Signal, Anomaly, Core], uses [Diurnal];
     |line| Ok(retention(line)?.1)
@@ -187,7 +187,7 @@ mod tests {
         let tables = [vec![("mag_c", mag), ("mag_1_c", truth), ("mag_aircraft", error(4.0))]];
         assert!((value(&IMPROVEMENT_RATIO, &tables).value - 5.0).abs() < 1e-12);
         assert!((value(&STD_UNCOMPENSATED, &tables).value / value(&STD_ERROR, &tables).value - 5.0).abs() < 1e-12);
-        // Amplitude ten of the anomaly over one of the error; the truth has no linear trend.
+        // The amplitudes are 10 (anomaly) and 1 (error). The truth has no linear trend.
         assert!((value(&SNR, &tables).value - 10.0).abs() < 1e-12);
     }
 

@@ -40,11 +40,11 @@ pub enum ScoreSource {
     TrackVelocity,
     /// Lower bound of the horizontal error, without an estimate.
     Bound,
-    /// Innovations of the track: in nT, and squared over their variance.
+    /// Innovations of the track, nT, and NIS.
     Innovations,
-    /// Slope of the map along a track.
+    /// Horizontal slope of the map along a track.
     Slope,
-    /// Outcomes of the positions by GNSS along a track.
+    /// Outcomes of the GNSS positions along a track.
     Gnss,
     /// A column of this name.
     Column(&'static str),
@@ -86,11 +86,11 @@ impl ScoreSource {
         ScoreSource::Gnss,
     ];
 
-    /// Truths, in the order in which their absence is reported.
+    /// Truth sources, in the order in which their absence is reported.
     pub const TRUTHS: [ScoreSource; 4] =
         [ScoreSource::Truth, ScoreSource::Position, ScoreSource::Height, ScoreSource::Velocity];
 
-    /// Whether it is a truth.
+    /// Whether it is a truth source.
     pub fn is_truth(self) -> bool {
         Self::TRUTHS.contains(&self)
     }
@@ -136,11 +136,11 @@ impl ScoreSource {
             ScoreSource::Aircraft => "`mag_aircraft` of `compensate`".to_owned(),
             ScoreSource::Truth => "`truth`".to_owned(),
             ScoreSource::MapHeight => format!("`{MAP_HEIGHT_ERROR}`"),
-            ScoreSource::Core => "the core field `igrf`, of stage `core_field`".to_owned(),
+            ScoreSource::Core => "the core field `igrf`, from the stage `core_field`".to_owned(),
             ScoreSource::Diurnal => "the diurnal variation `diurnal`".to_owned(),
             ScoreSource::Anomaly => format!("the known anomaly `{ANOMALY}`"),
             ScoreSource::Attitude => "roll, pitch and yaw".to_owned(),
-            ScoreSource::Map => "a table of `map_value`".to_owned(),
+            ScoreSource::Map => "a table made by `map_value`".to_owned(),
             ScoreSource::Position => "true positions `lat` and `lon`".to_owned(),
             ScoreSource::Height => "true heights `alt`".to_owned(),
             ScoreSource::Velocity => "true velocities `vn`, `ve` and `vd`".to_owned(),

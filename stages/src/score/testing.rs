@@ -1,4 +1,4 @@
-//! Lines to score, for the tests of the metrics.
+//! Lines to score, for tests of the metrics.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use super::{Score, line::ScoreLine, metric::Scorer, metrics::SCORERS, source::Sc
 /// The columns of a table.
 pub type ScoreTestColumns = Vec<(&'static str, Vec<f64>)>;
 
-/// True latitude and longitude: without the prefix in the table, with the role truth.
+/// True latitude and longitude. In the table their names have no prefix, and they have the role truth.
 pub const FLOWN: [&str; 2] = ["true lat", "true lon"];
 
 /// Every metric, for `mag_c` against `mag_1_c`.
@@ -37,7 +37,7 @@ pub fn only(name: &str) -> ChoiceSubset<Scorer> {
     ChoiceSubset::new(kinds(), Some(vec![kinds().find(name).unwrap()]))
 }
 
-/// A function of the time at `n` samples, one a second.
+/// A function of the time at `n` samples, one per second.
 pub fn seconds(n: u32, f: impl Fn(f64) -> f64) -> Vec<f64> {
     (0..n).map(|k| f(f64::from(k))).collect()
 }

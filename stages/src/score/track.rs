@@ -203,7 +203,7 @@ metric! {
 }
 
 metric! {
-    /// number of positions by GNSS that the test against the INS rejected
+    /// number of GNSS positions that the test against the INS rejected
     GNSS_REJECTED = "gnss_rejected", unit "1", pool Sum, better Neither, needs [Gnss];
     |line| {
         let updates = line.texts(ScoreSource::Gnss)?;
@@ -220,7 +220,7 @@ fn position_nees(line: &ScoreLine) -> Result<Vec<f64>, Fault> {
     Ok(statistics::position_nees(&e.north_m, &e.east_m, sd_n, sd_e, cov_ne))
 }
 
-/// Samples whose quantile a radius is.
+/// Samples of which a radius is a quantile.
 fn radii<'l>(line: &'l ScoreLine) -> Result<&'l [f64], Fault> {
     line.radii()
 }
@@ -257,7 +257,7 @@ fn ungated(line: &ScoreLine, values: &[f64]) -> Result<Vec<f64>, Fault> {
     Ok(values.iter().zip(line.updates()?).map(known).collect())
 }
 
-/// Share of the finite values that satisfy `so`.
+/// Fraction of the finite values that satisfy `so`.
 fn share(values: &[f64], so: fn(f64) -> bool) -> SampleStatistic {
     let known = || values.iter().filter(|x| x.is_finite());
     let n = known().count();
@@ -278,7 +278,7 @@ mod tests {
     use super::*;
     use crate::score::testing::{FLOWN, ScoreTestColumns, seconds, track, value};
 
-    /// A flight along the equator. The INS error is half that of the track: 0.001 deg north and 0.002 deg east.
+    /// A flight along the equator. The INS error is half the track error: 0.001 deg north and 0.002 deg east.
     fn tables() -> [ScoreTestColumns; 2] {
         let truth = vec![
             (FLOWN[0], seconds(10, |_| 0.0)),
@@ -293,7 +293,7 @@ mod tests {
     fn law_the_drms_of_a_constant_offset_is_its_length() {
         let tables = tables();
         let [north, east, both, ins] = [RMS_NORTH, RMS_EAST, DRMS, INS_DRMS].map(|m| value(&m, &tables));
-        // On the equator of WGS 84 a degree is 110.574 km north and 111.320 km east.
+        // On the WGS-84 equator a degree is 110.574 km north and 111.320 km east.
         assert!((north.value - 110.574).abs() < 0.001 && (east.value - 222.639).abs() < 0.001, "{north:?} {east:?}");
         assert!((both.value - north.value.hypot(east.value)).abs() < 1e-9 && both.n == 10);
         assert!((ins.value - both.value / 2.0).abs() < 1e-3, "{ins:?}");
@@ -316,7 +316,7 @@ mod tests {
     #[test]
     fn unit_gated_measurements_are_not_in_the_nis() {
         let mut tables = tables();
-        // The updates repeat: every fourth of ten is gated, and is an outlier.
+        // The updates repeat every ten samples. The fourth of them is gated, and is an outlier.
         let nis = seconds(10, |t| if [3.0, 7.0].contains(&t) { 900.0 } else { 0.5 });
         tables[1].iter_mut().filter(|column| column.0 == "nis").for_each(|column| column.1 = nis.clone());
         tables[1].push(("residual", vec![1.0; 10]));
@@ -400,7 +400,7 @@ mod tests {
     #[test]
     fn law_consistency_separates_consistent_and_overconfident_tracks() {
         let [nees, nis, white, within, lost, of_averages] = of_tracks(1.0, false);
-        // At 95 %, one of twenty tests fails on average, and five fail once in two thousand times.
+        // At 95 %, one of twenty tests fails on average; more than five fail with a probability of 1/3000.
         assert!(nees >= 0.75 && nis >= 0.75, "{nees} {nis}");
         // 400 lags: a standard deviation of 1.1 %. 20,000 samples within 0.989: 0.07 %.
         assert!(
@@ -413,10 +413,11 @@ mod tests {
         assert_eq!([nees, nis], [0.0, 0.0]);
         assert!((of_averages / 9.0 - 1.0).abs() < 0.15, "{of_averages}");
         assert!((white - 0.95).abs() < 0.05, "whiteness is of the order, not of the size: {white}");
-        // exp(-9/18) are outside three standard deviations of a third, exp(-25/18) outside five.
+        // If the standard deviation is a third of the true one, the fraction exp(-9/18) is outside three standard
+        // deviations, and exp(-25/18) outside five.
         assert!((1.0 - within - (-0.5f64).exp()).abs() < 0.02 && (lost - (-25.0f64 / 18.0).exp()).abs() < 0.02);
         // A decay of 0.9 per sample: (1 + 0.9)/(1 - 0.9) = 19, with a standard error of 10 %. The same innovations are
-        // consistent if small enough.
+        // consistent if they are small enough.
         let [.., white, _, _, of_averages] = of_tracks(1.0, true);
         assert!(white < 0.5 && (of_averages / 19.0 - 1.0).abs() < 0.35, "{white} {of_averages}");
         let [.., white, _, _, of_averages] = of_tracks(19f64.sqrt().recip(), true);

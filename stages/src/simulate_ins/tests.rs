@@ -144,7 +144,7 @@ fn law_an_ins_without_error_sources_equals_the_truth() {
                 // The height of the mechanisation is rounded to 1e-10 m, a degree of 45 to 1e-14.
                 assert!((said[axis][k] - columns[axis + 1].1[k]).abs() < 1e-9, "{axis} {k}");
             }
-            // Steps are chords of a turn of half a degree a second, with the heading at their middle.
+            // Steps are chords of a turn at 0.5 degrees per second, with the heading of their middle.
             assert!((speed(k) - 70.0).abs() < 0.01, "{k}: {}", speed(k));
             let course = said[4][k].atan2(said[3][k]).to_degrees();
             assert!((said[11][k] - course).abs() < 1e-9 && said[9][k].abs() < 1e-9, "level along the course");

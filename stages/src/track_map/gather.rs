@@ -127,7 +127,7 @@ fn columns<'a>(batch: &'a RecordBatch, names: [&str; 3]) -> Result<[&'a [f64]; 3
 /// are on one side of the date line.
 fn averaged(all: impl Iterator<Item = AnomalyMeasurement>, interval_s: f64) -> Vec<AnomalyMeasurement> {
     let mut groups: Vec<(AnomalyMeasurement, f64, f64)> = vec![];
-    // Rounding of a clock must not lengthen every other interval by a sample.
+    // Rounding of time stamps must not lengthen every other interval by a sample.
     let enough = interval_s * (1.0 - 1e-6);
     for next in all {
         match groups.last_mut() {

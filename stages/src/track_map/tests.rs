@@ -142,8 +142,8 @@ fn unit_the_map_follows_the_track() {
     let error = rms(nodes.iter().map(|[e, n, value, _]| value - field_nt(*e, *n)));
     let sd = rms(nodes.iter().map(|node| node[3]));
     println!("{moved:.2} nT where the track is, {error:.2} nT where the lines are, sd {sd:.2} nT");
-    // 25 m of the standard deviation of 30 m of the track, at slopes of up to 0.29 nT/m. The field is smoother than the
-    // kernel.
+    // The track error is 25 m, its standard deviation 30 m, and slopes are up to 0.29 nT/m. The field is smoother than
+    // the kernel.
     assert!(moved < 1.5 && error > 2.0 && (0.3..1.5).contains(&(error / sd)), "{moved} {error} {sd}");
 }
 

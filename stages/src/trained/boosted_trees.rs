@@ -1,8 +1,8 @@
 //! A forest of boosted trees and its table.
 //!
 //! The field is `base` plus one value of each tree. A tree begins at its node 1. At `split[t,k] NAME`, a row continues
-//! at node `left[t,k]` if its `NAME` is at most the value of the split, and otherwise at the node after that. It ends
-//! at a `leaf[t,k]`, whose value is that of the tree. `nodes[t]` is the number of nodes of tree t.
+//! at node `left[t,k]` if its `NAME` is at most the value of the split, and otherwise at the node after `left[t,k]`. It
+//! ends at a `leaf[t,k]`, which holds the value of the tree. `nodes[t]` is the number of nodes of tree t.
 
 use learning::trees::{BoostingError, Forest, RegressionTree, RegressionTreeNode};
 use schemas::Fault;

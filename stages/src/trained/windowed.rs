@@ -1,9 +1,9 @@
 //! A network over a window of samples in a model table.
 //!
 //! The inputs are scaled as in [`network`](super::network): z = (x - `input_mean`) / `input_scale`. `memory` computes
-//! features of the last `window` samples at `rate_hz`; the last of these is the predicted sample. A dense network with
-//! `hidden` layers computes the field from them: `target_mean` + `target_scale` N. If a run of samples is shorter than
-//! the window, its first sample replaces the missing earlier ones. The weights have the names of their PyTorch layout:
+//! features of `window` samples at `rate_hz`, of which the last is the predicted sample. A dense network with `hidden`
+//! layers computes the field from them: `target_mean` + `target_scale` N. If a run of samples is shorter than the
+//! window, its first sample replaces the missing earlier ones. The weights have the names of their PyTorch layout:
 //! [`learning::network::WindowedNetworkShape`].
 
 use learning::{
@@ -18,7 +18,7 @@ use super::{
     terms::{TermLookup, TermValue, broken, list, member_of, named_list, term},
 };
 
-/// Largest relative difference between the rate of a line and that of the training.
+/// Largest relative difference between the sample rates of a line and of the training.
 const RATE_TOLERANCE: f64 = 0.01;
 
 /// Network over a window of samples, or the mean of several of one shape.
@@ -87,7 +87,10 @@ impl WindowedNetwork {
         if (rate_hz / self.rate_hz - 1.0).abs() <= RATE_TOLERANCE {
             return Ok(());
         }
-        let what = format!("the model uses a window of samples at {} Hz, but the line has {rate_hz} Hz", self.rate_hz);
+        let what = format!(
+            "the model uses a window of samples at {} Hz, but the line is sampled at {rate_hz} Hz",
+            self.rate_hz
+        );
         Err(Fault::data(what).help("use `resample` to give the line the rate of the fit"))
     }
 
@@ -213,6 +216,6 @@ mod tests {
     fn unit_another_rate_is_rejected() {
         let network = network(MemoryLayers::Gru);
         assert!(network.check_rate(5.001).is_ok());
-        assert!(network.check_rate(10.0).unwrap_err().what.contains("at 5 Hz, but the line has 10 Hz"));
+        assert!(network.check_rate(10.0).unwrap_err().what.contains("at 5 Hz, but the line is sampled at 10 Hz"));
     }
 }

@@ -18,7 +18,7 @@ pub struct NetworkInputs {
     pub scaling: InputScaling,
     /// Training lines and validation lines.
     pub lines: (Vec<usize>, Vec<usize>),
-    /// Scaled inputs of both, row-major.
+    /// Scaled inputs of training and validation lines, row-major.
     pub rows: (Vec<f64>, Vec<f64>),
 }
 
@@ -53,7 +53,7 @@ impl NetworkInputs {
 }
 
 /// Scaling of the inputs. Inputs that are constant on the training lines are removed from `at` and returned. The last
-/// item holds the rows from which the scaling is computed, row-major.
+/// item holds the rows from which the scaling is computed (row-major).
 ///
 /// # Errors
 /// If every input is constant, or `whiten` requests too many components.

@@ -20,7 +20,7 @@ choice! {
     pub enum LearningSchedule {
         /// Constant rate.
         Constant = "constant",
-        /// Half a cosine, down to a hundredth.
+        /// Half a cosine, from the initial rate to a hundredth of it.
         Cosine = "cosine",
         /// Halved after ten epochs without a smaller validation loss.
         Plateau = "plateau",
@@ -34,7 +34,7 @@ params! {
     hidden: Option<Vec<usize>>, unit "1", absent "`[8]`; `[11]` for `tlnn` and `etlnn`, as in van der Meer 2025; with `warm_start`: the layers of its network", rule Rule::Between(1.0, 1000.0);
     /// Activation function of the hidden units.
     activation: ActivationFunction, unit "", default ActivationFunction::Swish;
-    /// Inputs of the network: entries of the features, by name or by a prefix of several names before a `_`.
+    /// Inputs of the network: entries of the features, by name or by a prefix that several names share before a `_`.
     inputs: Option<Vec<String>>, unit "", absent "all features";
     /// Number of epochs with Adam.
     epochs: usize, unit "1", default 200usize, rule Rule::Between(0.0, 100_000.0);
@@ -48,18 +48,18 @@ params! {
     schedule: LearningSchedule, unit "", default LearningSchedule::Constant;
     /// Loss function.
     training_loss: TrainingLoss, unit "", default TrainingLoss::Squared;
-    /// Residual at which the Huber loss becomes linear, in scales of the target.
+    /// Residual at which the Huber loss becomes linear, in units of the target's scale.
     huber_threshold: f64, unit "1", default 1.0, rule Rule::Positive;
-    /// Weight decay: fraction of each weight that a step of Adam subtracts, times the learning rate (AdamW).
+    /// Weight decay (AdamW): a step of Adam subtracts this fraction of each weight, times the learning rate.
     weight_decay: f64, unit "1", default 0.0, rule Rule::NotNegative;
     /// Fraction of the hidden units that a training step omits.
     dropout: f64, unit "1", default 0.0, rule Rule::Between(0.0, 0.9);
     /// Strength of the sparse group lasso on the weights of each input.
     group_lasso: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// Fraction of the lasso that applies to the group. The rest applies to each weight.
+    /// Fraction of the lasso that applies to the group. The remainder applies to single weights.
     group_share: f64, unit "1", default 1.0, rule Rule::Between(0.0, 1.0);
-    /// Lines (`1003.08` or `1003/1003.08`) or whole flights kept for validation. The epoch with the smallest validation
-    /// loss is used.
+    /// Lines (`1003.08` or `1003/1003.08`) or whole flights reserved for validation. The epoch with the smallest
+    /// validation loss is used.
     validation: Vec<String>, unit "", default Vec::<String>::new();
     /// Number of epochs without a smaller validation loss after which training ends.
     patience: Option<usize>, unit "1", absent "all epochs are trained", rule Rule::Positive;

@@ -10,9 +10,10 @@ use schemas::{Fault, Rule, params};
 use crate::{bandpass::design, columns::data, fit::samples::FitSamples};
 
 params! {
-    /// Linear model combined with a network: the ridge of band-passed terms, as `tolles_lawson` fits it.
+    /// Linear model combined with a network: a ridge fit to band-passed terms, as in `tolles_lawson`.
     pub struct LinearPart;
-    /// Terms of the linear model: entries of the features, by name or by a prefix of several names before a `_`.
+    /// Terms of the linear model: entries of the features, by name or by a prefix that several names share before a
+    /// `_`.
     linear: Option<Vec<String>>, unit "", absent "the Tolles-Lawson terms among the features, otherwise those of the core-field model; for `etlnn` all features. Other terms, such as slopes or terms of the extended model, are inputs of the network only";
     /// Ridge parameter.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;

@@ -98,7 +98,7 @@ pub struct TrainingSetup<'a> {
     linear_at: Vec<usize>,
     /// Mean and scale of the target, nT.
     target: (f64, f64),
-    /// Warning about inputs far from the data of the warm start.
+    /// Warning about inputs that are far from the training data of the warm start.
     far: String,
 }
 
@@ -140,7 +140,7 @@ impl<'a> TrainingSetup<'a> {
                 warm.check(model.keys, &core, samples)?;
                 let members = warm.members(model.form, &in_scale);
                 let members: Vec<Vec<f64>> = members.iter().map(|m| core.scaled(&terms, m)).collect();
-                // The constant of another aircraft does not apply to this one.
+                // The constant of another aircraft does not apply to this aircraft.
                 let left = members.iter().flat_map(|m| {
                     let made = core.predict(m, &rows);
                     rows.y.iter().zip(made).map(|(y, made)| y - made).collect::<Vec<f64>>()

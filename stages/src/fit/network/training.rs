@@ -16,11 +16,11 @@ use crate::fit::{model::LearningResult, samples::FitSamples};
 /// Time between two saved states, s.
 const KEPT_EVERY_S: f64 = 1.0;
 
-/// Trains networks, which share passes over the samples where possible. The results are the same as when trained alone.
+/// Trains networks. They share passes over the samples where possible, with the same results as if trained separately.
 ///
 /// # Errors
-/// A network has a fault instead of a model if the data do not determine it, its loss is not finite, or the
-/// run is interrupted.
+/// A network yields a fault instead of a model if the data do not determine it, its loss is not finite, or the run is
+/// interrupted.
 pub fn learn_together(tasks: &[TrainingTask<'_>], samples: &FitSamples) -> Vec<Result<LearningResult, Fault>> {
     let ready: Vec<Result<TrainingInputs<'_>, Fault>> =
         tasks.iter().map(|task| TrainingInputs::new(task, samples)).collect();
@@ -82,7 +82,7 @@ impl<'a> EnsembleTraining<'a> {
     }
 }
 
-/// Trains one member of each network that has enough members.
+/// Trains the member `number` of each network that has enough members.
 fn train_members(number: usize, networks: &mut [Result<EnsembleTraining<'_>, Fault>]) {
     let mut members: Vec<(usize, MemberTraining<'_>)> = vec![];
     for (at, network) in networks.iter().enumerate() {

@@ -12,8 +12,8 @@ use crate::{
     trained::{LearnedModel, NetworkLayers, NetworkParts},
 };
 
-/// Limit of the root mean square distance of an input from its mean in the first training, in standard deviations
-/// there.
+/// Limit of the root mean square distance of an input from its mean in the first training, in standard deviations of
+/// the first training.
 const FAR: f64 = 10.0;
 /// Maximum number of names listed in a fault.
 const NAMED: usize = 6;
@@ -140,7 +140,7 @@ impl<'a> WarmStart<'a> {
                 }
                 let here_hz = samples.rate_hz()?;
                 if (here_hz / rate_hz - 1.0).abs() > 0.01 {
-                    let what = format!("was trained at {rate_hz} Hz, but these lines have {here_hz} Hz");
+                    let what = format!("was trained at {rate_hz} Hz, but these lines are sampled at {here_hz} Hz");
                     return Err(self.fault(&what).help("use `resample` to give both the same rate"));
                 }
                 &here.head
@@ -195,7 +195,9 @@ impl<'a> WarmStart<'a> {
         });
         let names = listed(far.filter_map(|(_, &i)| samples.names.get(i)));
         names.map_or_else(String::new, |names| {
-            format!("more than {FAR} standard deviations from where the network of `warm_start` was trained: {names}")
+            format!(
+                "more than {FAR} standard deviations from the training data of the network of `warm_start`: {names}"
+            )
         })
     }
 }
@@ -310,7 +312,7 @@ mod tests {
         let [one, other] = [["a", "b", "c"], ["c", "a", "b"]]
             .map(|order| begun_with(&first, &another(), "m2c", &keys(&order)).unwrap());
         assert_eq!((one.term.clone(), weights(&one)), (other.term.clone(), weights(&other)));
-        // The ridge solves the terms in their order, which changes its last digits.
+        // The order of the terms changes the last digits of the ridge solution.
         assert!((one.residual_std / other.residual_std - 1.0).abs() < 1e-9);
     }
 
@@ -346,7 +348,7 @@ mod tests {
         cut.term.remove(9);
         cut.value.remove(9);
         says(why(&cut, "m1", &[]), "the model cannot be used");
-        // Unset layers are those of the initial network.
+        // If `hidden` is unset, the layers are those of the initial network.
         let deep = first("m1", &[eight]);
         assert!(begun_with(&deep, &delayed(), "m1", &[whole("epochs", 1)]).is_ok());
     }
@@ -367,7 +369,7 @@ mod tests {
             })
             .collect();
         let found = begun_with(&first, &far, "m1", &[whole("epochs", 1)]).unwrap();
-        let expected = "more than 10 standard deviations from where the network of `warm_start` was trained: `b`";
+        let expected = "more than 10 standard deviations from the training data of the network of `warm_start`: `b`";
         assert_eq!(found.warning, expected);
     }
 }

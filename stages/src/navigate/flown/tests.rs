@@ -81,7 +81,7 @@ fn unit_points_together_give_the_same_results_as_alone() {
     ];
     let (here, there) = (line(0.0), line(0.0005));
     let mut lines: Vec<LineInput> = points.iter().map(|_| on(&here)).collect();
-    // One with another INS, one with the same values in other memory, one with the map of another stage.
+    // Three points: another INS, the same values in other memory, and the map of another stage.
     lines[3] = on(&there);
     lines[7] = on(&line(0.0));
     lines.push(lines[0].clone());

@@ -11,7 +11,8 @@ fn storm_nt(row: usize) -> f64 {
     120.0 * (row as f64 / 30.0).sin()
 }
 
-/// A flight in a storm, with two magnetometers 15 m behind each other that differ by 0.05 nT and noise of 0.02 nT.
+/// A flight in a magnetic storm. Two magnetometers, one 15 m behind the other, differ by 0.05 nT and have noise of 0.02
+/// nT.
 fn in_a_storm() -> RecordBatch {
     let noise = |row: usize, by: f64| 0.02 * (by * row as f64).sin();
     let first = with(&flight(), "mag_1_c", |row, _| ahead_nt(row, 7.5) + storm_nt(row) + 0.05 + noise(row, 2.3));
@@ -25,7 +26,7 @@ fn unit_the_difference_bounds_the_error_in_a_magnetic_storm() {
         let found = flown(filter, &format!("{GRADIENT}use_scalar = false"), &stormy).unwrap();
         let lost = flown(filter, "map_interpolation = 'cubic'\nmag = 'mag_1_c'", &stormy).unwrap();
         let (held_m, lost_m) = (found.error_m(ROWS - 1), lost.error_m(ROWS - 1));
-        // The INS error is 156 m then.
+        // The INS error is 156 m at that time.
         assert!(held_m < 25.0 && lost_m > 150.0, "{filter}: {held_m} {lost_m}");
         assert_eq!(found.updates("used"), ROWS);
         let (residual, nis) = (found.numbers("gradient_residual"), found.numbers("gradient_nis"));
@@ -55,7 +56,7 @@ fn unit_over_a_flat_map_the_track_equals_the_ins() {
     let run_with = |filter: &str, flat: &str| run(filter, &format!("mag = 'mag_2_c'\nflat_over_m = {flat}"));
     let ins = run("ins_only", "");
     for filter in FILTERS {
-        // Slope limit of 1.5 nT/m, which the map exceeds nowhere.
+        // Slope limit of 1.5 nT/m, which the map does not exceed.
         let flat = run_with(filter, "1.0");
         assert_eq!((flat.updates("flat"), flat.updates("missing")), (ROWS - 30, 30));
         assert_eq!(flat.numbers("lat"), ins.numbers("lat"));
@@ -151,7 +152,7 @@ fn unit_the_difference_improves_the_other_filters() {
         let of = |more: &str| flown(filter, &format!("{keys}{more}"), &calm).unwrap();
         let (alone, both) = (of(""), of(&GRADIENT.replace("map_interpolation = 'cubic'\n", "")));
         let sigma = |found: &NavigateOutput| found.numbers("sd_n")[300].hypot(found.numbers("sd_e")[300]);
-        // A field with an estimated noise is more accurate than one with the assumed noise.
+        // The scalar field is already more accurate with its estimated noise than with the assumed noise.
         assert!(sigma(&both) < 0.99 * sigma(&alone), "{filter}: {} {}", sigma(&both), sigma(&alone));
         assert!(both.error_m(ROWS - 1) < 25.0, "{filter}: {}", both.error_m(ROWS - 1));
         assert_eq!(both.updates("used"), ROWS, "{filter}");
@@ -197,7 +198,7 @@ fn unit_a_map_error_of_zero_leaves_the_other_filters_unchanged() {
     for (filter, own, mag) in OTHERS {
         let keys = format!("mag = '{mag}'\n{own}\n");
         let (usual, with) = (run(filter, &keys), run(filter, &format!("{keys}map_sigma_nt = 0.0")));
-        // A smoother stops at steps below 0.1 m, and a bilinear map has edges.
+        // A smoother stops at steps below 0.1 m, and the slope of a bilinear map has discontinuities.
         let within_deg = if filter == "rts" { 1e-5 } else { 1e-8 };
         for (row, (one, other)) in usual.numbers("lat").iter().zip(with.numbers("lat")).enumerate() {
             assert!((one - other).abs() < within_deg, "{filter} {row}: {one} {other}");
