@@ -9,7 +9,7 @@ use numerics::arithmetic::processor;
 use schemas::{Fault, StageEntry, keys::HashKey};
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::Path};
-use store::{NoteFault, Store, arithmetic::ARITHMETIC};
+use store::{Store, arithmetic::ARITHMETIC};
 
 use super::{Plan, PlanGraph, build};
 use crate::{
@@ -78,7 +78,7 @@ struct RecordedLine {
     object: HashKey,
     columns: BTreeMap<String, HashKey>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    fault: Option<NoteFault>,
+    fault: Option<Fault>,
 }
 
 /// A map, or a model of files.
@@ -142,7 +142,7 @@ impl RecordedPlan {
             rows: l.rows,
             object: l.object,
             columns: l.columns.clone(),
-            fault: l.fault.as_ref().map(NoteFault::from),
+            fault: l.fault.clone(),
         };
         let flights = plan.flights.iter().zip(&graph.records).map(|(flights, records)| RecordedFlights {
             name: flights.name.clone(),
@@ -225,7 +225,7 @@ impl RecordedPlan {
             rows: l.rows,
             object: l.object,
             columns: l.columns.clone(),
-            fault: l.fault.clone().map(Fault::from),
+            fault: l.fault.clone(),
             more_faults: vec![],
             findings: vec![],
             file: 0,

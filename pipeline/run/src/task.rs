@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use plan::{LineId, PlanGraph, PlanUnit};
-use schemas::{DataLocation, Fault, FaultOwner, Literal, keys::HashKey};
+use schemas::{Fault, Literal, keys::HashKey};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::events::UnitOutcome;
@@ -107,7 +107,7 @@ pub struct UnitAnswer {
     /// Outcome of the unit.
     pub outcome: UnitOutcome,
     /// Fault of a failed unit.
-    #[serde(default, skip_serializing_if = "Option::is_none", with = "told")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fault: Option<Fault>,
 }
 
@@ -211,68 +211,6 @@ fn parsed<T: DeserializeOwned>(text: &str, word: &str) -> Result<T, Fault> {
             Err(Fault::new(what).help("use the same version for tasks and workers"))
         }
         None => Err(Fault::new(format!("the line is not a {word}, but other JSON")).help(help)),
-    }
-}
-
-/// Serialisation of a fault as an object.
-mod told {
-    use serde::{Deserializer, Serializer};
-
-    use super::{DataLocation, Deserialize, Fault, FaultOwner, Serialize};
-
-    #[derive(Serialize, Deserialize)]
-    #[serde(deny_unknown_fields)]
-    struct FaultRecord {
-        what: String,
-        owner: FaultOwnerName,
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        help: Option<String>,
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        file: Option<String>,
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        flight: Option<String>,
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        line: Option<String>,
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        column: Option<String>,
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        row: Option<u64>,
-    }
-
-    #[derive(Serialize, Deserialize)]
-    #[serde(rename_all = "lowercase")]
-    enum FaultOwnerName {
-        Spec,
-        Data,
-        Machine,
-        Bug,
-    }
-
-    pub fn serialize<S: Serializer>(fault: &Option<Fault>, serializer: S) -> Result<S::Ok, S::Error> {
-        let told = fault.clone().map(|fault| {
-            let DataLocation { file, flight, line, column, row } = fault.place;
-            let owner = match fault.owner {
-                FaultOwner::Spec => FaultOwnerName::Spec,
-                FaultOwner::Data => FaultOwnerName::Data,
-                FaultOwner::Machine => FaultOwnerName::Machine,
-                FaultOwner::Bug => FaultOwnerName::Bug,
-            };
-            FaultRecord { what: fault.what, owner, help: fault.help, file, flight, line, column, row }
-        });
-        told.serialize(serializer)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Fault>, D::Error> {
-        let told: Option<FaultRecord> = Option::deserialize(deserializer)?;
-        Ok(told.map(|FaultRecord { what, owner, help, file, flight, line, column, row }| {
-            let owner = match owner {
-                FaultOwnerName::Spec => FaultOwner::Spec,
-                FaultOwnerName::Data => FaultOwner::Data,
-                FaultOwnerName::Machine => FaultOwner::Machine,
-                FaultOwnerName::Bug => FaultOwner::Bug,
-            };
-            Fault { what, help, owner, place: DataLocation { file, flight, line, column, row }, ..Fault::default() }
-        }))
     }
 }
 

@@ -63,7 +63,7 @@ pub use catalogue::{FAILED, PackCatalogue, PackedUnit, RowLocation, StorePack};
 use catalogue::{UNITS, stamp};
 pub use lock::{ForeignLock, LockHolder, LockOutcome, PipelineLock, generation, host};
 use objects::{NOTES, UnitNote};
-pub use objects::{NoteFault, PackReader, Remarks};
+pub use objects::{PackReader, Remarks};
 use remote::RemoteStore;
 pub use remote::{attach, is_copy, located, prepared, shown, shown_below};
 pub use sealed::{SealedFile, verify};
@@ -421,8 +421,8 @@ fn is_other_layout(bytes: &[u8]) -> bool {
 }
 
 fn note(unit: usize, new: &NewUnit) -> Option<UnitNote> {
-    let failed = new.rows.as_ref().err().map(objects::NoteFault::from);
-    let left_out: Vec<objects::NoteFault> = new.remarks.left_out.iter().map(objects::NoteFault::from).collect();
+    let failed = new.rows.as_ref().err().cloned();
+    let left_out = new.remarks.left_out.clone();
     let warnings = new.remarks.warnings.clone();
     let any = failed.is_some() || !left_out.is_empty() || !warnings.is_empty();
     any.then_some(UnitNote { unit, failed, left_out, warnings })

@@ -13,7 +13,7 @@ use std::{
 use arrow_array::{Array, ArrayRef, RecordBatch, RecordBatchOptions};
 use arrow_schema::{Field, Schema, SchemaRef};
 use buckets::each;
-use schemas::{DataLocation as Where, Fault, FaultOwner, keys::HashKey};
+use schemas::{Fault, keys::HashKey};
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -35,10 +35,10 @@ pub struct UnitNote {
     /// Position of the unit in the pack.
     pub unit: usize,
     /// Fault of a unit that could not be computed.
-    pub failed: Option<NoteFault>,
+    pub failed: Option<Fault>,
     /// Lines that a survey stage skipped, with the reasons.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub left_out: Vec<NoteFault>,
+    pub left_out: Vec<Fault>,
     /// Untrustworthy results, a sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
@@ -51,39 +51,6 @@ pub struct Remarks {
     pub left_out: Vec<Fault>,
     /// Untrustworthy results, a sentence each.
     pub warnings: Vec<String>,
-}
-
-/// Fault of the data.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub struct NoteFault {
-    what: String,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    help: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    file: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    flight: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    line: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    column: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    row: Option<u64>,
-}
-
-impl From<&Fault> for NoteFault {
-    fn from(fault: &Fault) -> NoteFault {
-        let Where { file, flight, line, column, row } = fault.place.clone();
-        NoteFault { what: fault.what.clone(), help: fault.help.clone(), file, flight, line, column, row }
-    }
-}
-
-impl From<NoteFault> for Fault {
-    fn from(note: NoteFault) -> Fault {
-        let NoteFault { what, help, file, flight, line, column, row } = note;
-        let place = Where { file, flight, line, column, row };
-        Fault { what, help, place, owner: FaultOwner::Data, ..Fault::default() }
-    }
 }
 
 /// Decoded columns by pack, row group and column.
@@ -438,7 +405,7 @@ impl PackReader {
     /// Fails when the store is damaged.
     pub fn failed(&self, key: HashKey) -> Result<Option<Fault>, Fault> {
         match self.find(key) {
-            Some(RowLocation { rows: None, .. }) => Ok(self.note(key)?.and_then(|n| n.failed).map(Fault::from)),
+            Some(RowLocation { rows: None, .. }) => Ok(self.note(key)?.and_then(|n| n.failed)),
             _ => Ok(None),
         }
     }
@@ -448,10 +415,7 @@ impl PackReader {
     /// # Errors
     /// Fails when the store is damaged.
     pub fn remarks(&self, key: HashKey) -> Result<Remarks, Fault> {
-        let of = |note: UnitNote| {
-            let left_out = note.left_out.into_iter().map(Fault::from).collect();
-            Remarks { left_out, warnings: note.warnings }
-        };
+        let of = |note: UnitNote| Remarks { left_out: note.left_out, warnings: note.warnings };
         Ok(self.note(key)?.map(of).unwrap_or_default())
     }
 

@@ -2,10 +2,13 @@
 
 use std::{fmt, ops::Range};
 
+use serde::{Deserialize, Serialize};
+
 use crate::one_line;
 
 /// Party that must correct a fault.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum FaultOwner {
     /// The spec or an argument: the user corrects it.
     #[default]
@@ -44,7 +47,8 @@ pub struct DataLocation {
 }
 
 /// Error with its location and remedy.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(from = "FaultRecord", into = "FaultRecord")]
 pub struct Fault {
     /// Description of the fault: one sentence, lower case.
     pub what: String,
@@ -56,8 +60,52 @@ pub struct Fault {
     pub param: Option<String>,
     /// Location in the data.
     pub place: DataLocation,
-    /// Party that has to act.
+    /// Party that has to act. A serialised fault without `owner` is one of the data.
     pub owner: FaultOwner,
+}
+
+/// Serialised form of a fault: an object with the keys that have a value. The position in the spec is left out.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FaultRecord {
+    what: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    help: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    file: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    flight: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    line: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    column: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    row: Option<u64>,
+    #[serde(default = "data", skip_serializing_if = "is_data")]
+    owner: FaultOwner,
+}
+
+fn data() -> FaultOwner {
+    FaultOwner::Data
+}
+
+fn is_data(owner: &FaultOwner) -> bool {
+    *owner == FaultOwner::Data
+}
+
+impl From<Fault> for FaultRecord {
+    fn from(Fault { what, help, place, owner, .. }: Fault) -> FaultRecord {
+        let DataLocation { file, flight, line, column, row } = place;
+        FaultRecord { what, help, file, flight, line, column, row, owner }
+    }
+}
+
+impl From<FaultRecord> for Fault {
+    fn from(record: FaultRecord) -> Fault {
+        let FaultRecord { what, help, file, flight, line, column, row, owner } = record;
+        let place = DataLocation { file, flight, line, column, row };
+        Fault { what, help, place, owner, ..Fault::default() }
+    }
 }
 
 impl Fault {

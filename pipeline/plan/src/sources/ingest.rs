@@ -24,7 +24,7 @@ use intake::{
 };
 use rayon::prelude::*;
 use schemas::{
-    DataLocation, Fault, FaultOwner,
+    DataLocation, Fault,
     canonical::{FlightConversion, check_time},
     describe_field,
     keys::HashKey,
@@ -75,34 +75,26 @@ struct IndexLine {
     rows: usize,
     object: String,
     columns: BTreeMap<String, String>,
-    fault: Option<IndexFault>,
-    more_faults: Vec<IndexFault>,
+    fault: Option<Fault>,
+    more_faults: Vec<Fault>,
     findings: Vec<Finding>,
-}
-
-#[derive(Serialize, Deserialize)]
-struct IndexFault {
-    what: String,
-    help: Option<String>,
-    column: Option<String>,
-    row: Option<u64>,
 }
 
 impl IndexLine {
     /// The fault of a clock in digits, for all lines of the file: a line shorter than a minute does not reveal it.
     fn clock_in_digits(&self) -> Option<Fault> {
         let mut faults = self.fault.iter().chain(&self.more_faults);
-        let IndexFault { what, help, column, row } = faults.find(|f| f.what == clock_digits::WHAT)?;
-        let (flight, line) = (Some(self.flight.clone()), Some(self.line.clone()));
-        let place = DataLocation { file: None, flight, line, column: column.clone(), row: *row };
-        Some(Fault { what: what.clone(), help: help.clone(), place, owner: FaultOwner::Data, ..Fault::default() })
+        let mut fault = faults.find(|f| f.what == clock_digits::WHAT)?.clone();
+        fault.place.flight = Some(self.flight.clone());
+        fault.place.line = Some(self.line.clone());
+        Some(fault)
     }
 }
 
-impl IndexFault {
-    fn from_fault(fault: Fault) -> IndexFault {
-        IndexFault { what: fault.what, help: fault.help, column: fault.place.column, row: fault.place.row }
-    }
+/// `fault` without its file, flight and line, which the index gives.
+fn unplaced(mut fault: Fault) -> Fault {
+    fault.place = DataLocation { column: fault.place.column, row: fault.place.row, ..DataLocation::default() };
+    fault
 }
 
 /// The lines of all files, ingesting those that are new.
@@ -180,15 +172,11 @@ fn once_each(lines: Vec<LineRecord>, files: &[FileDigest]) -> Vec<LineRecord> {
 }
 
 fn record(line: IndexLine, file: usize, path: &Path) -> Option<LineRecord> {
-    let placed = |f: IndexFault| {
-        let place = DataLocation {
-            file: Some(path.display().to_string()),
-            flight: Some(line.flight.clone()),
-            line: Some(line.line.clone()),
-            column: f.column,
-            row: f.row,
-        };
-        Fault { what: f.what, help: f.help, place, owner: FaultOwner::Data, ..Fault::default() }
+    let placed = |mut fault: Fault| {
+        fault.place.file = Some(path.display().to_string());
+        fault.place.flight = Some(line.flight.clone());
+        fault.place.line = Some(line.line.clone());
+        fault
     };
     let fault = line.fault.map(placed);
     let more_faults = line.more_faults.into_iter().map(placed).collect();
@@ -354,7 +342,7 @@ fn put(
     let Some(schema) = parts.first().map(RecordBatch::schema) else {
         // Rows without a line: only their existence is recorded.
         let object = HashKey::from_parts(["no line", &flight, &line]).to_string();
-        let fault = fault.map(IndexFault::from_fault);
+        let fault = fault.map(unplaced);
         let (columns, more_faults, findings) = (BTreeMap::new(), vec![], vec![]);
         return Ok((IndexLine { flight, line, rows, object, columns, fault, more_faults, findings }, vec![]));
     };
@@ -374,7 +362,7 @@ fn put(
         described.flat_map(|c| [columns[&c.name].to_string(), c.unit, c.role.as_str().to_owned(), c.doc, c.name]);
     let object = HashKey::from_parts(["line".to_owned(), VERSION.to_owned()].into_iter().chain(spelt));
     let fault = fault.or_else(|| check_time(batch.column(2).as_primitive::<Float64Type>().values()).err());
-    let mut faults = fault.into_iter().chain(faults).map(IndexFault::from_fault);
+    let mut faults = fault.into_iter().chain(faults).map(unplaced);
     let (fault, more_faults) = (faults.next(), faults.collect());
     let mut figures = of_findings(&findings, batch.column(2).as_primitive::<Float64Type>().values());
     figures.extend(measures(&batch));
