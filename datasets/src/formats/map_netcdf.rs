@@ -30,7 +30,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
         let lower = head.path.to_string_lossy().to_ascii_lowercase();
         classic || head.starts_with(hdf5::MAGIC) && FORMAT.extensions.iter().any(|e| lower.ends_with(&format!(".{e}")))
     },
-    beside: None,
+    companions: None,
     read,
     write: Some(netcdf_write::write),
 };

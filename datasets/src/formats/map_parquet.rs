@@ -25,7 +25,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     about: "Apache Parquet, one row per node",
     extensions: &["parquet", "pq"],
     recognise: |head: &FileHead| head.starts_with(parquet::MAGIC),
-    beside: None,
+    companions: None,
     read,
     write: Some(write),
 };

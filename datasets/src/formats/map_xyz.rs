@@ -24,7 +24,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     about: "columns of text, one row per node",
     extensions: &["xyz", "csv", "txt", "dat"],
     recognise,
-    beside: None,
+    companions: None,
     read,
     write: Some(write),
 };

@@ -21,12 +21,12 @@ pub(crate) struct SideFiles {
 
 /// The side files of a map that exist.
 pub(super) fn existing(path: &Path) -> Vec<PathBuf> {
-    let beside = |ending: &str| {
+    let companion = |ending: &str| {
         let mut name = path.as_os_str().to_owned();
         name.push(ending);
         PathBuf::from(name)
     };
-    [".aux.xml", ".msk"].into_iter().map(beside).filter(|p| p.is_file()).collect()
+    [".aux.xml", ".msk"].into_iter().map(companion).filter(|p| p.is_file()).collect()
 }
 
 /// Rejects an output path with side files of another map, which would be applied to the new map.

@@ -37,7 +37,7 @@ pub fn build(spec: Spec, catalogue: &[StageEntry], recorded: Option<&RecordedPla
 }
 
 /// Tables that a run writes in addition to those of the stages.
-const BESIDE: [(&str, &str); 5] = [
+const RESERVED_TABLES: [(&str, &str); 5] = [
     ("failures", "failed results"),
     ("quality", "data quality"),
     ("warnings", "warnings"),
@@ -54,7 +54,7 @@ impl PlanBuilder<'_> {
             if seen.contains(&name.as_str()) {
                 self.faults.push(Fault::new(format!("two tables have the name `{name}`")).at(at.clone()));
             }
-            let taken = BESIDE.iter().find(|(taken, _)| name == taken);
+            let taken = RESERVED_TABLES.iter().find(|(taken, _)| name == taken);
             if let Some((_, what)) = taken.filter(|(taken, _)| *taken != "trials" || self.spec.search.is_some()) {
                 let fault = Fault::new(format!("`{name}` is the table of {what}; choose another name"));
                 self.faults.push(fault.at(at.clone()));

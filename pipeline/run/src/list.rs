@@ -44,7 +44,7 @@ pub fn list(
     trials::check(&graph).map_err(fail)?;
     let worker = UnitWorker::new(&graph, store, &SilentListener);
     let mut runner = PlanRunner::new(&worker, &SilentListener, options, None);
-    runner.abroad = true;
+    runner.is_remote = true;
     let (mut tasks, mut units, mut count) = (vec![], vec![], OutcomeCounts::default());
     for (t, node) in plan.tables.iter().enumerate() {
         let Some(sheet) = runner.sheet(t, &mut count) else { continue };

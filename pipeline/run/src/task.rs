@@ -107,7 +107,7 @@ pub struct UnitAnswer {
     /// Outcome of the unit.
     pub outcome: UnitOutcome,
     /// Fault of a failed unit.
-    #[serde(default, skip_serializing_if = "Option::is_none", with = "told")]
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "fault_record")]
     pub fault: Option<Fault>,
 }
 
@@ -215,7 +215,7 @@ fn parsed<T: DeserializeOwned>(text: &str, word: &str) -> Result<T, Fault> {
 }
 
 /// Serialisation of a fault as an object.
-mod told {
+mod fault_record {
     use serde::{Deserializer, Serializer};
 
     use super::{DataLocation, Deserialize, Fault, FaultOwner, Serialize};
@@ -249,7 +249,7 @@ mod told {
     }
 
     pub fn serialize<S: Serializer>(fault: &Option<Fault>, serializer: S) -> Result<S::Ok, S::Error> {
-        let told = fault.clone().map(|fault| {
+        let record = fault.clone().map(|fault| {
             let DataLocation { file, flight, line, column, row } = fault.place;
             let owner = match fault.owner {
                 FaultOwner::Spec => FaultOwnerName::Spec,
@@ -259,12 +259,12 @@ mod told {
             };
             FaultRecord { what: fault.what, owner, help: fault.help, file, flight, line, column, row }
         });
-        told.serialize(serializer)
+        record.serialize(serializer)
     }
 
     pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Fault>, D::Error> {
-        let told: Option<FaultRecord> = Option::deserialize(deserializer)?;
-        Ok(told.map(|FaultRecord { what, owner, help, file, flight, line, column, row }| {
+        let record: Option<FaultRecord> = Option::deserialize(deserializer)?;
+        Ok(record.map(|FaultRecord { what, owner, help, file, flight, line, column, row }| {
             let owner = match owner {
                 FaultOwnerName::Spec => FaultOwner::Spec,
                 FaultOwnerName::Data => FaultOwner::Data,

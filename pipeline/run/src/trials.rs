@@ -79,7 +79,7 @@ pub fn check(graph: &PlanGraph) -> Result<(), Fault> {
 }
 
 /// Failure of a search in which no trial has a goal.
-pub fn vain(plan: &Plan, trials: &[SearchTrialScore]) -> Option<Failure> {
+pub fn no_trial_succeeded(plan: &Plan, trials: &[SearchTrialScore]) -> Option<Failure> {
     let search = plan.spec.search.as_ref()?;
     let why = trials.first()?.error.clone().unwrap_or_default();
     let what = format!("the goal `{}.{}` has no value in any of {} trials", search.table, search.metric, trials.len());
@@ -240,7 +240,7 @@ pub fn settled(
 ///
 /// # Errors
 /// Same as [`settled`].
-pub fn foreseen(
+pub fn plan_all_trials(
     plan: Plan,
     catalogue: &[StageEntry],
     store: &Store,

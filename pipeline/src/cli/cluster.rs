@@ -170,7 +170,7 @@ pub fn worker(args: &WorkerArgs) -> Result<(), ExitReason> {
     ballista::await_scheduler(&at, &config.trust, |why| note(&format!("waiting for the scheduler at {at}: {why}")))?;
     note(&format!("{} registered with the scheduler at {at}", super::counted(config.cores, "core")));
     match ballista::work(&config, Box::new(task::print))? {
-        WorkerExit::Told => Ok(()),
+        WorkerExit::Requested => Ok(()),
         WorkerExit::Alone => {
             note(&format!("the connection to the scheduler at {at} is lost; restarting the worker"));
             sleep(AGAIN_AFTER);

@@ -29,7 +29,7 @@ impl JsonEvents {
 }
 
 impl Listener for JsonEvents {
-    fn hear(&self, event: &Event) {
+    fn on_event(&self, event: &Event) {
         // A closed reader does not stop the run; a full disk sets its exit status.
         match event {
             // One object per trial.

@@ -153,7 +153,7 @@ pub fn run(args: &IngestArgs) -> Result<(), ExitReason> {
     drop(unfinished);
     // The folder is kept if another process uses it.
     let _ = fs::remove_dir(&hidden);
-    told(args, &works, &results, &divided)
+    print_outcome(args, &works, &results, &divided)
 }
 
 /// Makes a folder for unfinished files, and locks it for this process.
@@ -254,7 +254,7 @@ fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<V
 }
 
 /// Prints the outcome.
-fn told(
+fn print_outcome(
     args: &IngestArgs,
     works: &[IngestItem],
     results: &[Result<ExportOutcome, Fault>],

@@ -11,7 +11,7 @@ use super::{
     ExitReason, QUIET, SpecArgs, counted, engine, events, interrupt, note, progress::ProgressDisplay, say, schedule,
     tell, tend, threads,
 };
-pub use run::{Event, Listener, RunOptions, RunSummary, TaskEngine, again, said_once, search};
+pub use run::{Event, Listener, RunOptions, RunSummary, TaskEngine, again, deduplicated, search};
 
 /// Subject and options of a run.
 #[derive(Args)]
@@ -137,7 +137,7 @@ fn ran(
                     None => summary.interrupted = true,
                 }
             }
-            listener.hear(&Event::Finished { summary: &summary });
+            listener.on_event(&Event::Finished { summary: &summary });
         }
         Ok((plan, summary))
     };
@@ -158,7 +158,7 @@ fn ran(
 /// The summary of a run without `--json`.
 fn conclude(plan: &Plan, summary: &RunSummary, quiet: bool) -> Result<(), ExitReason> {
     let table = format!("{}.warnings", plan.spec.name);
-    let warned = warnings::told(&summary.warnings, &table);
+    let warned = warnings::summary_lines(&summary.warnings, &table);
     if quiet {
         warned.last().into_iter().for_each(|line| tell(&format!("warning: {line}")));
         return Ok(());
@@ -212,7 +212,7 @@ fn ending(summary: &RunSummary, json: bool) -> Result<(), ExitReason> {
     }
     const SHOWN: usize = 20;
     let mut text = format!("{} failed:", summary.failures.len());
-    let said = said_once(&summary.failures);
+    let said = deduplicated(&summary.failures);
     for (f, lines) in said.iter().take(SHOWN) {
         let point: Vec<String> = f.point.iter().map(|(k, v)| format!("{k}={v}")).collect();
         let line = f

@@ -26,7 +26,7 @@ use tonic::Status;
 
 use super::{
     ServerSettings,
-    child::{BESIDE, QueryChunk, QueryFailure, QueryHeader, QueryRequest},
+    child::{QueryChunk, QueryFailure, QueryHeader, QueryRequest, UNCOUNTED_BYTES},
     spool::{SpoolReader, SpoolWriter},
 };
 use crate::confine;
@@ -182,7 +182,7 @@ impl QueryProcessPool {
             store: self.0.store.clone(),
             spill: self.0.spill.clone(),
             memory,
-            most: memory + BESIDE,
+            most: memory + UNCOUNTED_BYTES,
             query: asked.query,
             parameters: asked.parameters,
             pins: asked.pins,
@@ -271,10 +271,10 @@ impl QueryProcessPool {
         let own = one.bytes;
         let all: usize = running.values().map(|r| r.bytes).sum();
         let count = running.len();
-        let most = self.0.memory + count * (BESIDE + OWN);
+        let most = self.0.memory + count * (UNCOUNTED_BYTES + OWN);
         let is_largest = running.values().all(|r| r.bytes <= own);
         drop(running);
-        if own > self.0.memory + BESIDE + OWN || (all > most && is_largest) {
+        if own > self.0.memory + UNCOUNTED_BYTES + OWN || (all > most && is_largest) {
             self.end_one(number, self.too_much(self.0.memory));
         }
     }

@@ -21,10 +21,9 @@ use buckets::each;
 use schemas::{Fault, keys::HashKey, paths};
 
 use super::{
-    Store,
+    Store, io_fault,
     remote::{RemoteStore, is_object_old},
     tend::is_old,
-    trouble,
     unfinished::kernel,
 };
 use crate::clock;
@@ -260,7 +259,7 @@ impl Store {
             Ok(()) => Ok(attempt),
             Err(e) => {
                 attempt.end(self, &HashMap::new());
-                Err(trouble("write", &file, &e))
+                Err(io_fault("write", &file, &e))
             }
         }
     }

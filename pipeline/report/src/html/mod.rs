@@ -99,8 +99,8 @@ pub fn report(graph: &PlanGraph, store: &Store) -> Result<String, Fault> {
     sections.extend(quality::section(&source)?);
     // Failures are published too.
     let failures = if current { source.failures()? } else { vec![] };
-    let trouble = page::ReportAlerts { failures, warnings, outdated: !current };
-    Ok(page::page(&source, &trouble, defs, &sections))
+    let alerts = page::ReportAlerts { failures, warnings, outdated: !current };
+    Ok(page::page(&source, &alerts, defs, &sections))
 }
 
 /// The scores of a run.

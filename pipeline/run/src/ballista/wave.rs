@@ -43,7 +43,7 @@ const LONG: Duration = Duration::from_secs(15);
 /// Delay between a failed job and the next one.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
 /// Delay before missing workers are reported.
-const SAID_AFTER: Duration = Duration::from_secs(3);
+const REPORT_MISSING_AFTER: Duration = Duration::from_secs(3);
 /// Polling interval for events.
 const TICK: Duration = Duration::from_millis(100);
 
@@ -81,10 +81,10 @@ pub struct WaveDispatcher<'a> {
     seen: ClusterSnapshot,
     looked: Option<Instant>,
     /// Times since the last answer of the scheduler, the last worker, and the last failed job.
-    reached: ObservationTimer,
-    manned: ObservationTimer,
-    troubled: Option<ObservationTimer>,
-    trouble: String,
+    scheduler_seen: ObservationTimer,
+    worker_seen: ObservationTimer,
+    failed_since: Option<ObservationTimer>,
+    last_error: String,
     waits: bool,
 }
 
@@ -107,17 +107,17 @@ impl<'a> WaveDispatcher<'a> {
             restarts: 0,
             seen: engine.seen.clone(),
             looked: None,
-            reached: ObservationTimer::now(),
-            manned: ObservationTimer::now(),
-            troubled: None,
-            trouble: String::new(),
+            scheduler_seen: ObservationTimer::now(),
+            worker_seen: ObservationTimer::now(),
+            failed_since: None,
+            last_error: String::new(),
             waits: false,
         }
     }
 
     /// Dispatches tasks and collects receipts until each task has one, or the run is interrupted.
     pub fn run(mut self) -> Vec<Option<Receipt>> {
-        let (tell, hear) = channel();
+        let (tell, receiver) = channel();
         while !(self.waiting.is_empty() && self.jobs.is_empty()) {
             if INTERRUPTED.load(Ordering::Relaxed) {
                 self.cancel(None);
@@ -131,7 +131,7 @@ impl<'a> WaveDispatcher<'a> {
                 break;
             }
             self.hand_out(&tell);
-            self.listen(&hear);
+            self.listen(&receiver);
             self.look_after();
         }
         if self.waits {
@@ -141,12 +141,12 @@ impl<'a> WaveDispatcher<'a> {
     }
 
     /// Receives the results of a job, if there are any.
-    fn listen(&mut self, hear: &Receiver<WaveJobResult>) {
-        match hear.recv_timeout(TICK) {
+    fn listen(&mut self, receiver: &Receiver<WaveJobResult>) {
+        match receiver.recv_timeout(TICK) {
             Ok((number, told)) => {
                 let Some(job) = self.jobs.remove(&number) else { return };
                 match told {
-                    Ok(answers) => self.hear(&job.tasks, answers),
+                    Ok(answers) => self.process_answers(&job.tasks, answers),
                     Err(why) => self.came_to_nothing(&job.tasks, &why),
                 }
             }
@@ -162,12 +162,12 @@ impl<'a> WaveDispatcher<'a> {
         self.looked = Some(Instant::now());
         match self.engine.scheduler.look() {
             Ok(seen) => {
-                self.reached.seen();
+                self.scheduler_seen.seen();
                 if seen.scheduler != self.seen.scheduler {
                     self.restarts += 1;
                 }
                 if seen.cores > 0 {
-                    self.manned.seen();
+                    self.worker_seen.seen();
                 }
                 self.seen = seen;
             }
@@ -176,10 +176,10 @@ impl<'a> WaveDispatcher<'a> {
             }
             Err(SchedulerFault::Silent(why)) => {
                 self.seen.cores = 0;
-                self.trouble = why;
+                self.last_error = why;
             }
         }
-        let missing = self.seen.cores == 0 && self.manned.longer_than(SAID_AFTER);
+        let missing = self.seen.cores == 0 && self.worker_seen.longer_than(REPORT_MISSING_AFTER);
         if missing != self.waits {
             self.waits = missing;
             let what = format!("a worker of {}", self.engine.scheduler.authority);
@@ -192,21 +192,21 @@ impl<'a> WaveDispatcher<'a> {
     fn hopeless(&self) -> Option<Fault> {
         let (authority, patience) = (&self.engine.scheduler.authority, self.engine.limits.patience);
         let seconds = patience.as_secs();
-        if self.reached.longer_than(patience) {
-            let what = format!("the scheduler at {authority} has not answered for {seconds} s: {}", self.trouble);
+        if self.scheduler_seen.longer_than(patience) {
+            let what = format!("the scheduler at {authority} has not answered for {seconds} s: {}", self.last_error);
             return Some(Fault::machine(what).help("restart the scheduler; the next run resumes"));
         }
         if self.restarts > MOST_RESTARTS {
             let what = format!("the scheduler at {authority} restarted more than {MOST_RESTARTS} times");
             return Some(Fault::machine(what).help("read the standard error of the scheduler for the reason"));
         }
-        if self.manned.longer_than(patience) {
+        if self.worker_seen.longer_than(patience) {
             let others = match self.seen.others.as_slice() {
                 [] => String::new(),
                 others => format!("; workers of another version: {}", others.join(", ")),
             };
             let last = if self.refused > 0 {
-                format!("; the last worker rejected its task: {}", self.trouble)
+                format!("; the last worker rejected its task: {}", self.last_error)
             } else {
                 String::new()
             };
@@ -223,7 +223,7 @@ impl<'a> WaveDispatcher<'a> {
 
     /// Dispatches jobs up to the capacity of the cluster.
     fn hand_out(&mut self, tell: &Sender<WaveJobResult>) {
-        if self.troubled.is_some_and(|since| !since.longer_than(AGAIN_AFTER)) {
+        if self.failed_since.is_some_and(|since| !since.longer_than(AGAIN_AFTER)) {
             return;
         }
         let room = (JOBS_A_CORE * self.seen.cores).saturating_sub(self.jobs.len());
@@ -317,12 +317,12 @@ impl<'a> WaveDispatcher<'a> {
 
     fn refusal(&self) -> Fault {
         let store = shown(self.wave.worker.store().root());
-        Fault::machine(format!("the workers reject the tasks: {}", self.trouble))
+        Fault::machine(format!("the workers reject the tasks: {}", self.last_error))
             .help(format!("the `--store` of each worker must be the store of this run, {store}"))
     }
 
     /// Processes the answers of a job.
-    fn hear(&mut self, tasks: &[usize], answers: Vec<AnswerMessage>) {
+    fn process_answers(&mut self, tasks: &[usize], answers: Vec<AnswerMessage>) {
         let mut left: Vec<usize> = tasks.to_vec();
         for AnswerMessage { id, worker, receipt, refused: why } in answers {
             let Some(at) = self.tasks.get(&id).and_then(|i| left.iter().position(|l| l == i)) else {
@@ -339,7 +339,7 @@ impl<'a> WaveDispatcher<'a> {
                 (Some(Err(fault)), _) => self.again(i, fault),
                 (_, why) => {
                     self.refused += 1;
-                    self.trouble = format!("{worker}: {}", why.unwrap_or_default());
+                    self.last_error = format!("{worker}: {}", why.unwrap_or_default());
                     self.again(i, self.refusal());
                 }
             }
@@ -367,7 +367,7 @@ impl<'a> WaveDispatcher<'a> {
         let before = self.seen.scheduler.clone();
         self.looked = None;
         let lost = self.look().is_some() || self.seen.cores == 0 || self.seen.scheduler != before;
-        self.troubled = Some(ObservationTimer::now());
+        self.failed_since = Some(ObservationTimer::now());
         if lost {
             // The tasks did not cause this failure.
             self.waiting.extend(tasks);

@@ -139,7 +139,7 @@ impl ScheduleArgs {
                 LockOutcome::Mine(publisher) => return Ok(publisher),
                 LockOutcome::Held(held) => held,
             };
-            let what = held.told(name, store.root());
+            let what = held.message(name, store.root());
             match self.wait {
                 None => {
                     return Err(refused(
@@ -203,9 +203,9 @@ fn refused(what: &str, help: &str, held: ForeignLock, watch: &RunWatch) -> ExitR
 pub struct ListenerPair<'a>(pub &'a dyn Listener, pub &'a dyn Listener);
 
 impl Listener for ListenerPair<'_> {
-    fn hear(&self, event: &Event) {
-        self.0.hear(event);
-        self.1.hear(event);
+    fn on_event(&self, event: &Event) {
+        self.0.on_event(event);
+        self.1.on_event(event);
     }
 }
 
@@ -213,7 +213,7 @@ impl Listener for ListenerPair<'_> {
 pub struct FinishFilter<'a>(pub &'a dyn Listener);
 
 impl Listener for FinishFilter<'_> {
-    fn hear(&self, event: &Event) {
+    fn on_event(&self, event: &Event) {
         match event {
             Event::Finished { .. } => {}
             Event::Reading { .. }
@@ -225,7 +225,7 @@ impl Listener for FinishFilter<'_> {
             | Event::Searching { .. }
             | Event::Trials { .. }
             | Event::Publishing { .. }
-            | Event::Table { .. } => self.0.hear(event),
+            | Event::Table { .. } => self.0.on_event(event),
         }
     }
 }
@@ -234,9 +234,9 @@ impl Listener for FinishFilter<'_> {
 pub struct ProgressFilter<'a>(pub &'a dyn Listener);
 
 impl Listener for ProgressFilter<'_> {
-    fn hear(&self, event: &Event) {
+    fn on_event(&self, event: &Event) {
         if matches!(event, Event::Working { .. } | Event::Computing { .. }) {
-            self.0.hear(event);
+            self.0.on_event(event);
         }
     }
 }
