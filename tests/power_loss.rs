@@ -178,7 +178,7 @@ impl Scene {
             Ok(answer) if answer == whole.answer => Ok(()),
             Ok(answer) => Err(format!("another answer:\n{answer}")),
             // Passthrough columns are read from packs. Packs of the previous version may be gone.
-            Err(said) => Err(format!("no answer: {said}")),
+            Err(message) => Err(format!("no answer: {message}")),
         }
     }
 
