@@ -123,8 +123,8 @@ fn user_invalid_keys_of_trees_and_random_features_are_rejected() {
     assert!(whole.contains("has no effect without `subsample`"), "{whole}");
     let foreign = check_fault("model = \"random_features\"\ntrees = 5", "");
     assert!(foreign.contains("`trees` belongs to `boosted_trees`"), "{foreign}");
-    let idle = check_fault("model = \"random_features\"", "method = \"spearman\"\nblock_s = 5.0");
-    assert!(idle.contains("`block_s` has no effect without the method `permutation`"), "{idle}");
+    let unused = check_fault("model = \"random_features\"", "method = \"spearman\"\nblock_s = 5.0");
+    assert!(unused.contains("`block_s` has no effect without the method `permutation`"), "{unused}");
 }
 
 #[test]

@@ -221,16 +221,17 @@ mod tests {
     #[test]
     fn unit_damage_is_reported_with_its_line() {
         let (text, _) = boulder(3..4);
-        let said = |text: &str| parse(Path::new("x"), text).unwrap_err().to_string();
+        let fault_text = |text: &str| parse(Path::new("x"), text).unwrap_err().to_string();
         assert!(
-            said(&text.replace(" 308 ", " 309 ")).contains("day 308 of the year, but the header gives 309, in line 1")
+            fault_text(&text.replace(" 308 ", " 309 "))
+                .contains("day 308 of the year, but the header gives 309, in line 1")
         );
-        assert!(said(&text.replace("HDZF", "ABCD")).contains("do not form a vector"));
+        assert!(fault_text(&text.replace("HDZF", "ABCD")).contains("do not form a vector"));
         let cut: String = text.lines().take(20).map(|line| format!("{line}\n")).collect();
-        assert!(said(&cut).contains("ends after 19 of 30 lines"));
+        assert!(fault_text(&cut).contains("ends after 19 of 30 lines"));
         let word = text.lines().nth(1).unwrap().split_whitespace().next().unwrap();
-        assert!(said(&text.replacen(word, "x", 1)).contains("are expected in line 2"));
-        assert!(said("hello\n").contains("header of an hour") && said("").contains("no samples"));
-        assert!(said(&(text.clone() + &text)).contains("do not ascend"));
+        assert!(fault_text(&text.replacen(word, "x", 1)).contains("are expected in line 2"));
+        assert!(fault_text("hello\n").contains("header of an hour") && fault_text("").contains("no samples"));
+        assert!(fault_text(&(text.clone() + &text)).contains("do not ascend"));
     }
 }

@@ -295,7 +295,7 @@ mod tests {
 
     #[test]
     fn ref_usual_spellings_of_units_in_names() {
-        for (name, said) in [
+        for (name, expected) in [
             ("GPS Lat (rad)", "rad"),
             ("GPS Alt ft", "ft"),
             ("GPS Alt ft MSL", "ft"),
@@ -317,7 +317,7 @@ mod tests {
             ("lat_degE7", "degE7"),
         ] {
             let ImpliedUnit::Unit(found) = said_by(name) else { panic!("{name}: {:?}", said_by(name)) };
-            assert_eq!(convert(&found, said), Some(1.0), "{name}: {found}");
+            assert_eq!(convert(&found, expected), Some(1.0), "{name}: {found}");
         }
         assert_eq!(said_by("MagCabin_T"), ImpliedUnit::Perhaps("T".into()));
         assert_eq!(said_by("Mag (counts)"), ImpliedUnit::Unknown("counts".into()));

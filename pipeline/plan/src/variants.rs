@@ -264,9 +264,9 @@ impl<'a> UnusedParameters<'a> {
             return;
         };
         self.keys.retain_mut(|(key, _, why)| {
-            let idle = stage.idle(key);
-            let silent = idle.is_some();
-            *why = why.take().or(idle);
+            let unused = stage.idle(key);
+            let silent = unused.is_some();
+            *why = why.take().or(unused);
             silent
         });
     }

@@ -105,7 +105,9 @@ or there is no key. pipeline/CLUSTER.md describes all failures.";
 fn log() {
     let mut log = env_logger::Builder::new();
     log.filter_level(LevelFilter::Warn).parse_env("RUST_LOG");
-    log.format(|to, said| writeln!(to, "{}: {}: {}", said.level().as_str().to_lowercase(), said.target(), said.args()));
+    log.format(|to, record| {
+        writeln!(to, "{}: {}: {}", record.level().as_str().to_lowercase(), record.target(), record.args())
+    });
     // An existing logger is kept.
     let _ = log.try_init();
 }

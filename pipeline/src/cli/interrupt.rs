@@ -38,13 +38,13 @@ pub fn listen() {
 }
 
 /// Ends a run after the units in progress, or at once with `status` while sources are read.
-pub fn stop(status: u8, said: &str) {
+pub fn stop(status: u8, message: &str) {
     INTERRUPTED.store(true, Ordering::SeqCst);
     if !STARTED.load(Ordering::SeqCst) {
         // The lock is held to the end, so that another stopping thread waits for this action.
         let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
         last.take().into_iter().for_each(|last| last(status));
-        let _ = writeln!(std::io::stderr(), "{said}");
+        let _ = writeln!(std::io::stderr(), "{message}");
         exit(i32::from(status));
     }
 }

@@ -305,8 +305,8 @@ mod tests {
         let mut state = ProgressState { interval: seconds(10), next: seconds(10), ..ProgressState::default() };
         assert_eq!(state.due(seconds(10)), None, "there is nothing to say yet");
         state.stage(seconds(10), "gridding");
-        let told: Vec<u64> = (10..=75).filter(|s| state.due(seconds(*s)).is_some()).collect();
-        assert_eq!(told, [20, 30, 40, 50, 60, 70]);
+        let due_s: Vec<u64> = (10..=75).filter(|s| state.due(seconds(*s)).is_some()).collect();
+        assert_eq!(due_s, [20, 30, 40, 50, 60, 70]);
         assert_eq!(state.due(seconds(85)).unwrap(), "1:25 gridding");
     }
 

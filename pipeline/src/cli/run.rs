@@ -212,8 +212,8 @@ fn ending(summary: &RunSummary, json: bool) -> Result<(), ExitReason> {
     }
     const SHOWN: usize = 20;
     let mut text = format!("{} failed:", summary.failures.len());
-    let said = deduplicated(&summary.failures);
-    for (f, lines) in said.iter().take(SHOWN) {
+    let merged = deduplicated(&summary.failures);
+    for (f, lines) in merged.iter().take(SHOWN) {
         let point: Vec<String> = f.point.iter().map(|(k, v)| format!("{k}={v}")).collect();
         let line = f
             .line
@@ -226,8 +226,8 @@ fn ending(summary: &RunSummary, json: bool) -> Result<(), ExitReason> {
             text.push_str(&format!(" (and in {} of the file)", counted(lines - 1, "more line")));
         }
     }
-    if said.len() > SHOWN {
-        text.push_str(&format!("\n  and {} more", said.len() - SHOWN));
+    if merged.len() > SHOWN {
+        text.push_str(&format!("\n  and {} more", merged.len() - SHOWN));
     }
     let differ: usize = summary.compared.iter().map(|c| c.differ.len()).sum();
     if differ < summary.failures.len() {

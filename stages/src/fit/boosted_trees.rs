@@ -195,13 +195,17 @@ mod tests {
 
     #[test]
     fn unit_invalid_settings_are_reported_with_their_parameter() {
-        let told = |keys: &[_]| match stage("boosted_trees", keys) {
+        let fault_of = |keys: &[_]| match stage("boosted_trees", keys) {
             Ok(_) => worked(&bent(), "boosted_trees", keys, &NullMonitor).err().unwrap(),
             Err(mut faults) => faults.remove(0),
         };
-        assert_eq!(told(&[words("inputs", &["d"])]).param.as_deref(), Some("inputs"));
-        assert_eq!(told(&[words("validation", &["1.7"])]).param.as_deref(), Some("validation"));
-        assert!(told(&[whole("leaf_samples", 300)]).what.contains("600"), "{}", told(&[whole("leaf_samples", 300)]));
-        assert!(told(&[number("shrinkage", 2.0)]).what.contains("shrinkage"));
+        assert_eq!(fault_of(&[words("inputs", &["d"])]).param.as_deref(), Some("inputs"));
+        assert_eq!(fault_of(&[words("validation", &["1.7"])]).param.as_deref(), Some("validation"));
+        assert!(
+            fault_of(&[whole("leaf_samples", 300)]).what.contains("600"),
+            "{}",
+            fault_of(&[whole("leaf_samples", 300)])
+        );
+        assert!(fault_of(&[number("shrinkage", 2.0)]).what.contains("shrinkage"));
     }
 }

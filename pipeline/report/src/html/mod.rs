@@ -169,8 +169,8 @@ fn over(source: &ReportSource, group: &SubjectGroup) -> Result<AtlasTracks, Faul
     };
     let mut tracks = vec![];
     for shown in &group.lines {
-        if let Some(flown) = LineTracks::read(source, subject, shown.line)? {
-            tracks.push(flown.truth.or(flown.ins).unwrap_or(flown.estimate));
+        if let Some(line_tracks) = LineTracks::read(source, subject, shown.line)? {
+            tracks.push(line_tracks.truth.or(line_tracks.ins).unwrap_or(line_tracks.estimate));
         }
     }
     let node = &source.graph.plan.tables[t];
@@ -219,15 +219,15 @@ fn line(
 ) -> Result<Vec<Markup>, Fault> {
     let mut plots = signal::plots(source, subject, shown.line)?;
     plots.extend(known::plots(source, subject, shown.line)?);
-    if let Some(flown) = LineTracks::read(source, subject, shown.line)? {
-        plots.extend(atlas.map(|a| a.plots(&flown)));
+    if let Some(line_tracks) = LineTracks::read(source, subject, shown.line)? {
+        plots.extend(atlas.map(|a| a.plots(&line_tracks)));
         let fates = match subject.navigate {
             Some(r) => source.tally(r, shown.line, "update")?,
             None => Default::default(),
         };
         let place = subject::place(source, subject, shown.line);
-        plots.extend(errors::plots(&flown, &place, &fates));
-        plots.extend(whiteness::plot(&flown, &place));
+        plots.extend(errors::plots(&line_tracks, &place, &fates));
+        plots.extend(whiteness::plot(&line_tracks, &place));
     }
     plots.extend(spectra::plots(source, subject, shown.line)?);
     Ok(plots)

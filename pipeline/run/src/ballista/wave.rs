@@ -143,9 +143,9 @@ impl<'a> WaveDispatcher<'a> {
     /// Receives the results of a job, if there are any.
     fn listen(&mut self, receiver: &Receiver<WaveJobResult>) {
         match receiver.recv_timeout(TICK) {
-            Ok((number, told)) => {
+            Ok((number, answers_of_job)) => {
                 let Some(job) = self.jobs.remove(&number) else { return };
-                match told {
+                match answers_of_job {
                     Ok(answers) => self.process_answers(&job.tasks, answers),
                     Err(why) => self.came_to_nothing(&job.tasks, &why),
                 }

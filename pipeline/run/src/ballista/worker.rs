@@ -26,7 +26,7 @@ use super::{
     key::ClusterTrust,
     runtime,
     scheduler::name_of,
-    told_to_stop,
+    stop_signal,
     units::{AnswerMessage, COMPUTE, TaskComputer, TaskMessage},
 };
 use crate::{
@@ -145,7 +145,7 @@ fn executed(config: &WorkerConfig, name: String, folder: &Path) -> Result<Worker
     };
     let ended = runtime()?.block_on(async {
         tokio::spawn(async {
-            told_to_stop().await;
+            stop_signal().await;
             INTERRUPTED.store(true, Ordering::SeqCst);
         });
         executor.run().await

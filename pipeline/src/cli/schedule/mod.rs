@@ -133,7 +133,7 @@ impl ScheduleArgs {
     }
 
     fn locked(&self, store: &Store, name: &str, begun: Instant, watch: &RunWatch) -> Result<PipelineLock, ExitReason> {
-        let mut told = false;
+        let mut reported = false;
         loop {
             let held = match store.lock(name)? {
                 LockOutcome::Mine(publisher) => return Ok(publisher),
@@ -156,7 +156,7 @@ impl ScheduleArgs {
                 }
                 Some(_) => {}
             }
-            if !std::mem::replace(&mut told, true) {
+            if !std::mem::replace(&mut reported, true) {
                 note(&format!("{what}; waiting for that run"));
             }
             sleep(store.look_again());

@@ -179,9 +179,9 @@ impl RunWatch {
         }
         let named = |name: &str| std::env::var(name).ok().filter(|v| !v.is_empty());
         let namespace = named("OPENLINEAGE_NAMESPACE").unwrap_or_else(|| "magline".to_owned());
-        let said = named("OPENLINEAGE_PARENT_ID");
-        let parent = said.as_deref().and_then(ParentRun::parse);
-        if let Some(text) = said.filter(|_| parent.is_none()) {
+        let parent_id = named("OPENLINEAGE_PARENT_ID");
+        let parent = parent_id.as_deref().and_then(ParentRun::parse);
+        if let Some(text) = parent_id.filter(|_| parent.is_none()) {
             err!("warning: OPENLINEAGE_PARENT_ID is not <namespace>/<job>/<run>: `{text}`");
         }
         let mut state = self.state();

@@ -232,8 +232,8 @@ impl RemoteStore {
     pub fn is_there(&self) -> Result<bool, Fault> {
         let mark = self.bucket.get("STORE")?;
         if let Some(bytes) = mark.as_ref().filter(|bytes| is_other_layout(bytes)) {
-            let said = String::from_utf8_lossy(bytes).trim().chars().take(40).collect::<String>();
-            let what = format!("{} is a store of another version of magline ({said})", self.bucket.address());
+            let start_of_text = String::from_utf8_lossy(bytes).trim().chars().take(40).collect::<String>();
+            let what = format!("{} is a store of another version of magline ({start_of_text})", self.bucket.address());
             return Err(Fault::new(what).help("use another prefix as `store`"));
         }
         let local = self.root.join("STORE");

@@ -8,7 +8,7 @@ use crate::{clock_digits, mapping::clock::TimeTextFormat};
 /// Suggested clock of a table.
 pub struct ClockGuess {
     /// Text of the clock in the mapping.
-    pub said: String,
+    pub toml: String,
     /// Reason for the guess.
     pub why: String,
     /// The column.
@@ -57,7 +57,7 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
         // Other text formats are not guessed, because day and month cannot be distinguished.
         TimeTextFormat::Iso.read(text)?;
         return Some(ClockGuess {
-            said: format!("{{ from = {}, clock = \"text\" }}", quoted(&column.name)),
+            toml: format!("{{ from = {}, clock = \"text\" }}", quoted(&column.name)),
             why: format!("ISO 8601 text, such as {}; UTC unless the text has an offset", quoted(text)),
             column: column.name.clone(),
             unit: "s",
@@ -70,7 +70,7 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
     let repeats = known.windows(2).any(|w| w[1] == w[0]);
     if clock_digits::minute_after(&known).is_some() {
         return Some(ClockGuess {
-            said: format!("{{ from = {}, clock = \"text\", format = \"%H%M%S%.f\" }}", quoted(&column.name)),
+            toml: format!("{{ from = {}, clock = \"text\", format = \"%H%M%S%.f\" }}", quoted(&column.name)),
             why: "guess: clock times in digits, hhmmss; the date is not known".to_owned(),
             column: column.name.clone(),
             unit: "s",
@@ -97,7 +97,7 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
     };
     let (name, hz) = (quoted(&column.name), 1.0 / (step * seconds));
     Some(ClockGuess {
-        said: format!("{{ from = {name}, unit = \"{unit}\", clock = \"{clock}\" }}"),
+        toml: format!("{{ from = {name}, unit = \"{unit}\", clock = \"{clock}\" }}"),
         why: format!("guess: {why}; {unit}: {why_unit}; about {hz:.3} Hz"),
         column: column.name.clone(),
         unit,

@@ -13,7 +13,7 @@ pub struct ColumnGuess {
     /// The names in the file.
     pub theirs: Vec<String>,
     /// Text of the column in the mapping; empty if it is skipped.
-    pub said: String,
+    pub toml: String,
     /// Reason for the guess.
     pub why: String,
     /// Whether it is a vector.
@@ -23,7 +23,7 @@ pub struct ColumnGuess {
 impl ColumnGuess {
     /// Whether it is part of the mapping.
     pub fn is_used(&self) -> bool {
-        !self.said.is_empty()
+        !self.toml.is_empty()
     }
 
     fn left_out(name: &str, why: &str) -> ColumnGuess {
@@ -31,7 +31,7 @@ impl ColumnGuess {
         ColumnGuess {
             ours: name.to_owned(),
             theirs,
-            said: String::new(),
+            toml: String::new(),
             why: format!("omitted: {why}"),
             is_vector: false,
         }
@@ -176,14 +176,14 @@ fn vector(
         Some(ColumnGuess {
             ours: shown,
             theirs: theirs.clone(),
-            said: String::new(),
+            toml: String::new(),
             why: format!("omitted: {why}"),
             is_vector: true,
         })
     };
     let made = |ours: String, unit: &str, rest: &str, why: String| {
-        let said = format!("{{ {from}, unit = \"{unit}\"{rest} }}");
-        Some(ColumnGuess { ours, theirs: theirs.clone(), said, why: format!("guess: {why}"), is_vector: true })
+        let toml = format!("{{ {from}, unit = \"{unit}\"{rest} }}");
+        Some(ColumnGuess { ours, theirs: theirs.clone(), toml, why: format!("guess: {why}"), is_vector: true })
     };
     let first = axes[0];
     if has(words, &["ofs", "offset", "offsets", "mofs", "bias", "var", "innov", "variance", "mo"]) {
@@ -252,22 +252,22 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
     let is_ins = has(&words, &["ins", "nav", "ekf", "est"]);
     let from = quoted(&column.name);
     let made = |ours: &str, unit: &str, why: &str| {
-        let said = format!("{{ from = {from}, unit = \"{unit}\" }}");
+        let toml = format!("{{ from = {from}, unit = \"{unit}\" }}");
         let theirs = vec![column.name.clone()];
-        Some(ColumnGuess { ours: ours.to_owned(), theirs, said, why: format!("guess: {why}"), is_vector: false })
+        Some(ColumnGuess { ours: ours.to_owned(), theirs, toml, why: format!("guess: {why}"), is_vector: false })
     };
     let left = |why: &str| Some(ColumnGuess::left_out(&column.name, why));
     if ["year", "doy"].contains(&column.name.as_str()) {
         let theirs = vec![column.name.clone()];
-        let dated = topic.clock.as_ref().is_some_and(|c| !c.said.contains("\"day\""));
+        let dated = topic.clock.as_ref().is_some_and(|c| !c.toml.contains("\"day\""));
         if dated {
             return left("the date follows from the time");
         }
-        let said = format!("{{ from = {from} }}");
+        let toml = format!("{{ from = {from} }}");
         return Some(ColumnGuess {
             ours: column.name.clone(),
             theirs,
-            said,
+            toml,
             why: "a column name of the flight table".to_owned(),
             is_vector: false,
         });
