@@ -283,9 +283,9 @@ fn user_a_worker_with_another_store_exits_with_a_message_and_the_others_compute(
 
 /// Server that answers every request with the same text.
 #[derive(Clone)]
-struct Says(&'static str);
+struct FixedAnswer(&'static str);
 
-impl Service<http::Request<Body>> for Says {
+impl Service<http::Request<Body>> for FixedAnswer {
     type Response = http::Response<Body>;
     type Error = Infallible;
     type Future = Ready<Result<Self::Response, Infallible>>;
@@ -301,12 +301,12 @@ impl Service<http::Request<Body>> for Says {
 
 /// Server that answers as a scheduler of another version, without a key.
 fn stranger(state: &'static str) -> String {
-    let (tell, receiver) = channel();
+    let (sender, receiver) = channel();
     spawn(move || {
         tokio::runtime::Runtime::new().unwrap().block_on(async {
             let incoming = TcpIncoming::bind("127.0.0.1:0".parse().unwrap()).unwrap();
-            tell.send(incoming.local_addr().unwrap().to_string()).unwrap();
-            Server::builder().serve_with_incoming(Says(state), incoming).await
+            sender.send(incoming.local_addr().unwrap().to_string()).unwrap();
+            Server::builder().serve_with_incoming(FixedAnswer(state), incoming).await
         })
     });
     receiver.recv().unwrap()

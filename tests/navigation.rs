@@ -165,8 +165,8 @@ fn user_a_sample_without_diurnal_has_no_measurement() {
     bench.spec(&spec.replace("stage   = \"resample\"", "stage   = \"resample\"\nmax_gap_s = 0.2"));
     let run = bench.run(&[]);
     assert_eq!(run.code, 0, "{}", run.stderr);
-    let fates = texts(&read(&bench.path("store/tables/small/track")), "update");
-    let missing = fates.iter().filter(|f| *f == "missing").count();
+    let updates = texts(&read(&bench.path("store/tables/small/track")), "update");
+    let missing = updates.iter().filter(|f| *f == "missing").count();
     // Ten samples on each of four lines.
     assert!((40..=48).contains(&missing), "{missing}");
 }

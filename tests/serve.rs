@@ -67,8 +67,8 @@ impl Served {
         let mut settings = settings(bench);
         change(&mut settings);
         let (stop, stopped) = watch::channel(false);
-        let (tell, address_receiver) = mpsc::channel();
-        let thread = thread::spawn(move || serve(settings, |address| tell.send(address).unwrap(), stopped).unwrap());
+        let (sender, address_receiver) = mpsc::channel();
+        let thread = thread::spawn(move || serve(settings, |address| sender.send(address).unwrap(), stopped).unwrap());
         let address = address_receiver.recv().unwrap();
         Served { address, stop, thread: Some(thread), runtime: Runtime::new().unwrap() }
     }

@@ -35,7 +35,7 @@ pub fn in_order<I: Send, O: Send, E: Send>(
     let state = Mutex::new(InOrderState { results: BTreeMap::new(), failed: false });
     let (one_more, work) = (Condvar::new(), &work);
     let mut reported = 0;
-    let mut tell = |results: usize| {
+    let mut report_done = |results: usize| {
         (reported + 1..=results).for_each(done);
         reported = reported.max(results);
     };
@@ -46,7 +46,7 @@ pub fn in_order<I: Send, O: Send, E: Send>(
                 let now = locked(&state);
                 let (results, failed) = (now.results.len(), now.failed);
                 drop(now);
-                tell(results);
+                report_done(results);
                 if failed {
                     return;
                 }
@@ -83,7 +83,7 @@ pub fn in_order<I: Send, O: Send, E: Send>(
     });
     let results = state.into_inner().unwrap_or_else(PoisonError::into_inner).results;
     let all = results.into_values().collect::<Result<Vec<O>, E>>()?;
-    tell(all.len());
+    report_done(all.len());
     error.map_or(Ok(all), Err)
 }
 

@@ -280,9 +280,9 @@ fn law_the_velocity_of_the_ins_follows_from_its_measured_force() {
             assert!(error.abs() < 0.013, "{} axis {axis}: {error}", name(&line));
         }
         let middle = 0.5 * (lat(0) + lat(ROWS));
-        let said_m = EarthModel::Wgs84.lat_rad_to_north_m(lat(ROWS) - lat(0), middle, c("alt")[0]);
+        let north_m = EarthModel::Wgs84.lat_rad_to_north_m(lat(ROWS) - lat(0), middle, c("alt")[0]);
         // The spherical error model differs from the meridian by 0.5 %, for an error of at most 10 m.
-        assert!((said_m - moved_m).abs() < 0.3, "{}: {said_m} {moved_m}", name(&line));
+        assert!((north_m - moved_m).abs() < 0.3, "{}: {north_m} {moved_m}", name(&line));
     }
 }
 

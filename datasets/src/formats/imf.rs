@@ -35,7 +35,7 @@ struct ImfBlockHeader {
     year: i32,
     doy: u32,
     /// The day of the year in the header.
-    said_doy: u32,
+    declared_doy: u32,
     hour: u32,
     letters: Vec<char>,
     lat_deg: f64,
@@ -61,7 +61,7 @@ impl ImfBlockHeader {
             station: (*station).to_owned(),
             year,
             doy: day_of_year(year, month, number(day)?).ok()?,
-            said_doy: number(doy)?,
+            declared_doy: number(doy)?,
             hour: number(hour).filter(|hour| *hour < 24)?,
             letters: letters.chars().collect(),
             lat_deg: 90.0 - f64::from(colatitude) / 10.0,
@@ -91,10 +91,10 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadEr
     while let Some((row, line)) = lines.next() {
         let wrong = |row: usize, what: &str| ReadError::data(path, format!("{what} in line {}", row + 1));
         let block = ImfBlockHeader::from_line(line).ok_or_else(|| wrong(row, "the header of an hour is invalid"))?;
-        if block.doy != block.said_doy {
+        if block.doy != block.declared_doy {
             return Err(wrong(
                 row,
-                &format!("the date is day {} of the year, but the header gives {},", block.doy, block.said_doy),
+                &format!("the date is day {} of the year, but the header gives {},", block.doy, block.declared_doy),
             ));
         }
         let kind = ComponentConversion::from_letters(&block.letters)

@@ -31,7 +31,7 @@ pub struct TaskWave<'a> {
 
 impl TaskWave<'_> {
     /// Reports the outcomes of a task.
-    pub fn tell(&self, task: &Task, receipt: &Receipt) {
+    pub fn report_outcomes(&self, task: &Task, receipt: &Receipt) {
         for answer in &receipt.units {
             let unit = task.units.iter().find(|u| (u.point, u.line) == (answer.point, answer.line));
             let unit = unit.map(|u| u.unit(self.table));

@@ -206,7 +206,7 @@ fn trials(plan: &Plan, store: &Store, trials: &[SearchTrialScore]) -> Result<Opt
     arrays.push(whole(&|t| t.lines));
     let word = |name: &str, about: &str| field(name, DataType::Utf8, "", Role::Key, about);
     fields.push(word("state", "state of the trial: done, promoted (to the next rung), pruned or failed"));
-    arrays.push(text(&|t| Some(t.fate(search).as_str().to_owned())));
+    arrays.push(text(&|t| Some(t.rung_outcome(search).as_str().to_owned())));
     fields.push(word("error", "the reason for a missing goal"));
     arrays.push(text(&|t| t.error.clone()));
     let batch =

@@ -85,12 +85,12 @@ impl<'a> PlanRunner<'a> {
     /// Records and reports the outcome of a unit.
     pub(super) fn note(&mut self, unit: PlanUnit, state: UnitState, outcome: UnitOutcome, fault: Option<&Fault>) {
         self.states.set(unit, state);
-        tell(self.listener, self.graph, unit, outcome, fault);
+        emit_outcome(self.listener, self.graph, unit, outcome, fault);
     }
 
     /// Reports a failure and records it.
     pub(super) fn fail(&mut self, unit: PlanUnit, fault: Fault) {
-        tell(self.listener, self.graph, unit, UnitOutcome::Failed, Some(&fault));
+        emit_outcome(self.listener, self.graph, unit, UnitOutcome::Failed, Some(&fault));
         self.record(unit, fault);
     }
 
@@ -241,7 +241,7 @@ pub(super) enum UnitLookup {
 }
 
 /// Reports the outcome of a unit.
-pub(super) fn tell(
+pub(super) fn emit_outcome(
     listener: &dyn Listener,
     graph: &PlanGraph,
     unit: PlanUnit,

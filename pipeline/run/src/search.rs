@@ -60,7 +60,7 @@ pub fn search(
             listener.on_event(&Event::Finished { summary: &summary });
             return Ok((plan, summary));
         }
-        course.tell(std::mem::take(&mut summary.trials));
+        course.record_scores(std::mem::take(&mut summary.trials));
         let scored = course.done().get(course.done().len().saturating_sub(rows.len())..).unwrap_or_default();
         listener.on_event(&Event::Trials { search, scored, best: course.best() });
     }

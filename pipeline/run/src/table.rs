@@ -14,7 +14,7 @@ use super::{
     cut::TableAssembler,
     engine::{LocalEngine, TaskEngine, TaskWave},
     layout::{PackCover, TableLayout, cover, scattered},
-    runner::{PlanRunner, UnitLookup, tell},
+    runner::{PlanRunner, UnitLookup, emit_outcome},
     task::{Task, TaskUnit},
     unpublished,
 };
@@ -103,7 +103,7 @@ impl<'a> PlanRunner<'a> {
             }
             let unit_s = self.unit_s(sheet);
             let most = engine.pace().units(sheet.pending(), unit_s);
-            let tasks = self.tasks_abroad(sheet, &before, most, self.recorded);
+            let tasks = self.tasks_for_workers(sheet, &before, most, self.recorded);
             self.wave(engine, sheet, tasks, unit_s, count);
             before = self.cover(sheet);
         }
@@ -176,7 +176,7 @@ impl<'a> PlanRunner<'a> {
 
     /// Lists the remaining work in tasks of at most `most` units. A chunk that is computed as a whole becomes a file of
     /// the table. Other tasks make parts, which the driver lays out.
-    pub(super) fn tasks_abroad(
+    pub(super) fn tasks_for_workers(
         &self,
         sheet: &TableProgress,
         cover: &PackCover,
@@ -270,8 +270,9 @@ impl<'a> PlanRunner<'a> {
         }
         let (tasks, places): (Vec<Task>, Vec<Vec<usize>>) = tasks.into_iter().map(|h| (h.task, h.at)).unzip();
         let (listener, graph) = (self.listener, self.graph);
-        let on_outcome =
-            |unit: PlanUnit, outcome: UnitOutcome, fault: Option<&Fault>| tell(listener, graph, unit, outcome, fault);
+        let on_outcome = |unit: PlanUnit, outcome: UnitOutcome, fault: Option<&Fault>| {
+            emit_outcome(listener, graph, unit, outcome, fault)
+        };
         let wave = TaskWave { worker: self.worker, table: sheet.table, tasks: &tasks, unit_s, on_outcome: &on_outcome };
         let receipts = engine.run(&wave);
         if !engine.is_local() {

@@ -170,7 +170,7 @@ fn trial(search: &SearchSpec, one: &SearchTrialScore, best: Option<&SearchTrialS
         "rung": one.row.rung,
         "axes": axes,
         "goal": one.goal,
-        "state": one.fate(search).as_str(),
+        "state": one.rung_outcome(search).as_str(),
         "error": one.error,
         "best": best_json(best),
     })

@@ -324,7 +324,7 @@ pub fn main(catalogue: &[StageEntry]) -> ExitCode {
     match done {
         Ok(()) => ended(0),
         Err(ExitReason::Failed(text)) => {
-            tell(&text);
+            print_to_stderr(&text);
             ended(1)
         }
         Err(ExitReason::Wrong(text)) => {
@@ -341,7 +341,7 @@ pub fn main(catalogue: &[StageEntry]) -> ExitCode {
         }
         Err(ExitReason::Printed(status)) => ended(status),
         Err(ExitReason::Interrupted) => {
-            err!("{}", interrupt::SAID);
+            err!("{}", interrupt::MESSAGE);
             ended(interrupt::STATUS)
         }
     }
@@ -376,12 +376,12 @@ fn is_quiet() -> bool {
 /// A note on standard error.
 fn note(text: &str) {
     if !is_quiet() {
-        tell(&format!("note: {text}"));
+        print_to_stderr(&format!("note: {text}"));
     }
 }
 
 /// Writes a line to standard error, unless it is empty.
-fn tell(text: &str) {
+fn print_to_stderr(text: &str) {
     if !text.is_empty() {
         err!("{text}");
     }

@@ -8,8 +8,8 @@ use results::{score_table, scores, warnings};
 use schemas::{Fault, StageEntry};
 
 use super::{
-    ExitReason, QUIET, SpecArgs, counted, engine, events, interrupt, note, progress::ProgressDisplay, say, schedule,
-    tell, tend, threads,
+    ExitReason, QUIET, SpecArgs, counted, engine, events, interrupt, note, print_to_stderr, progress::ProgressDisplay,
+    say, schedule, tend, threads,
 };
 pub use run::{Event, Listener, RunOptions, RunSummary, TaskEngine, again, deduplicated, search};
 
@@ -127,13 +127,13 @@ fn ran(
     let limit = args.schedule.limit();
     let run = |listener: &dyn Listener| -> Result<(Plan, RunSummary), SpecFaults> {
         let but_the_end = schedule::FinishFilter(listener);
-        let heard: &dyn Listener = if named.force.is_some() { &but_the_end } else { listener };
+        let shown_listener: &dyn Listener = if named.force.is_some() { &but_the_end } else { listener };
         let (plan, mut summary) =
-            search(plan, catalogue, &store, &publisher, options, &schedule::ListenerPair(watch, heard))?;
+            search(plan, catalogue, &store, &publisher, options, &schedule::ListenerPair(watch, shown_listener))?;
         if let Some(table) = named.force {
             if !summary.interrupted {
                 match again(&plan, &store, table, &schedule::ProgressFilter(listener))? {
-                    Some(found) => schedule::told_again(&mut summary, found),
+                    Some(found) => schedule::report_comparison(&mut summary, found),
                     None => summary.interrupted = true,
                 }
             }
@@ -160,7 +160,7 @@ fn conclude(plan: &Plan, summary: &RunSummary, quiet: bool) -> Result<(), ExitRe
     let table = format!("{}.warnings", plan.spec.name);
     let warned = warnings::summary_lines(&summary.warnings, &table);
     if quiet {
-        warned.last().into_iter().for_each(|line| tell(&format!("warning: {line}")));
+        warned.last().into_iter().for_each(|line| print_to_stderr(&format!("warning: {line}")));
         return Ok(());
     }
     for text in summary.notes.iter().chain(&unused(summary.unused)) {
@@ -169,11 +169,11 @@ fn conclude(plan: &Plan, summary: &RunSummary, quiet: bool) -> Result<(), ExitRe
     say(table_of(summary))?;
     if summary.quality > 0 {
         let (findings, lines) = (counted(summary.quality, "finding"), counted(summary.quality_lines, "line"));
-        tell(&format!("data quality: {findings} in {lines}; see the table `{}.quality`", plan.spec.name));
+        print_to_stderr(&format!("data quality: {findings} in {lines}; see the table `{}.quality`", plan.spec.name));
     }
     say(scores_of(summary))?;
     say(results::trials(plan, &summary.trials))?;
-    warned.iter().for_each(|line| tell(&format!("warning: {line}")));
+    warned.iter().for_each(|line| print_to_stderr(&format!("warning: {line}")));
     Ok(())
 }
 

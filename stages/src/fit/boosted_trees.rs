@@ -67,13 +67,13 @@ impl FitModel for BoostedTrees {
         let begun = work.kept().and_then(|bytes| trees_from_bytes(&bytes)).unwrap_or_default();
         let (mut stopped, mut kept, known) = (None, None::<Instant>, begun.len());
         let mut each = |trees: &[RegressionTree], train: f64, validation: f64| {
-            let goes_on = work.goes_on(&self.progress(trees.len(), train, validation));
+            let flow = work.report_progress(&self.progress(trees.len(), train, validation));
             let due = kept.is_none_or(|last| last.elapsed().as_secs_f64() > KEPT_EVERY_S);
-            if trees.len() > known && (due || goes_on.is_err()) {
+            if trees.len() > known && (due || flow.is_err()) {
                 kept = Some(Instant::now());
                 work.keep(&trees_to_bytes(trees));
             }
-            match goes_on {
+            match flow {
                 Ok(()) => ControlFlow::Continue(()),
                 Err(fault) => {
                     stopped = Some(fault);

@@ -150,7 +150,7 @@ impl CheckpointMonitor for InterruptMonitor {
         *self.kept.lock().unwrap() = Some(state.to_vec());
     }
 
-    fn goes_on(&self, _: usize, _: &str) -> ControlFlow<()> {
+    fn report_progress(&self, _: usize, _: &str) -> ControlFlow<()> {
         let mut reports = self.reports.lock().unwrap();
         *reports += 1;
         if *reports >= self.after { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }

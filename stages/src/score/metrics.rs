@@ -63,7 +63,7 @@ mod tests {
     use crate::score::{
         Score,
         source::ScoreSourceIndex,
-        testing::{FLOWN, line, only, score, seconds, shapes, track},
+        testing::{TRUE_POSITION, line, only, score, seconds, shapes, track},
     };
 
     #[test]
@@ -125,8 +125,8 @@ mod tests {
             ("map_anomaly", wave(0.3)),
             ("map_grad_n", wave(0.4)),
             ("map_grad_e", wave(0.5)),
-            (FLOWN[0], lat.clone()),
-            (FLOWN[1], lon.clone()),
+            (TRUE_POSITION[0], lat.clone()),
+            (TRUE_POSITION[1], lon.clone()),
             ("true alt", seconds(400, |t| 299.0 + (0.3 * t).sin())),
             ("true vn", seconds(400, |_| 50.0)),
             ("true ve", seconds(400, |t| 3.0 * (0.1 * t).sin())),

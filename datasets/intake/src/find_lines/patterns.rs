@@ -225,12 +225,12 @@ impl SegmentedFlight<'_> {
         let mut groups: Vec<Vec<TurnLoop>> = vec![];
         for leg in 0..self.parts.legs.len() {
             let Some(found) = self.loop_after(leg) else { continue };
-            let goes_on = |last: &TurnLoop| {
+            let is_continued = |last: &TurnLoop| {
                 let off = (last.place.0 - found.place.0).hypot(last.place.1 - found.place.1);
                 last.next == Some(leg) && off <= SAME_PART * last.lead_m.min(found.lead_m) + SAME_M
             };
             match groups.last_mut() {
-                Some(group) if group.last().is_some_and(goes_on) => group.push(found),
+                Some(group) if group.last().is_some_and(is_continued) => group.push(found),
                 _ => groups.push(vec![found]),
             }
         }

@@ -221,12 +221,12 @@ fn line(
     plots.extend(known::plots(source, subject, shown.line)?);
     if let Some(line_tracks) = LineTracks::read(source, subject, shown.line)? {
         plots.extend(atlas.map(|a| a.plots(&line_tracks)));
-        let fates = match subject.navigate {
+        let updates = match subject.navigate {
             Some(r) => source.tally(r, shown.line, "update")?,
             None => Default::default(),
         };
         let place = subject::place(source, subject, shown.line);
-        plots.extend(errors::plots(&line_tracks, &place, &fates));
+        plots.extend(errors::plots(&line_tracks, &place, &updates));
         plots.extend(whiteness::plot(&line_tracks, &place));
     }
     plots.extend(spectra::plots(source, subject, shown.line)?);

@@ -299,7 +299,7 @@ impl ExecutorService {
             }
             Err(e) => task_status::Status::Failed(FailedTask::from(e)),
         });
-        self.tell(status).await;
+        self.report_status(status).await;
         self.running().remove(&key);
     }
 
@@ -328,7 +328,7 @@ impl ExecutorService {
         })
     }
 
-    async fn tell(&self, status: TaskStatus) {
+    async fn report_status(&self, status: TaskStatus) {
         let (executor_id, task_status) = (self.0.me.id.clone(), vec![status]);
         let end = UpdateTaskStatusParams { executor_id, task_status };
         for _ in 0..TRIES {

@@ -117,20 +117,20 @@ impl<'a> WaveDispatcher<'a> {
 
     /// Dispatches tasks and collects receipts until each task has one, or the run is interrupted.
     pub fn run(mut self) -> Vec<Option<Receipt>> {
-        let (tell, receiver) = channel();
+        let (sender, receiver) = channel();
         while !(self.waiting.is_empty() && self.jobs.is_empty()) {
             if INTERRUPTED.load(Ordering::Relaxed) {
                 self.cancel(None);
                 break;
             }
-            let hopeless = self.look().or_else(|| self.hopeless());
-            if let Some(fault) = hopeless {
+            let end_reason = self.look().or_else(|| self.end_reason());
+            if let Some(fault) = end_reason {
                 self.cancel(None);
                 let rest: Vec<usize> = (0..self.receipts.len()).filter(|i| self.receipts[*i].is_none()).collect();
                 rest.into_iter().for_each(|i| self.settle(i, failed(&self.wave.tasks[i], &fault)));
                 break;
             }
-            self.hand_out(&tell);
+            self.dispatch_jobs(&sender);
             self.listen(&receiver);
             self.look_after();
         }
@@ -147,7 +147,7 @@ impl<'a> WaveDispatcher<'a> {
                 let Some(job) = self.jobs.remove(&number) else { return };
                 match answers_of_job {
                     Ok(answers) => self.process_answers(&job.tasks, answers),
-                    Err(why) => self.came_to_nothing(&job.tasks, &why),
+                    Err(why) => self.process_failed_job(&job.tasks, &why),
                 }
             }
             Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {}
@@ -189,7 +189,7 @@ impl<'a> WaveDispatcher<'a> {
     }
 
     /// Reason to end the wave.
-    fn hopeless(&self) -> Option<Fault> {
+    fn end_reason(&self) -> Option<Fault> {
         let (authority, patience) = (&self.engine.scheduler.authority, self.engine.limits.patience);
         let seconds = patience.as_secs();
         if self.scheduler_seen.longer_than(patience) {
@@ -222,7 +222,7 @@ impl<'a> WaveDispatcher<'a> {
     }
 
     /// Dispatches jobs up to the capacity of the cluster.
-    fn hand_out(&mut self, tell: &Sender<WaveJobResult>) {
+    fn dispatch_jobs(&mut self, sender: &Sender<WaveJobResult>) {
         if self.failed_since.is_some_and(|since| !since.longer_than(AGAIN_AFTER)) {
             return;
         }
@@ -233,13 +233,13 @@ impl<'a> WaveDispatcher<'a> {
                 break;
             }
             self.number += 1;
-            let (number, tell) = (self.number, tell.clone());
+            let (number, sender) = (self.number, sender.clone());
             let now = Instant::now();
             self.jobs.insert(number, WaveJob { tasks, begun: now, looked: now, there: false, idle: None });
             let made = job(self.engine.scheduler.place(), self.engine.session.clone(), self.name(number), vec![handed]);
             self.engine.runtime.spawn(async move {
                 // There is no receiver after an interrupt.
-                let _ = tell.send((number, made.await.map_err(|e| e.to_string())));
+                let _ = sender.send((number, made.await.map_err(|e| e.to_string())));
             });
         }
     }
@@ -301,7 +301,7 @@ impl<'a> WaveDispatcher<'a> {
 
     /// Records the receipt of a task.
     fn settle(&mut self, i: usize, receipt: Receipt) {
-        self.wave.tell(&self.wave.tasks[i], &receipt);
+        self.wave.report_outcomes(&self.wave.tasks[i], &receipt);
         self.receipts[i] = Some(receipt);
     }
 
@@ -363,7 +363,7 @@ impl<'a> WaveDispatcher<'a> {
     }
 
     /// Processes a failed job: its scheduler or worker was lost, or it was cancelled.
-    fn came_to_nothing(&mut self, tasks: &[usize], why: &str) {
+    fn process_failed_job(&mut self, tasks: &[usize], why: &str) {
         let before = self.seen.scheduler.clone();
         self.looked = None;
         let lost = self.look().is_some() || self.seen.cores == 0 || self.seen.scheduler != before;

@@ -59,7 +59,7 @@ impl CheckpointMonitor for SurveyUnitInputs<'_> {
         let _ = self.key(point).map(|key| self.worker.store.set_checkpoint(key, state));
     }
 
-    fn goes_on(&self, point: usize, progress: &str) -> ControlFlow<()> {
+    fn report_progress(&self, point: usize, progress: &str) -> ControlFlow<()> {
         if let Some(unit) = self.units.get(point).filter(|_| self.is_due()) {
             let table = &self.worker.graph.plan.tables[unit.table].name;
             let point = &self.worker.instance(*unit).point();

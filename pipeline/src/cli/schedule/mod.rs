@@ -242,7 +242,7 @@ impl Listener for ProgressFilter<'_> {
 }
 
 /// Adds the results of a recomputation to the summary of a run.
-pub fn told_again(summary: &mut RunSummary, compared: Vec<run::TableComparison>) {
+pub fn report_comparison(summary: &mut RunSummary, compared: Vec<run::TableComparison>) {
     for one in &compared {
         let units = super::counted(one.units, "unit");
         let what = match one.differ.len() {

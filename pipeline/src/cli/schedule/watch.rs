@@ -202,7 +202,7 @@ impl RunWatch {
             Err(ExitReason::Locked(text)) => (RunStatus::Locked, Some(text.clone())),
             Err(ExitReason::OutOfTime) => (RunStatus::OutOfTime, Some(super::STOPPED.to_owned())),
             Err(ExitReason::Printed(_)) => (RunStatus::Failed, None),
-            Err(ExitReason::Interrupted) => (RunStatus::Interrupted, Some(interrupt::SAID.to_owned())),
+            Err(ExitReason::Interrupted) => (RunStatus::Interrupted, Some(interrupt::MESSAGE.to_owned())),
         };
         self.over(&RunEnd { status, error, summary });
     }
@@ -212,7 +212,7 @@ impl RunWatch {
         let (status, error) = if status == OUT_OF_TIME {
             (RunStatus::OutOfTime, super::STOPPED)
         } else {
-            (RunStatus::Interrupted, interrupt::SAID)
+            (RunStatus::Interrupted, interrupt::MESSAGE)
         };
         self.over(&RunEnd { status, error: Some(error.to_owned()), summary: None });
     }

@@ -62,7 +62,7 @@ impl<'a> EnsembleTraining<'a> {
     }
 
     /// Reports progress after an epoch and saves the state at intervals.
-    fn goes_on(
+    fn report_progress(
         &self,
         number: usize,
         (from, begun): (usize, Instant),
@@ -78,7 +78,7 @@ impl<'a> EnsembleTraining<'a> {
         }
         let left_s = begun.elapsed().as_secs_f64() / (done - from).max(1) as f64 * (all - done) as f64;
         let message = progress(epoch, done, all, number, keys.members, self.prepared.scale_nt(), left_s);
-        work.goes_on(&message).inspect_err(|_| work.keep(&states_bytes(&self.done, state)))
+        work.report_progress(&message).inspect_err(|_| work.keep(&states_bytes(&self.done, state)))
     }
 }
 
@@ -134,7 +134,7 @@ impl<'a> MemberTraining<'a> {
         let start = state.clone();
         let each = move |epoch: &TrainingEpoch, now: &TrainingState| {
             state.clone_from(now);
-            match network.goes_on(*number, *from, epoch, now, kept) {
+            match network.report_progress(*number, *from, epoch, now, kept) {
                 Ok(()) => ControlFlow::Continue(()),
                 Err(fault) => {
                     *stopped = Some(fault);

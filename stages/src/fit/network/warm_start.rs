@@ -226,9 +226,9 @@ mod tests {
     /// Models with the keys that they need here.
     fn models() -> Vec<(&'static str, Keys)> {
         let terms = || vec![words("linear", &["a", "b"])];
-        let beside = ["m2a", "m2b", "m2c", "m2d", "tlnn"].map(|model| (model, terms()));
+        let with_linear_terms = ["m2a", "m2b", "m2c", "m2d", "tlnn"].map(|model| (model, terms()));
         let windowed = ["gru", "lstm", "tcn"].map(|model| (model, vec![whole("window", 4)]));
-        [("m1", vec![]), ("etlnn", vec![])].into_iter().chain(beside).chain(windowed).collect()
+        [("m1", vec![]), ("etlnn", vec![])].into_iter().chain(with_linear_terms).chain(windowed).collect()
     }
 
     /// The weights of a table and its target's scale.

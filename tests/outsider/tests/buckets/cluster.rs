@@ -77,13 +77,13 @@ fn user_a_worker_killed_at_a_write_to_the_bucket_costs_only_its_unfinished_tasks
     let (lab, units) = scene();
     let mut cluster = cluster(&lab);
     // The third pack written by a worker does not arrive.
-    let (tell, lost_jobs) = channel();
+    let (sender, lost_jobs) = channel();
     let mut seen = 0;
     lab.server.faults(move |asked| {
         seen += usize::from(asked.writes_pack() && asked.user != USERS[0]);
         if asked.writes_pack() && seen == 3 {
             seen += 1;
-            tell.send(asked.user.clone()).unwrap();
+            sender.send(asked.user.clone()).unwrap();
             return Fault::Silent;
         }
         Fault::None

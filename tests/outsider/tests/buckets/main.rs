@@ -153,7 +153,7 @@ fn user_a_killed_run_resumes() {
     // The kill moves to later and later writes, before or after their execution. Once a version has its manifest but
     // not its files.
     loop {
-        let (tell, answered) = channel();
+        let (sender, answered) = channel();
         let (mut left, fault) = (1 + 2 * killed, if killed % 2 == 0 { Fault::Late } else { Fault::Silent });
         let listed = listed.clone();
         lab.server.faults(move |asked| {
@@ -163,11 +163,11 @@ fn user_a_killed_run_resumes() {
             left -= 1;
             if asked.key.contains("/tables/failures/") && !listed.swap(true, Ordering::SeqCst) {
                 left = 0;
-                tell.send(()).unwrap();
+                sender.send(()).unwrap();
                 return Fault::Silent;
             }
             if left == 0 {
-                tell.send(()).unwrap();
+                sender.send(()).unwrap();
                 return fault;
             }
             Fault::None

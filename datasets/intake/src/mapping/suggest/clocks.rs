@@ -185,7 +185,7 @@ fn of_topic(topic: &TopicSample) -> Option<String> {
             .iter()
             .filter(|c| c.name != week.name)
             .find(|c| names.contains(&c.words().concat().as_str()) && millis(c))?;
-        let boot = boot_beside(topic, &of_week.name)?;
+        let boot = boot_column(topic, &of_week.name)?;
         rows.push(format!("\"{}\" > 0", week.name));
         lines.push(format!("from      = {}", quoted(&of_week.name)));
         lines.push("unit      = \"ms\"   # of the week: up to 604,800,000".to_owned());
@@ -211,7 +211,7 @@ fn of_topic(topic: &TopicSample) -> Option<String> {
 }
 
 /// Log's own clock in a topic that also has the time of the week.
-fn boot_beside(topic: &TopicSample, of_week: &str) -> Option<(String, &'static str)> {
+fn boot_column(topic: &TopicSample, of_week: &str) -> Option<(String, &'static str)> {
     if let Some(clock) = topic.clock.as_ref().filter(|c| c.boot && c.column != of_week) {
         return Some((clock.column.clone(), clock.unit));
     }
