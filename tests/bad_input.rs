@@ -30,7 +30,7 @@ fn gold_misspelt_parameter() {
 
 #[test]
 fn gold_unknown_stage_axis_table_column_and_key() {
-    for (from, to, says) in [
+    for (from, to, expected_text) in [
         ("stage   = \"resample\"", "stage   = \"resampel\"", "there is no stage `resampel`"),
         ("target = \"$mag\"", "target = \"$magg\"", "there is no axis `magg`"),
         ("map             = \"anomaly\"", "map             = \"anomoly\"", "did you mean `anomaly`?"),
@@ -56,7 +56,7 @@ fn gold_unknown_stage_axis_table_column_and_key() {
     ] {
         assert!(SPEC.contains(from), "{from}");
         let message = refused(&SPEC.replace(from, to));
-        assert!(message.contains(says), "{to}\n{message}");
+        assert!(message.contains(expected_text), "{to}\n{message}");
         assert!(message.contains("--> spec.toml:"), "{message}");
     }
 }
@@ -112,7 +112,7 @@ fn failures(bench: &Bench) -> Vec<(String, String, String)> {
 
 #[test]
 fn gold_repeated_and_backward_time_fail_their_line_only() {
-    for (at, from, says) in [
+    for (at, from, expected_text) in [
         (50usize, 49usize, "row 50: duplicate time 36004.9 s"),
         (50, 47, "row 50: time decreases from 36004.9 s to 36004.7 s"),
     ] {
@@ -125,7 +125,7 @@ fn gold_repeated_and_backward_time_fail_their_line_only() {
         let failed = failures(&bench);
         assert_eq!(failed.len(), 1);
         assert_eq!((failed[0].0.as_str(), failed[0].1.as_str()), ("1.02", "flights"));
-        assert!(failed[0].2.contains(says) && failed[0].2.contains("flights/1.parquet"), "{}", failed[0].2);
+        assert!(failed[0].2.contains(expected_text) && failed[0].2.contains("flights/1.parquet"), "{}", failed[0].2);
         // A second run computes nothing and reports the same failure.
         let again = bench.run(&[]);
         assert_eq!((again.code, again.total("computed")), (1, 0));
@@ -290,13 +290,13 @@ fn gold_a_line_without_a_column_fails_where_the_column_is_read() {
 
 #[test]
 fn gold_truncated_and_foreign_files_are_rejected_before_the_run() {
-    for (bytes, says) in [(0usize, "the file is empty"), (3, "1.parquet"), (5000, "1.parquet")] {
+    for (bytes, expected_text) in [(0usize, "the file is empty"), (3, "1.parquet"), (5000, "1.parquet")] {
         let bench = Bench::new();
         let whole = fs::read(bench.path("flights/1.parquet")).unwrap();
         fs::write(bench.path("flights/1.parquet"), &whole[..bytes]).unwrap();
         let done = bench.run(&[]);
         assert_eq!(done.code, 2, "{}", done.stderr);
-        assert!(done.stderr.contains(says) && done.stderr.contains("--> spec.toml:7:8"), "{}", done.stderr);
+        assert!(done.stderr.contains(expected_text) && done.stderr.contains("--> spec.toml:7:8"), "{}", done.stderr);
     }
     let bench = Bench::new();
     fs::write(bench.path("map.parquet"), b"PAR1 not really").unwrap();

@@ -192,8 +192,8 @@ fn user_invalid_predictions_are_rejected_with_their_position() {
         (predicted(&[]), "no column of a task"),
     ];
     for (batch, wanted) in cases {
-        let said = refused(&batch);
-        assert!(said.contains(wanted), "{wanted}: {said}");
+        let message = refused(&batch);
+        assert!(message.contains(wanted), "{wanted}: {message}");
     }
     let train = read(&data().path().join("bench/train"));
     let other = RecordBatch::try_from_iter(
@@ -205,8 +205,8 @@ fn user_invalid_predictions_are_rejected_with_their_position() {
     let mut columns: Vec<(String, arrow_array::ArrayRef)> =
         whole.schema().fields().iter().map(|f| f.name().clone()).zip(whole.columns().iter().cloned()).collect();
     columns[1].1 = std::sync::Arc::new(arrow_array::Float64Array::from(lines));
-    let said = refused(&RecordBatch::try_from_iter(columns).unwrap());
-    assert!(said.contains("do not distinguish 3.1 from 3.10"), "{said}");
+    let message = refused(&RecordBatch::try_from_iter(columns).unwrap());
+    assert!(message.contains("do not distinguish 3.1 from 3.10"), "{message}");
     let output = score(&whole, &["--tasks", "navigat"]);
     assert!(output.status.code() == Some(2) && stderr(&output).contains("did you mean `navigate`?"));
     let output = score(&whole, &["--tasks", "map_free"]);

@@ -63,11 +63,11 @@ fn law_the_trivial_solution_is_reported_with_its_error_bound() {
     .unwrap();
     let output = bench.magline(&["run", "spec.toml"]);
     assert!(output.status.success(), "{}", stderr(&output));
-    let said = stderr(&output);
+    let message = stderr(&output);
     // Six of seven fits are trivial. The message shows the first one and the number of all.
     let first = "warning: model: the fit has a warning at 6 places, first (lambda = 0, vector = flux_a): ";
-    assert!(said.contains(first) && said.contains("trivial solution"), "{said}");
-    assert!(said.contains("warning: 6 warnings; the table `small.warnings` lists all"), "{said}");
+    assert!(message.contains(first) && message.contains("trivial solution"), "{message}");
+    assert!(message.contains("warning: 6 warnings; the table `small.warnings` lists all"), "{message}");
     let table = read(&bench.path("store/tables/small/model"));
     let (lambda, bound, share) =
         (numbers(&table, "lambda"), numbers(&table, "approximation_bound"), numbers(&table, "trivial_share"));

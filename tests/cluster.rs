@@ -92,7 +92,7 @@ fn user_a_cluster_gives_the_bytes_of_a_local_run_and_each_unit_once() {
     let cluster = Cluster::new(MAGLINE, bench.folder.path(), 2);
     let output = begun(&bench, &cluster, &[]).wait_with_output().unwrap();
     let (code, last) = ended(&output);
-    assert_eq!(code, 0, "{} {}", stderr(&output), cluster.said());
+    assert_eq!(code, 0, "{} {}", stderr(&output), cluster.worker_stderr());
     assert_eq!((total(&last, "computed"), total(&last, "failed")), (units, 0));
     same(&bench, "whole", "store");
     let counted = computed(&cluster);
@@ -103,8 +103,9 @@ fn user_a_cluster_gives_the_bytes_of_a_local_run_and_each_unit_once() {
     }
     // Each unit is reported once, independent of the worker that computed it.
     let text = stdout(&output);
-    let told = text.lines().filter(|l| l.starts_with(r#"{"event":"unit""#) && l.contains(r#""status":"computed""#));
-    assert_eq!(told.count() as u64, units);
+    let unit_events =
+        text.lines().filter(|l| l.starts_with(r#"{"event":"unit""#) && l.contains(r#""status":"computed""#));
+    assert_eq!(unit_events.count() as u64, units);
     assert!(!bench.path("store/attempts").read_dir().unwrap().any(|_| true));
     // Another run reuses all results. `gc` works once the store is unused.
     let again = bench.run(&["--engine", &cluster.engine(), "--key-file", KEY_FILE]);
@@ -126,7 +127,7 @@ fn user_a_killed_worker_costs_only_its_unfinished_tasks() {
     cluster.kill(0);
     let output = run.wait_with_output().unwrap();
     let (code, last) = ended(&output);
-    assert_eq!(code, 0, "{} {}", stderr(&output), cluster.said());
+    assert_eq!(code, 0, "{} {}", stderr(&output), cluster.worker_stderr());
     // Results that the worker finished without a receipt are reused.
     assert_eq!(total(&last, "computed") + total(&last, "reused"), units);
     same(&bench, "whole", "store");
@@ -143,7 +144,7 @@ fn user_a_restarted_scheduler_keeps_finished_results() {
     cluster.another_scheduler(Duration::from_secs(8));
     let output = run.wait_with_output().unwrap();
     let (code, last) = ended(&output);
-    assert_eq!(code, 0, "{} {}", stderr(&output), cluster.said());
+    assert_eq!(code, 0, "{} {}", stderr(&output), cluster.worker_stderr());
     assert_eq!(total(&last, "computed") + total(&last, "reused"), units);
     same(&bench, "whole", "store");
     assert_once(&cluster);
@@ -160,8 +161,11 @@ fn user_a_run_without_workers_fails_with_a_message_and_the_next_run_resumes() {
     let output = run.wait_with_output().unwrap();
     let (code, last) = ended(&output);
     assert_eq!(code, 1, "{}", stderr(&output));
-    let said = last["failures"].to_string();
-    assert!(said.contains("no worker has been registered with the scheduler") && said.contains("for 8 s"), "{said}");
+    let messages = last["failures"].to_string();
+    assert!(
+        messages.contains("no worker has been registered with the scheduler") && messages.contains("for 8 s"),
+        "{messages}"
+    );
     let finished = total(&last, "computed");
     assert!(finished > 0 && finished < units, "{finished} of {units}");
     // The run waited for workers before it ended.
@@ -169,7 +173,7 @@ fn user_a_run_without_workers_fails_with_a_message_and_the_next_run_resumes() {
     cluster.add("store");
     let again = begun(&bench, &cluster, &[]).wait_with_output().unwrap();
     let (code, last) = ended(&again);
-    assert_eq!(code, 0, "{} {}", stderr(&again), cluster.said());
+    assert_eq!(code, 0, "{} {}", stderr(&again), cluster.worker_stderr());
     assert!(total(&last, "reused") >= finished && total(&last, "computed") > 0);
     // Results published without the others are in separate files.
     assert!(bench.magline(&["compact", "spec.toml"]).status.success());
@@ -199,7 +203,7 @@ fn user_two_runs_at_once_share_a_cluster() {
     for run in [first, second] {
         let output = run.wait_with_output().unwrap();
         let (code, last) = ended(&output);
-        assert_eq!(code, 0, "{} {}", stderr(&output), cluster.said());
+        assert_eq!(code, 0, "{} {}", stderr(&output), cluster.worker_stderr());
         // A shared unit is computed by one run, or by both at the same time.
         assert_eq!(total(&last, "computed") + total(&last, "reused"), units);
     }
@@ -220,7 +224,7 @@ fn user_an_interrupted_run_cancels_its_tasks_and_resumes() {
     let before = computed(&cluster).len() as u64;
     assert!(before < units, "it was over too soon");
     let again = begun(&bench, &cluster, &[]).wait_with_output().unwrap();
-    assert_eq!(ended(&again).0, 0, "{} {}", stderr(&again), cluster.said());
+    assert_eq!(ended(&again).0, 0, "{} {}", stderr(&again), cluster.worker_stderr());
     same(&bench, "whole", "store");
     // A cancelled unit does not count as an attempt.
     assert!(!bench.path("store/attempts").read_dir().unwrap().any(|_| true));
@@ -233,10 +237,10 @@ fn user_a_stopping_worker_returns_its_waiting_tasks() {
     let run = begun(&bench, &cluster, &[]);
     under_way(&cluster);
     send("-TERM", &cluster.workers[0].0);
-    assert_eq!(cluster.workers[0].0.wait().unwrap().code(), Some(0), "{}", cluster.said());
+    assert_eq!(cluster.workers[0].0.wait().unwrap().code(), Some(0), "{}", cluster.worker_stderr());
     let output = run.wait_with_output().unwrap();
     let (code, last) = ended(&output);
-    assert_eq!(code, 0, "{} {}", stderr(&output), cluster.said());
+    assert_eq!(code, 0, "{} {}", stderr(&output), cluster.worker_stderr());
     assert_eq!(total(&last, "computed") + total(&last, "reused"), units);
     same(&bench, "whole", "store");
     assert_once(&cluster);
@@ -249,14 +253,14 @@ fn user_a_worker_with_another_store_exits_with_a_message_and_the_others_compute(
     cluster.add("elsewhere");
     let alone = begun(&bench, &cluster, &["--patience", "4s"]).wait_with_output().unwrap();
     let (code, last) = ended(&alone);
-    let said = last["failures"].to_string();
+    let messages = last["failures"].to_string();
     assert_eq!(code, 1, "{}", stderr(&alone));
     assert!(
-        said.contains("the last worker rejected its task") && said.contains("there is no store elsewhere"),
-        "{said}"
+        messages.contains("the last worker rejected its task") && messages.contains("there is no store elsewhere"),
+        "{messages}"
     );
     assert_eq!(cluster.workers[0].0.wait().unwrap().code(), Some(1));
-    assert!(cluster.said().contains("there is no store elsewhere"), "{}", cluster.said());
+    assert!(cluster.worker_stderr().contains("there is no store elsewhere"), "{}", cluster.worker_stderr());
     assert!(!bench.path("elsewhere").exists());
     // A store of other runs.
     let other = bench.run(&["--set", "store=elsewhere", "--set", "axes.lambda=[0.5]"]);
@@ -265,20 +269,23 @@ fn user_a_worker_with_another_store_exits_with_a_message_and_the_others_compute(
     cluster.add("store");
     let output = begun(&bench, &cluster, &[]).wait_with_output().unwrap();
     let (code, last) = ended(&output);
-    assert_eq!(code, 0, "{} {}", stderr(&output), cluster.said());
+    assert_eq!(code, 0, "{} {}", stderr(&output), cluster.worker_stderr());
     assert_eq!(total(&last, "computed"), units);
     same(&bench, "whole", "store");
     // The worker may have received no task.
     let left = cluster.workers[1].0.try_wait().unwrap();
-    let said = cluster.said();
-    assert!(left.is_none_or(|left| left.code() == Some(1) && said.contains("does not contain the plan")), "{said}");
+    let messages = cluster.worker_stderr();
+    assert!(
+        left.is_none_or(|left| left.code() == Some(1) && messages.contains("does not contain the plan")),
+        "{messages}"
+    );
 }
 
 /// Server that answers every request with the same text.
 #[derive(Clone)]
-struct Says(&'static str);
+struct FixedAnswer(&'static str);
 
-impl Service<http::Request<Body>> for Says {
+impl Service<http::Request<Body>> for FixedAnswer {
     type Response = http::Response<Body>;
     type Error = Infallible;
     type Future = Ready<Result<Self::Response, Infallible>>;
@@ -294,15 +301,15 @@ impl Service<http::Request<Body>> for Says {
 
 /// Server that answers as a scheduler of another version, without a key.
 fn stranger(state: &'static str) -> String {
-    let (tell, told) = channel();
+    let (sender, receiver) = channel();
     spawn(move || {
         tokio::runtime::Runtime::new().unwrap().block_on(async {
             let incoming = TcpIncoming::bind("127.0.0.1:0".parse().unwrap()).unwrap();
-            tell.send(incoming.local_addr().unwrap().to_string()).unwrap();
-            Server::builder().serve_with_incoming(Says(state), incoming).await
+            sender.send(incoming.local_addr().unwrap().to_string()).unwrap();
+            Server::builder().serve_with_incoming(FixedAnswer(state), incoming).await
         })
     });
-    told.recv().unwrap()
+    receiver.recv().unwrap()
 }
 
 #[test]
@@ -313,12 +320,12 @@ fn user_foreign_servers_and_schedulers_of_another_version_are_rejected() {
     let worker = |at: &str| bench.magline(&["worker", "--scheduler", at, "--cores", "1", open]);
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
     let silent = run(&free);
-    let said = stderr(&silent);
+    let messages = stderr(&silent);
     assert!(
-        silent.status.code() == Some(1) && said.contains(&format!("cannot connect to the scheduler at {free}")),
-        "{said}"
+        silent.status.code() == Some(1) && messages.contains(&format!("cannot connect to the scheduler at {free}")),
+        "{messages}"
     );
-    assert!(said.contains("magline scheduler --bind"), "{said}");
+    assert!(messages.contains("magline scheduler --bind"), "{messages}");
     for (state, is) in [
         (r#"{"scheduler_id":"magline-9.9.9-4711"}"#, "is magline 9.9.9; this is magline"),
         (r#"{"scheduler_id":"5c1e"}"#, "is not a scheduler of magline"),

@@ -117,12 +117,12 @@ impl Scene {
         assert!(
             self.cluster.workers[0].0.try_wait().unwrap().is_none(),
             "the worker has ended: {}",
-            self.cluster.said()
+            self.cluster.worker_stderr()
         );
         let engine = self.cluster.engine();
         let run = self.bench.run(&["--engine", &engine, "--key-file", KEY_FILE]);
-        assert_eq!(run.code, 0, "{} {}", run.stderr, self.cluster.said());
-        assert!(!self.cluster.said().contains(SECRET));
+        assert_eq!(run.code, 0, "{} {}", run.stderr, self.cluster.worker_stderr());
+        assert!(!self.cluster.worker_stderr().contains(SECRET));
     }
 
     /// Submits a plan to the scheduler; an error if it is rejected.
@@ -130,7 +130,7 @@ impl Scene {
         let asked = ExecuteQueryParams { query: Some(query), ..ExecuteQueryParams::default() };
         let mut request = Request::new(asked);
         insert_version_header(request.metadata_mut());
-        let answer = SchedulerGrpcClient::new(channel).execute_query(request).await.map_err(said)?;
+        let answer = SchedulerGrpcClient::new(channel).execute_query(request).await.map_err(status_message)?;
         match answer.into_inner().result {
             Some(Outcome::Success(_)) => Ok(()),
             other => Err(format!("{other:?}")),
@@ -148,13 +148,13 @@ impl Scene {
             ..MultiTaskDefinition::default()
         };
         let asked = LaunchMultiTaskParams { multi_tasks: vec![tasks], scheduler_endpoint: self.scheduler.clone() };
-        let answer = ExecutorGrpcClient::new(channel).launch_multi_task(asked).await.map_err(said)?;
+        let answer = ExecutorGrpcClient::new(channel).launch_multi_task(asked).await.map_err(status_message)?;
         let failed = answer.into_inner().failed_jobs;
         if failed.is_empty() { Ok(()) } else { Err(format!("refused: {failed:?}")) }
     }
 }
 
-fn said(status: Status) -> String {
+fn status_message(status: Status) -> String {
     status.to_string()
 }
 
@@ -305,7 +305,7 @@ fn user_clients_with_the_key_can_only_run_tasks_of_magline() {
 #[test]
 fn user_a_cluster_without_a_key_is_rejected_except_on_the_loopback_interface() {
     let bench = Bench::new();
-    let says = |args: &[&str]| {
+    let rejected = |args: &[&str]| {
         let output = bench.magline(args);
         (output.status.code(), crate::support::stderr(&output))
     };
@@ -315,19 +315,19 @@ fn user_a_cluster_without_a_key_is_rejected_except_on_the_loopback_interface() {
         &["worker", "--scheduler", at],
         &["run", "spec.toml", "--engine", "ballista://127.0.0.1:1"],
     ] {
-        let (code, text) = says(args);
+        let (code, text) = rejected(args);
         assert!(
             code == Some(2) && text.contains("the cluster has no key") && text.contains("--key-file"),
             "{args:?}: {text}"
         );
-        let (code, text) = says(&[args, &["--key-file", "none.key"]].concat());
+        let (code, text) = rejected(&[args, &["--key-file", "none.key"]].concat());
         assert!(code == Some(2) && text.contains("cannot read the key in none.key"), "{args:?}: {text}");
     }
     for args in [
         &["scheduler", "--bind", "0.0.0.0:0", "--insecure-loopback"][..],
         &["scheduler", "--bind", "[::]:0", "--insecure-loopback"],
     ] {
-        let (code, text) = says(args);
+        let (code, text) = rejected(args);
         assert!(code == Some(2) && text.contains("other machines can connect to"), "{args:?}: {text}");
     }
 }

@@ -58,18 +58,18 @@ fn scheduler(program: &Path, folder: &Path, bind: &str) -> (Child, String) {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let mut said = BufReader::new(child.stderr.take().unwrap());
+    let mut stderr_reader = BufReader::new(child.stderr.take().unwrap());
     let (mut line, mut all) = (String::new(), String::new());
     let at = loop {
         line.clear();
-        assert!(said.read_line(&mut line).unwrap() > 0, "the scheduler ended: {all}");
+        assert!(stderr_reader.read_line(&mut line).unwrap() > 0, "the scheduler ended: {all}");
         all.push_str(&line);
         if let Some(at) = line.trim().strip_prefix("note: the scheduler listens on ") {
             break at.to_owned();
         }
     };
     // A full pipe would block the scheduler.
-    spawn(move || said.read_to_end(&mut vec![]));
+    spawn(move || stderr_reader.read_to_end(&mut vec![]));
     (child, at)
 }
 
@@ -104,7 +104,7 @@ impl Cluster {
     /// Adds a worker at `port` and the next port, or at two free ports if `port` is 0.
     pub fn add_at(&mut self, store: &str, env: &[(String, String)], port: u16) {
         let path = |ending: &str| self.folder.join(format!("worker{}.{ending}", self.workers.len()));
-        let (receipts, said) = (path("jsonl"), path("log"));
+        let (receipts, log) = (path("jsonl"), path("log"));
         let child = Command::new(&self.program)
             .args(["worker", "--scheduler", &self.at, "--store", store, "--cores", "1", "--heartbeat", "1s"])
             .args(["--key-file", KEY_FILE, "--port", &port.to_string()])
@@ -113,12 +113,12 @@ impl Cluster {
             .envs(env.iter().cloned())
             .stdin(Stdio::null())
             .stdout(fs::File::create(&receipts).unwrap())
-            .stderr(fs::File::create(&said).unwrap())
+            .stderr(fs::File::create(&log).unwrap())
             .spawn()
             .unwrap();
         self.workers.push((child, receipts));
         until("a worker has registered", || {
-            fs::read_to_string(&said).unwrap().contains("registered with the scheduler")
+            fs::read_to_string(&log).unwrap().contains("registered with the scheduler")
         });
     }
 
@@ -146,7 +146,7 @@ impl Cluster {
     }
 
     /// Standard error of the workers.
-    pub fn said(&self) -> String {
+    pub fn worker_stderr(&self) -> String {
         let of = |(_, file): &(Child, PathBuf)| fs::read_to_string(file.with_extension("log")).unwrap();
         self.workers.iter().map(of).collect()
     }

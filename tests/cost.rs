@@ -47,8 +47,8 @@ fn user_rows_and_bytes_are_estimated_before_a_run_and_are_zero_after_it() {
     // A stage that only appends columns keeps the rows of its inputs: 4 lines with 2,400 rows in total, 8 points.
     for (table, real) in [("even", 2400.0), ("terms", 4800.0), ("clean", 19_200.0), ("track", 19_200.0)] {
         assert_eq!(rows(&bench, table), real);
-        let told = number(of(&before, table), "rows");
-        assert!((told / real - 1.0).abs() < 0.01, "{table}: {told} rows, {real} real");
+        let estimated = number(of(&before, table), "rows");
+        assert!((estimated / real - 1.0).abs() < 0.01, "{table}: {estimated} rows, {real} real");
     }
     // The rows of scores depend on the metrics of each line, which the plan does not contain.
     within_two(number(of(&before, "coefficients"), "rows"), rows(&bench, "coefficients"), "coefficients");

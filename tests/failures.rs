@@ -78,8 +78,8 @@ fn user_a_fit_reports_a_too_short_line() {
     short.spec(&FIT.replace("model    =", "where    = \"line = '1.02'\"\nmodel    ="));
     let run = short.run(&[]);
     assert_eq!(run.code, 1);
-    let told = texts(&read(&short.path("store/tables/whole/failures")), "error").join("\n");
-    assert!(told.contains("flight 1, line 1.02 has 40 samples in its longest run and requires "), "{told}");
+    let errors = texts(&read(&short.path("store/tables/whole/failures")), "error").join("\n");
+    assert!(errors.contains("flight 1, line 1.02 has 40 samples in its longest run and requires "), "{errors}");
     // Together with longer lines it is skipped, and the fit reports it.
     short.spec(FIT);
     assert_eq!(short.run(&[]).code, 0);

@@ -136,12 +136,12 @@ fn law_every_filter_is_consistent_and_near_the_cramer_rao_bound() {
 #[test]
 fn law_a_tenfold_error_of_the_assumed_noise_is_estimated() {
     let keys = "measurement_sigma_nt = 0.5\nsigma_max_nt = 50.0";
-    let told = bench(CLEAN, r#""ekf_adaptive""#, keys);
+    let adaptive = bench(CLEAN, r#""ekf_adaptive""#, keys);
     let fixed = bench(CLEAN, r#""ekf""#, "measurement_sigma_nt = 0.5");
     let right = bench(CLEAN, r#""ekf""#, "");
     let of = |bench: &Bench, filter: &str| means(bench, "drms")[filter].0;
-    let (told, fixed, right) = (of(&told, "ekf_adaptive"), of(&fixed, "ekf"), of(&right, "ekf"));
-    assert!(told < 1.2 * right && told < 0.8 * fixed, "{told} {fixed} {right}");
+    let (adaptive, fixed, right) = (of(&adaptive, "ekf_adaptive"), of(&fixed, "ekf"), of(&right, "ekf"));
+    assert!(adaptive < 1.2 * right && adaptive < 0.8 * fixed, "{adaptive} {fixed} {right}");
 }
 
 #[test]
@@ -313,9 +313,9 @@ fn user_keys_of_other_filters_are_rejected_with_the_owning_filter() {
     ] {
         bench.spec(&spec(&format!("\"{filter}\""), key));
         let checked = bench.magline(&["check", "spec.toml"]);
-        let said = stderr(&checked);
-        assert_eq!(checked.status.code(), Some(2), "{filter} {key}: {said}");
-        assert!(said.contains(words), "{filter} {key}: {said}");
+        let message = stderr(&checked);
+        assert_eq!(checked.status.code(), Some(2), "{filter} {key}: {message}");
+        assert!(message.contains(words), "{filter} {key}: {message}");
     }
 }
 

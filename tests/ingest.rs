@@ -68,9 +68,9 @@ fn ref_real_logs_are_read_through_their_mappings() {
         assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
         (stdout(&output), stderr(&output))
     };
-    let (said, noted) = run(&sample("skywalker_x8"), "skywalker_x8_parquet", "sky");
+    let (printed, noted) = run(&sample("skywalker_x8"), "skywalker_x8_parquet", "sky");
     for words in ["control", "attitude", "2013, day 333", "quantisation", "gaps"] {
-        assert!(said.contains(words), "no {words} in {said}");
+        assert!(printed.contains(words), "no {words} in {printed}");
     }
     assert!(noted.contains("its clock read 0 on 2013-11-29 at 21:59:47.520 UTC"), "{noted}");
     let mag = file(&folder.path().join("sky/mag/mag.parquet"));
@@ -236,10 +236,10 @@ fn refused(csv: &str, mapping: &str, code: i32, words: &[&str]) -> TempDir {
     fs::write(folder.path().join("log.csv"), csv).unwrap();
     fs::write(folder.path().join("m.toml"), mapping).unwrap();
     let output = magline(folder.path(), &["ingest", "log.csv", "--to", "out", "--mapping", "m.toml"]);
-    let said = stderr(&output);
-    assert_eq!(output.status.code(), Some(code), "{said}");
+    let printed = stderr(&output);
+    assert_eq!(output.status.code(), Some(code), "{printed}");
     for word in words {
-        assert!(said.contains(word), "no `{word}` in:\n{said}");
+        assert!(printed.contains(word), "no `{word}` in:\n{printed}");
     }
     folder
 }

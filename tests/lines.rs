@@ -34,7 +34,7 @@ fn user_lines_are_divided_by_a_table_of_times() {
     table(&format!("1,out,{},{}\n", tt[10], tt[19]));
     assert_eq!(bench.run(&[]).code, 0);
     assert_eq!(lines(), BTreeMap::from([("out".to_owned(), 10)]));
-    for (rows, says) in [
+    for (rows, expected) in [
         (format!("1,out,{},{}\n", 1000.0 * tt[10], 1000.0 * tt[19]), "no sample is within a line of"),
         (format!("1,out,{},{}\n1,far,900000,900001\n", tt[10], tt[19]), "within the times of 1/far"),
         (format!("1,out,{},{}\n1,in,{},{}\n", tt[10], tt[19], tt[15], tt[30]), "overlap"),
@@ -42,7 +42,7 @@ fn user_lines_are_divided_by_a_table_of_times() {
         table(&rows);
         let run = bench.magline(&["run", "spec.toml"]);
         assert_eq!(run.status.code(), Some(2), "{}", stdout(&run));
-        assert!(stderr(&run).contains(says) && stderr(&run).contains("lines.csv"), "{}", stderr(&run));
+        assert!(stderr(&run).contains(expected) && stderr(&run).contains("lines.csv"), "{}", stderr(&run));
     }
 }
 
@@ -72,9 +72,9 @@ fn user_lines_are_found_shown_edited_and_used() {
     };
     // Detection without an output folder.
     let look = ["ingest", "flown/7.parquet", "--lines", "auto", "--picture", "look.svg", "--write-lines", "lines.csv"];
-    let (said, _) = run(&look, 0);
+    let (printed, _) = run(&look, 0);
     for word in ["box1", "line3", "40000.0", "look.svg", "lines.csv"] {
-        assert!(said.contains(word), "no {word} in {said}");
+        assert!(printed.contains(word), "no {word} in {printed}");
     }
     let picture = fs::read_to_string(at.join("look.svg")).unwrap();
     assert!(

@@ -186,7 +186,7 @@ fn user_an_observatory_record_of_another_day_fails_the_line_with_a_reason() {
 fn user_columns_derived_from_truth_stay_truth_and_units_are_checked() {
     let bench = Bench::new();
     let head = "name = \"small\"\nstore = \"store\"\n[tables.flights]\npath = \"flights/\"\n";
-    let said = |stages: &str| {
+    let check_fault = |stages: &str| {
         bench.spec(&(head.to_owned() + stages));
         let checked = bench.magline(&["check", "spec.toml"]);
         assert_eq!(checked.status.code(), Some(2), "{}", stdout(&checked));
@@ -200,15 +200,16 @@ fn user_columns_derived_from_truth_stay_truth_and_units_are_checked() {
              \"fit\"\n\
              input = \"then\"\nmodel = \"ridge\"\ntarget = \"mag_4_uc\"\nfeatures = [\"{column}\"]\n"
         );
-        let fault = said(&(made.to_owned() + &fit));
+        let fault = check_fault(&(made.to_owned() + &fit));
         assert!(fault.contains(&format!("`{column}` is a truth column")), "{fault}");
     }
-    let wrong = said(
+    let wrong = check_fault(
         "[[stages]]\nname = \"made\"\nstage = \"derive\"\ninput = \"flights\"\ncolumns = { x = \"mag_4_uc + alt\" }\n",
     );
     assert!(wrong.contains("in m") && wrong.contains("spec.toml:9"), "{wrong}");
-    let twice =
-        said("[[stages]]\nname = \"two\"\nstage = \"resample\"\ninput = [\"flights\", \"flights\"]\nrate_hz = 5.0\n");
+    let twice = check_fault(
+        "[[stages]]\nname = \"two\"\nstage = \"resample\"\ninput = [\"flights\", \"flights\"]\nrate_hz = 5.0\n",
+    );
     assert!(twice.contains("both input 1 and input 2 have a column"), "{twice}");
 }
 

@@ -23,10 +23,13 @@ fn ref_ardupilot_logs_of_4_1_and_3_6_are_read_through_their_mappings() {
     {
         let log = repository().join(format!("datasets/reference/logs/{name}.bin")).display().to_string();
         let output = magline(folder.path(), &["ingest", &log, "--to", name, "--mapping", mapping]);
-        let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(0), "{said}");
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(0), "{message}");
         // The clock is 0 at noon GPS time, which is 18 s earlier in UTC since 2017.
-        assert!(said.contains(&format!("its clock read 0 on {year}-")) && said.contains("11:59:42.000 UTC"), "{said}");
+        assert!(
+            message.contains(&format!("its clock read 0 on {year}-")) && message.contains("11:59:42.000 UTC"),
+            "{message}"
+        );
         let table = |table: &str| file(&folder.path().join(format!("{name}/{table}/{name}.parquet")));
         let mag = table("mag");
         let first_and_last = |t: &[RecordBatch], column: &str| {

@@ -8,6 +8,7 @@
 
 mod architecture;
 mod bad_input;
+mod baselines;
 mod bench;
 mod bytes;
 mod calibration;
@@ -46,7 +47,6 @@ mod rasters;
 mod rates;
 mod readers;
 mod reuse;
-mod rivals;
 mod schedule;
 mod scores;
 mod search;

@@ -101,8 +101,8 @@ fn user_a_map_without_node_errors_is_rejected_before_the_run() {
         bench.spec(&format!("{FILES}{more}{spec}"));
         let output = bench.magline(&["check", "spec.toml"]);
         assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
-        let said = stderr(&output);
-        assert!(said.contains("map_error_length_m") && said.contains("`error`"), "{said}");
+        let message = stderr(&output);
+        assert!(message.contains("map_error_length_m") && message.contains("`error`"), "{message}");
     }
     // With invalid standard deviations in this column the map is readable, but the key is rejected.
     write(&bench.path("errors.parquet"), &[changed(&with_errors(), "error", |_, error| -error)]);

@@ -33,7 +33,7 @@ fn osborne() -> (PathBuf, AnomalyGrid, Crs) {
 }
 
 /// Line along a track in eastings and northings, at 10 Hz.
-fn flown(line: &str, crs: &Crs, track: impl Fn(f64) -> (f64, f64), rows: usize) -> RecordBatch {
+fn line_batch(line: &str, crs: &Crs, track: impl Fn(f64) -> (f64, f64), rows: usize) -> RecordBatch {
     let places: Vec<(f64, f64)> = (0..rows)
         .map(|i| {
             let (easting, northing) = track(i as f64);
@@ -71,9 +71,9 @@ fn looked_up(spec: &str) -> (Vec<RecordBatch>, Vec<RecordBatch>, AnomalyGrid, Cr
     // Along two edges through nodes. Steps of 50 m would be 500 m/s, so the step is 10 m and every tenth sample is a
     // node.
     let lines = [
-        flown("1.01", &crs, |i| (west + 10.0 * i, south), 1000),
-        flown("1.02", &crs, |i| (east, south + 10.0 * i), 1000),
-        flown("1.03", &crs, |i| (west + 0.4 * wide + 7.3 * i, south + 0.3 * high + 6.1 * i), 1500),
+        line_batch("1.01", &crs, |i| (west + 10.0 * i, south), 1000),
+        line_batch("1.02", &crs, |i| (east, south + 10.0 * i), 1000),
+        line_batch("1.03", &crs, |i| (west + 0.4 * wide + 7.3 * i, south + 0.3 * high + 6.1 * i), 1500),
     ];
     write(&bench.path("flights.parquet"), &lines);
     bench.spec(&spec.replace("MAP", path.to_str().unwrap()));
@@ -84,8 +84,8 @@ fn looked_up(spec: &str) -> (Vec<RecordBatch>, Vec<RecordBatch>, AnomalyGrid, Cr
 
 #[test]
 fn law_linear_interpolation_of_a_projected_map_is_bilinear_up_to_its_edges() {
-    let (flown, rows, map, crs) = looked_up(SPEC);
-    let [lat, lon] = ["lat", "lon"].map(|name| numbers(&flown, name));
+    let (lines, rows, map, crs) = looked_up(SPEC);
+    let [lat, lon] = ["lat", "lon"].map(|name| numbers(&lines, name));
     let [found, north, east] = ["map_anomaly", "map_grad_n", "map_grad_e"].map(|name| numbers(&rows, name));
     let (mut most, mut squares, mut lost, mut steepest) = (0.0_f64, 0.0, 0, 0.0_f64);
     for i in 0..lat.len() {
@@ -118,8 +118,8 @@ fn law_linear_interpolation_of_a_projected_map_is_bilinear_up_to_its_edges() {
 #[test]
 fn law_levels_of_a_projected_map_are_continued_on_its_native_grid() {
     let lines = "map_levels_m = [500.0, 600.0]\n";
-    let (flown, rows, map, crs) = looked_up(&format!("{SPEC}{lines}"));
-    let [lat, lon] = ["lat", "lon"].map(|name| numbers(&flown, name));
+    let (flight_lines, rows, map, crs) = looked_up(&format!("{SPEC}{lines}"));
+    let [lat, lon] = ["lat", "lon"].map(|name| numbers(&flight_lines, name));
     let [found, up] = ["map_anomaly", "map_grad_u"].map(|name| numbers(&rows, name));
     let (mut most, mut n) = (0.0_f64, 0);
     for i in (0..lat.len()).filter(|i| found[*i].is_finite()) {

@@ -247,8 +247,8 @@ level_m   = 320.0
         }
         // The published file is a map file.
         let file = fs::read_dir(&published).unwrap().flatten().next().unwrap().path();
-        let said = fine(&bench.magline(&["map", "info", &file.display().to_string()]));
-        assert!(said.contains(if name == "up" { "4326" } else { "32632" }), "{said}");
+        let message = fine(&bench.magline(&["map", "info", &file.display().to_string()]));
+        assert!(message.contains(if name == "up" { "4326" } else { "32632" }), "{message}");
     }
 }
 
@@ -276,8 +276,8 @@ fn user_a_failed_map_is_reported_and_its_dependents_are_skipped() {
     let events = fine_or_failed(&bench.magline(&["run", "spec.toml", "--json"]));
     let skipped = events.lines().find(|e| e.contains("\"skipped\"") && e.contains("\"table\":\"level\""));
     assert!(skipped.is_some_and(|e| e.contains("its input `gridded` could not be computed")), "{events}");
-    let told = bench.magline(&["run", "spec.toml"]);
-    assert!(stderr(&told).contains("set `level_m = "), "{}", stderr(&told));
+    let output = bench.magline(&["run", "spec.toml"]);
+    assert!(stderr(&output).contains("set `level_m = "), "{}", stderr(&output));
 }
 
 #[test]
@@ -287,7 +287,7 @@ fn gold_invalid_parameters_are_rejected_before_the_run() {
     let up = "[[stages]]\nname = \"up\"\nstage = \"map_continue\"\nmap = \"anomaly\"\n";
     let grid = "[[stages]]\nname = \"g\"\nstage = \"map_grid\"\ninput = \"points\"\n";
     let value = "[[stages]]\nname = \"v\"\nstage = \"map_value\"\ninput = \"flights\"\nmap = \"up\"\n";
-    for (stages, says) in [
+    for (stages, expected) in [
         (up.to_owned(), "no continuation and no derivative is requested"),
         (format!("{up}to_m = 400.0\nwhere = \"line = '1'\"\n"), "works on maps, which have no lines"),
         (format!("{up}derivative = \"upp\"\n"), "did you mean `up`"),
@@ -305,6 +305,6 @@ fn gold_invalid_parameters_are_rejected_before_the_run() {
         bench.spec(&(TABLES.to_owned() + &stages));
         let output = bench.magline(&["check", "spec.toml"]);
         assert_eq!(output.status.code(), Some(2), "{stages}{}", stdout(&output));
-        assert!(stderr(&output).contains(says), "{stages}{}", stderr(&output));
+        assert!(stderr(&output).contains(expected), "{stages}{}", stderr(&output));
     }
 }

@@ -79,8 +79,8 @@ fn user_downward_and_upward_continuation_restore_the_map_within_the_reported_err
     let bench = Bench::new();
     let output = bench.magline(&["map", "continue", &osborne(), "--to", "450", "-o", "low.tif", "--l-curve", "l.svg"]);
     fine(&output);
-    let told = stderr(&output);
-    let words: Vec<&str> = told.split_whitespace().collect();
+    let message = stderr(&output);
+    let words: Vec<&str> = message.split_whitespace().collect();
     let at = words.windows(2).position(|w| w == ["nT", "rms"]).unwrap();
     let rms: f64 = words[at - 1].parse().unwrap();
     fine(&bench.magline(&["map", "continue", "low.tif", "--to", "500", "-o", "back.parquet"]));
@@ -258,10 +258,10 @@ fn user_distant_points_are_skipped_and_reported() {
     let begun = std::time::Instant::now();
     let output = grid(&bench, &["-o", "grid.parquet"]);
     let report = fine(&output);
-    let told = stderr(&output);
-    assert!(told.contains("note: 2 points are far from all others and removed"), "{told}");
-    assert!(told.contains("points.parquet: row 300, line 1,") && told.contains("row 777, line 3,"), "{told}");
-    assert!(told.contains("--keep-outliers"), "{told}");
+    let message = stderr(&output);
+    assert!(message.contains("note: 2 points are far from all others and removed"), "{message}");
+    assert!(message.contains("points.parquet: row 300, line 1,") && message.contains("row 777, line 3,"), "{message}");
+    assert!(message.contains("--keep-outliers"), "{message}");
     assert!(report.contains("removed: 2 far away, 0 not finite"), "{report}");
     let first = info(bench.folder.path(), "grid.parquet");
     assert_eq!((first["columns"].as_f64(), first["rows"].as_f64()), (Some(41.0), Some(41.0)), "{first}");
@@ -276,7 +276,7 @@ fn user_distant_points_are_skipped_and_reported() {
 fn user_invalid_arguments_are_rejected_before_the_computation() {
     let bench = Bench::new();
     points_of(&bench, |_, _| ());
-    for (args, says) in [
+    for (args, expected) in [
         (&["-o", "grid.xyzzy"][..], "the extension belongs to no writable map format"),
         (&["-o", "none/grid.parquet"], "the folder `none` does not exist"),
         (&["-o", "grid.parquet", "--spacing", "0"], "`--spacing-m` must be above 0, not 0"),
@@ -291,13 +291,13 @@ fn user_invalid_arguments_are_rejected_before_the_computation() {
         // The arguments are checked before the points are opened.
         let output = bench.magline(&[&["map", "grid", "none.parquet"], args].concat());
         assert_eq!(output.status.code(), Some(2), "{args:?}: {}", stderr(&output));
-        assert!(stderr(&output).contains(says), "{args:?}: {}", stderr(&output));
+        assert!(stderr(&output).contains(expected), "{args:?}: {}", stderr(&output));
     }
     let low = grid(&bench, &["-o", "grid.parquet", "--level", "20"]);
     assert_eq!(low.status.code(), Some(2));
-    let said = stderr(&low);
-    assert!(said.contains("20 m high is not available") && said.contains("set `--level-m "), "{said}");
-    let least = said.split("set `--level-m ").nth(1).and_then(|t| t.split('`').next()).unwrap().to_owned();
+    let message = stderr(&low);
+    assert!(message.contains("20 m high is not available") && message.contains("set `--level-m "), "{message}");
+    let least = message.split("set `--level-m ").nth(1).and_then(|t| t.split('`').next()).unwrap().to_owned();
     fine(&grid(&bench, &["-o", "grid.parquet", "--level", &least]));
 }
 
@@ -307,8 +307,8 @@ fn user_levelling_shifts_ties_and_keeps_level_lines() {
     // Ties are 25 nT too high, and their values come from positions 15 m off the recorded ones.
     points_of(&bench, |i, row| {
         if row[4] >= 100.0 {
-            let beside = 15.0 * ((i / 7) as f64).sin();
-            row[3] = 25.0 + 300.0 * ((row[0] - 500_000.0 + beside) / 900.0).sin() * ((row[1] - 5e6) / 1100.0).cos();
+            let shift_m = 15.0 * ((i / 7) as f64).sin();
+            row[3] = 25.0 + 300.0 * ((row[0] - 500_000.0 + shift_m) / 900.0).sin() * ((row[1] - 5e6) / 1100.0).cos();
         }
     });
     let output = grid(&bench, &["-o", "levelled.parquet", "--level", "140", "--level-lines"]);
@@ -374,10 +374,10 @@ fn gold_unreadable_maps_are_rejected_and_leave_no_files() {
     let bench = Bench::new();
     fs::write(bench.path("half.tif"), &fs::read(osborne()).unwrap()[..200_000]).unwrap();
     fs::write(bench.path("empty.nc"), b"").unwrap();
-    for (map, says) in [("half.tif", "TIFF"), ("empty.nc", "empty"), ("none.grd", "does not exist")] {
+    for (map, expected) in [("half.tif", "TIFF"), ("empty.nc", "empty"), ("none.grd", "does not exist")] {
         let output = bench.magline(&["map", "convert", map, "-o", "out.parquet"]);
         assert_eq!(output.status.code(), Some(2), "{map}");
-        assert!(stderr(&output).contains(says) && stderr(&output).contains(map), "{}", stderr(&output));
+        assert!(stderr(&output).contains(expected) && stderr(&output).contains(map), "{}", stderr(&output));
         assert!(!bench.path("out.parquet").exists(), "{map}");
     }
 }

@@ -312,7 +312,7 @@ fn gold_missing_entries_are_rejected() {
 }
 
 /// Line with manoeuvres in all axes. Its magnetometers read the exact terms times eighteen coefficients, plus noise.
-fn flown(line: usize, rows: usize, beta: &[f64], noise_nt: f64, normals: &mut NormalGenerator) -> RecordBatch {
+fn flight_line(line: usize, rows: usize, beta: &[f64], noise_nt: f64, normals: &mut NormalGenerator) -> RecordBatch {
     let t = |i: usize| 0.1 * i as f64;
     let angle = |i: usize, w: f64, a: f64| a * (w * t(i) + line as f64).sin();
     let vector: Vec<[f64; 3]> = (0..rows)
@@ -365,7 +365,7 @@ const AIRCRAFT: [f64; 18] = [
     -830.0,
 ];
 
-fn flown_bench(lines: &[RecordBatch], axes: &str, more: &str) -> Bench {
+fn bench_of_flight(lines: &[RecordBatch], axes: &str, more: &str) -> Bench {
     let bench = Bench { folder: TempDir::new().unwrap() };
     fs::create_dir(bench.path("flights")).unwrap();
     write(&bench.path("flights/F.parquet"), lines);
@@ -381,9 +381,9 @@ fn flown_bench(lines: &[RecordBatch], axes: &str, more: &str) -> Bench {
 #[test]
 fn law_coefficients_of_a_noise_free_flight_are_recovered() {
     let mut normals = NormalGenerator::new(1);
-    let lines: Vec<RecordBatch> = (0..3).map(|k| flown(k, 1500, &AIRCRAFT, 0.0, &mut normals)).collect();
+    let lines: Vec<RecordBatch> = (0..3).map(|k| flight_line(k, 1500, &AIRCRAFT, 0.0, &mut normals)).collect();
     for more in ["", "low_hz = 0.0\nhigh_hz = 0.0\ntrim = 0\n"] {
-        let bench = flown_bench(&lines, "", more);
+        let bench = bench_of_flight(&lines, "", more);
         run(&bench);
         let found = coefficients(&bench, "fit");
         assert_eq!(found.len(), 18);
@@ -397,9 +397,9 @@ fn law_coefficients_of_a_noise_free_flight_are_recovered() {
 fn law_errors_from_noise_match_their_predicted_covariance() {
     let mut normals = NormalGenerator::new(2);
     const REPEATS: usize = 240;
-    let lines: Vec<RecordBatch> = (0..REPEATS).map(|k| flown(k, 300, &AIRCRAFT, 0.5, &mut normals)).collect();
+    let lines: Vec<RecordBatch> = (0..REPEATS).map(|k| flight_line(k, 300, &AIRCRAFT, 0.5, &mut normals)).collect();
     let names: Vec<String> = (0..REPEATS).map(|k| format!("\"L{k:03}\"")).collect();
-    let bench = flown_bench(
+    let bench = bench_of_flight(
         &lines,
         &format!("[axes]\nflown = [{}]\n", names.join(", ")),
         "where = \"line = '$flown'\"\nlow_hz = 0.0\nhigh_hz = 0.0\ntrim = 0\n",

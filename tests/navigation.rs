@@ -80,11 +80,11 @@ fn user_the_date_of_the_spec_takes_precedence_over_the_flight() {
         assert_eq!(run.code, 0, "{}", run.stderr);
         track(bench, "lat")
     };
-    let said = ["--set", WITH_CORE, "--set", "track.decimal_year=1950.25"];
-    let nobody = residual(&Bench::new(), &said);
-    let both = residual(&bench_of(dated(2024.0)), &said);
+    let core_field_keys = ["--set", WITH_CORE, "--set", "track.decimal_year=1950.25"];
+    let nobody = residual(&Bench::new(), &core_field_keys);
+    let both = residual(&bench_of(dated(2024.0)), &core_field_keys);
     assert_eq!(nobody, both);
-    let flight = residual(&bench_of(dated(2024.0)), &said[..2]);
+    let flight = residual(&bench_of(dated(2024.0)), &core_field_keys[..2]);
     assert_ne!(flight, both);
     // The first samples lack the day, others the year. The first sample with both gives the date.
     let holes = residual(
@@ -92,7 +92,7 @@ fn user_the_date_of_the_spec_takes_precedence_over_the_flight() {
             let line = changed(&dated(2024.0)(line), "doy", |row, x| if row < 3 { f64::NAN } else { x });
             changed(&line, "year", |row, x| if row == 3 || row > 20 { f64::NAN } else { x })
         }),
-        &said[..2],
+        &core_field_keys[..2],
     );
     // One second is 3e-8 of a year.
     assert!(close(&holes, &flight, 1e-12));
@@ -165,8 +165,8 @@ fn user_a_sample_without_diurnal_has_no_measurement() {
     bench.spec(&spec.replace("stage   = \"resample\"", "stage   = \"resample\"\nmax_gap_s = 0.2"));
     let run = bench.run(&[]);
     assert_eq!(run.code, 0, "{}", run.stderr);
-    let fates = texts(&read(&bench.path("store/tables/small/track")), "update");
-    let missing = fates.iter().filter(|f| *f == "missing").count();
+    let updates = texts(&read(&bench.path("store/tables/small/track")), "update");
+    let missing = updates.iter().filter(|f| *f == "missing").count();
     // Ten samples on each of four lines.
     assert!((40..=48).contains(&missing), "{missing}");
 }
@@ -207,8 +207,8 @@ fn user_automatic_noise_uses_the_calibration_residual() {
         ("residual_fogm_sigma", "mag_fogm_sigma"),
         ("residual_fogm_tau", "mag_fogm_tau"),
     ] {
-        let (found, told) = (numbers(&model, of_model), numbers(&clean, of_line));
-        assert!(found[0] > 0.0 && found.iter().chain(&told).all(|x| *x == found[0]), "{of_model} {found:?}");
+        let (found, on_line) = (numbers(&model, of_model), numbers(&clean, of_line));
+        assert!(found[0] > 0.0 && found.iter().chain(&on_line).all(|x| *x == found[0]), "{of_model} {found:?}");
     }
     // The same numbers set explicitly. With an offset the FOGM part has twice the variance and time constant.
     let by_hand = track(&bench, "lat");

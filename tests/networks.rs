@@ -146,26 +146,26 @@ fn killed(keys: &str) {
 #[test]
 fn user_invalid_keys_of_networks_are_rejected() {
     let bench = Bench::new();
-    let said = |keys: &str| {
+    let check_fault = |keys: &str| {
         bench.spec(&spec("x = [1]", keys).replace("[axes]\nx = [1]\n", ""));
         let checked = bench.magline(&["check", "spec.toml"]);
         assert_eq!(checked.status.code(), Some(2), "{keys}: {}", stdout(&checked));
         stderr(&checked)
     };
-    let filtered = said("model = \"m1\"\nlow_hz = 0.1");
+    let filtered = check_fault("model = \"m1\"\nlow_hz = 0.1");
     assert!(
         filtered.contains("`low_hz` applies to linear models only; `m1` is fitted to unfiltered samples"),
         "{filtered}"
     );
-    let foreign = said("model = \"m1\"\nlambda = 0.1");
+    let foreign = check_fault("model = \"m1\"\nlambda = 0.1");
     assert!(foreign.contains("`lambda` belongs to"), "{foreign}");
-    let threshold = said("model = \"m2c\"\nhuber_threshold = 2.0");
+    let threshold = check_fault("model = \"m2c\"\nhuber_threshold = 2.0");
     assert!(threshold.contains("has no effect without `training_loss = \"huber\"`"), "{threshold}");
-    let deep = said("model = \"m1\"\nhidden = [8, 8, 8, 8]");
+    let deep = check_fault("model = \"m1\"\nhidden = [8, 8, 8, 8]");
     assert!(deep.contains("a network has at most three hidden layers"), "{deep}");
-    let unvalidated = said("model = \"m1\"\npatience = 10");
+    let unvalidated = check_fault("model = \"m1\"\npatience = 10");
     assert!(unvalidated.contains("name lines or flights in `validation`"), "{unvalidated}");
-    let untrained = said("model = \"m1\"\nepochs = 0");
+    let untrained = check_fault("model = \"m1\"\nepochs = 0");
     assert!(untrained.contains("nothing is trained"), "{untrained}");
 }
 
@@ -361,19 +361,19 @@ fn user_unsuitable_initial_models_are_rejected() {
                  target = \"target\"\nmodel = \"ridge\"\n\n[[stages]]\nname = \"second\"\nstage = \"fit\"\n\
                  input = \"wanted\"\ntarget = \"target\"\n";
     let with = |keys: &str| bench.spec(&spec("x = [1]", &format!("{first}{keys}")).replace("[axes]\nx = [1]\n", ""));
-    let said = |keys: &str| {
+    let check_fault = |keys: &str| {
         with(keys);
         let checked = bench.magline(&["check", "spec.toml"]);
         assert_eq!(checked.status.code(), Some(2), "{keys}: {}", stdout(&checked));
         stderr(&checked)
     };
-    let linear = said("model = \"ridge\"\nwarm_start = \"network\"");
+    let linear = check_fault("model = \"ridge\"\nwarm_start = \"network\"");
     assert!(linear.contains("`ridge` has no weights") && linear.contains("warm_start = "), "{linear}");
-    let lines = said("model = \"m1\"\nwarm_start = \"terms\"");
+    let lines = check_fault("model = \"m1\"\nwarm_start = \"terms\"");
     assert!(lines.contains("`warm_start` requires a model table, but `terms` is a table of flight lines"), "{lines}");
-    let unknown = said("model = \"m1\"\nwarm_start = \"netwrok\"");
+    let unknown = check_fault("model = \"m1\"\nwarm_start = \"netwrok\"");
     assert!(unknown.contains("did you mean `network`?"), "{unknown}");
-    let missing = said("model = \"m1\"\nwarm_start = \"flights\"");
+    let missing = check_fault("model = \"m1\"\nwarm_start = \"flights\"");
     assert!(missing.contains("flights") && missing.contains("term"), "{missing}");
     // The content of a table is checked once the table exists.
     for (keys, what) in [

@@ -86,9 +86,9 @@ fn refused(lines: &[RecordBatch], more: &str) -> String {
     assert_eq!(errors.len(), 1, "{errors:?}");
     let check = bench.magline(&["check", "spec.toml"]);
     assert_eq!(check.status.code(), Some(2), "{}", stdout(&check));
-    let said = stderr(&check);
+    let printed = stderr(&check);
     let what = errors[0].split(" (").next().unwrap();
-    assert!(said.contains(what) && said.contains("--> spec.toml:6:8"), "{what}\n{said}");
+    assert!(printed.contains(what) && printed.contains("--> spec.toml:6:8"), "{what}\n{printed}");
     // The same values are accepted with `accept`.
     let accepted = format!("accept = [\"range\"]\n{more}");
     bench.spec(&SPEC.replace("path = \"flights/\"", &format!("path = \"flights/\"\n{accepted}")));
@@ -103,9 +103,9 @@ fn each(flight: &RecordBatch, columns: &[&str], change: impl Fn(f64) -> f64) -> 
     columns.iter().fold(flight.clone(), |b, column| changed(&b, column, |_, x| change(x)))
 }
 
-fn contains(said: &str, words: &[&str]) {
+fn contains(printed: &str, words: &[&str]) {
     for word in words {
-        assert!(said.contains(word), "{word} is not in\n{said}");
+        assert!(printed.contains(word), "{word} is not in\n{printed}");
     }
 }
 
@@ -114,9 +114,9 @@ fn user_a_field_in_another_unit_is_rejected_with_that_unit() {
     let flight = total("1.01", 300);
     // 48,000 nT in a column declared as microtesla.
     let declared = renamed(&flight, "mag_4_uc", "cabin_uT");
-    let said = refused(&[declared], "rename = { \"cabin_uT\" = \"mag_4_uc\" }");
+    let printed = refused(&[declared], "rename = { \"cabin_uT\" = \"mag_4_uc\" }");
     contains(
-        &said,
+        &printed,
         &[
             "flights/1.parquet, flight 1, line 1.01, column `mag_4_uc`, row 0: 4",
             "nT is not a total field of the earth (15,000 to 80,000 nT); this applies to 300 of 300 values",
@@ -126,23 +126,23 @@ fn user_a_field_in_another_unit_is_rejected_with_that_unit() {
         ],
     );
     for (factor, unit) in [(1e-9, "T"), (1e-3, "uT"), (1e-2, "mgauss"), (1e-5, "gauss")] {
-        let said = refused(&[each(&flight, &["mag_4_uc"], |x| x * factor)], "");
+        let printed = refused(&[each(&flight, &["mag_4_uc"], |x| x * factor)], "");
         contains(
-            &said,
+            &printed,
             &["column `mag_4_uc`, row 0", &format!("if the value is in {unit}, it is 4"), &format!("= \"{unit}\" }}`")],
         );
         // One mistake of a vector magnetometer gives one message.
-        let said = refused(&[each(&flight, &["flux_a_x", "flux_a_y", "flux_a_z"], |x| x * factor)], "");
-        contains(&said, &["column `flux_a_x`", "vector magnetometer", &format!("\"flux_a_z\" = \"{unit}\"")]);
+        let printed = refused(&[each(&flight, &["flux_a_x", "flux_a_y", "flux_a_z"], |x| x * factor)], "");
+        contains(&printed, &["column `flux_a_x`", "vector magnetometer", &format!("\"flux_a_z\" = \"{unit}\"")]);
     }
-    let said = refused(&[each(&flight, &["flux_a_x", "flux_a_y", "flux_a_z"], |x| x * 1e3)], "");
-    contains(&said, &["column `flux_a_x`", "vector magnetometer"]);
+    let printed = refused(&[each(&flight, &["flux_a_x", "flux_a_y", "flux_a_z"], |x| x * 1e3)], "");
+    contains(&printed, &["column `flux_a_x`", "vector magnetometer"]);
 }
 
 #[test]
 fn user_impossible_positions_are_rejected() {
     let flight = total("1.01", 300);
-    for (column, value, says) in [
+    for (column, value, expected_text) in [
         ("lat", 95.0, "95 deg is not a latitude (-90 to 90 deg)"),
         ("lat", -100.0, "-100 deg is not a latitude"),
         ("lon", 500.0, "500 deg is not a longitude (-180 to 360 deg)"),
@@ -150,8 +150,11 @@ fn user_impossible_positions_are_rejected() {
         ("alt", 2e5, "200,000 m is not a plausible aircraft height (-1000 to 100,000 m)"),
     ] {
         // One impossible position is enough.
-        let said = refused(&[changed(&flight, column, |i, x| if i == 123 { value } else { x })], "");
-        contains(&said, &["flights/1.parquet, flight 1, line 1.01", &format!("column `{column}`, row 123: {says}")]);
+        let printed = refused(&[changed(&flight, column, |i, x| if i == 123 { value } else { x })], "");
+        contains(
+            &printed,
+            &["flights/1.parquet, flight 1, line 1.01", &format!("column `{column}`, row 123: {expected_text}")],
+        );
     }
     let nmea = changed(&flight, "lat", |i, _| 2603.0 + 0.001 * i as f64);
     contains(&refused(&[nmea], ""), &["2603 deg is not a latitude", "(NMEA ddmm.mm), it is 26.05 deg"]);
@@ -167,13 +170,16 @@ fn user_impossible_positions_are_rejected() {
 #[test]
 fn user_radians_are_detected_from_the_ins_the_velocities_or_the_speed() {
     let radians = |b: &RecordBatch| each(b, &["lat", "lon"], f64::to_radians);
-    let says = "set `units = { \"lat\" = \"rad\", \"lon\" = \"rad\" }`";
+    let expected_text = "set `units = { \"lat\" = \"rad\", \"lon\" = \"rad\" }`";
     let ins = radians(&total("1.01", 600));
-    let said = refused(&[ins], "");
-    contains(&said, &["column `lat`, row 0: the INS at 44.9", "km from the position 0.78", says]);
+    let printed = refused(&[ins], "");
+    contains(&printed, &["column `lat`, row 0: the INS at 44.9", "km from the position 0.78", expected_text]);
     let no_ins = |b: RecordBatch| ["ins_lat", "ins_lon", "ins_alt"].iter().fold(b, |b, c| without(&b, c));
-    contains(&refused(&[radians(&no_ins(moving("1.01", 600)))], ""), &["column `lat`", "probably in radians", says]);
-    contains(&refused(&[radians(&no_ins(total("1.01", 600)))], ""), &["column `lat`", "Gulf of Guinea", says]);
+    contains(
+        &refused(&[radians(&no_ins(moving("1.01", 600)))], ""),
+        &["column `lat`", "probably in radians", expected_text],
+    );
+    contains(&refused(&[radians(&no_ins(total("1.01", 600)))], ""), &["column `lat`", "Gulf of Guinea", expected_text]);
     let far = changed(&total("1.01", 300), "ins_lat", |i, x| if i > 100 { x + 9.0 } else { x });
     contains(&refused(&[far], ""), &["column `ins_lat`, row 101", "is 1001 km from the position"]);
 }
@@ -183,16 +189,19 @@ fn user_velocities_and_heights_in_another_unit_are_rejected() {
     let flight = moving("1.01", 600);
     assert_eq!(bench(std::slice::from_ref(&flight), "").run(&[]).code, 0);
     for (factor, unit) in [(3.6, "km/h"), (1.0 / 0.514_444, "kn"), (1.0 / 0.3048, "ft/s")] {
-        let said = refused(&[each(&flight, &["vn", "ve"], |x| x * factor)], "");
+        let printed = refused(&[each(&flight, &["vn", "ve"], |x| x * factor)], "");
         contains(
-            &said,
+            &printed,
             &["the positions move at", &format!("`units = {{ \"vn\" = \"{unit}\", \"ve\" = \"{unit}\" }}`")],
         );
     }
     contains(&refused(&[each(&flight, &["ve"], |x| -x)], ""), &["longitude and `ve` have opposite signs"]);
     let feet = each(&flight, &["alt"], |x| x / 0.3048);
-    let said = refused(&[renamed(&feet, "alt", "height")], "rename = { \"height\" = \"alt\" }");
-    contains(&said, &["column `alt`", "`alt` and `ins_alt` are 684 m apart", "set `units = { \"height\" = \"ft\" }`"]);
+    let printed = refused(&[renamed(&feet, "alt", "height")], "rename = { \"height\" = \"alt\" }");
+    contains(
+        &printed,
+        &["column `alt`", "`alt` and `ins_alt` are 684 m apart", "set `units = { \"height\" = \"ft\" }`"],
+    );
     // The heights are 487 m apart and would agree if 700 were in feet, but both rise together.
     let rising = |from: f64| move |i: usize, _: f64| from + 20.0 * (0.05 * i as f64).sin();
     let flight = changed(&changed(&flight, "alt", rising(700.0)), "ins_alt", rising(213.0));
@@ -254,9 +263,9 @@ fn user_one_mistake_of_a_file_gives_one_message() {
     let bench = bench(&lines, "");
     let output = bench.magline(&["run", "spec.toml"]);
     assert_eq!(output.status.code(), Some(1));
-    let said = stderr(&output);
-    assert_eq!(said.matches("not a total field").count(), 1, "{said}");
-    contains(&said, &["line 1.01", "(and in 2 more lines of the file)"]);
+    let printed = stderr(&output);
+    assert_eq!(printed.matches("not a total field").count(), 1, "{printed}");
+    contains(&printed, &["line 1.01", "(and in 2 more lines of the file)"]);
     assert_eq!(errors(&bench).len(), 3);
     assert_eq!(stderr(&bench.magline(&["check", "spec.toml"])).matches("not a total field").count(), 1);
     // Three mistakes give three messages in one run.
@@ -264,9 +273,9 @@ fn user_one_mistake_of_a_file_gives_one_message() {
     write(&bench.path("flights/1.parquet"), &[wrong]);
     let done: Done = bench.run(&[]);
     assert_eq!(done.code, 1);
-    let said = errors(&bench);
-    assert_eq!(said.len(), 3, "{said:?}");
-    for (error, unit) in said.iter().zip(["T", "rad", "ft"]) {
+    let printed = errors(&bench);
+    assert_eq!(printed.len(), 3, "{printed:?}");
+    for (error, unit) in printed.iter().zip(["T", "rad", "ft"]) {
         contains(error, &[&format!("= \"{unit}\"")]);
     }
 }
@@ -276,14 +285,14 @@ fn user_all_options_of_tables_are_checked_like_parameters() {
     let bench = bench(&[total("1.01", 100)], "fromat = \"csv\"\nunits = { mag_1_uc = 5 }\nepsg = 70000\nline = 7");
     let done = bench.run(&[]);
     assert_eq!(done.code, 2);
-    let said = [
+    let expected_messages = [
         "`flights` has no parameter `fromat`",
         "did you mean `format`?",
         "`units.mag_1_uc` of `flights` must be a text, not 5",
         "`epsg` of `flights` must be a whole number below 65536, not 70000",
         "`line` of `flights` must be a text, not 7",
     ];
-    contains(&done.stderr, &said);
+    contains(&done.stderr, &expected_messages);
 }
 
 #[test]
@@ -303,7 +312,7 @@ fn user_sql_rejects_impossible_positions_and_dates() {
     let bench = bench(&[total("1.01", 100)], "");
     assert_eq!(bench.run(&[]).code, 0);
     let ask = |call: &str| bench.magline(&["sql", &format!("SELECT {call} AS f"), "--format", "csv"]);
-    for (call, says) in [
+    for (call, expected_text) in [
         ("igrf(2603.0, 10.0, 0.0, 2020.0)", "2603.0 is not a latitude; the range is -90 to 90 deg"),
         ("wmm(-100.0, 10.0, 0.0, 2020.0)", "-100.0 is not a latitude"),
         ("igrf_n(45.0, 500.0, 0.0, 2020.0)", "500.0 is not a longitude; the range is -180 to 360 deg"),
@@ -315,7 +324,7 @@ fn user_sql_rejects_impossible_positions_and_dates() {
     ] {
         let output = ask(call);
         assert_eq!(output.status.code(), Some(2), "{call}: {}", stdout(&output));
-        assert!(stderr(&output).contains(says), "{call}: {}", stderr(&output));
+        assert!(stderr(&output).contains(expected_text), "{call}: {}", stderr(&output));
     }
     for nothing in ["igrf(NULL, 10.0, 0.0, 2020.0)", "igrf(45.0, 10.0, CAST('NaN' AS DOUBLE), 2020.0)"] {
         assert_eq!(stdout(&ask(nothing)), "f\n\"\"\n", "{nothing}");

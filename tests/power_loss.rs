@@ -178,12 +178,12 @@ impl Scene {
             Ok(answer) if answer == whole.answer => Ok(()),
             Ok(answer) => Err(format!("another answer:\n{answer}")),
             // Passthrough columns are read from packs. Packs of the previous version may be gone.
-            Err(said) => Err(format!("no answer: {said}")),
+            Err(message) => Err(format!("no answer: {message}")),
         }
     }
 
     /// Asserts after a loss that no partial data is readable and that one run completes the store.
-    fn goes_on(&self, store: &str, more: &[&str], wholes: &[&Shown], end: &Shown) -> Result<(), String> {
+    fn resumes(&self, store: &str, more: &[&str], wholes: &[&Shown], end: &Shown) -> Result<(), String> {
         self.is_one_of(store, wholes)?;
         self.run(store, more)?;
         if self.files(store) != end.files {
@@ -236,7 +236,7 @@ fn end_first_runs(step: usize) {
         scene.remove("store");
         // The order of the points varies between runs; their number does not.
         assert!(scene.dies("store", &[], end), "{end:?}: it came to its end");
-        if let Err(fault) = scene.goes_on("store", &[], &[&whole], &whole) {
+        if let Err(fault) = scene.resumes("store", &[], &[&whole], &whole) {
             faults.push(format!("{end:?}: {fault}"));
         }
     }
@@ -256,7 +256,7 @@ fn end_second_runs(step: usize) {
         scene.remove("store");
         scene.run("store", &[]).unwrap();
         assert!(scene.dies("store", &CHANGED, end), "{end:?}: it came to its end");
-        if let Err(fault) = scene.goes_on("store", &CHANGED, &[&old, &new], &new) {
+        if let Err(fault) = scene.resumes("store", &CHANGED, &[&old, &new], &new) {
             faults.push(format!("{end:?}: {fault}"));
         }
     }
@@ -367,7 +367,7 @@ fn flip_bits(positions: u64) {
                 let files = files();
                 let file = &files[usize::try_from(next()).unwrap() % files.len()];
                 let what = format!("{kind} {position}: {}", flip(file, next(), keep_time));
-                if let Err(fault) = heals(&scene, &whole) {
+                if let Err(fault) = repairs_damage(&scene, &whole) {
                     faults.push(format!("{what}: {fault}"));
                     fresh();
                 }
@@ -378,7 +378,7 @@ fn flip_bits(positions: u64) {
 }
 
 /// Asserts that a damaged store gives the correct answer or an error, and that two runs repair it.
-fn heals(scene: &Scene, whole: &Shown) -> Result<(), String> {
+fn repairs_damage(scene: &Scene, whole: &Shown) -> Result<(), String> {
     // True if the query succeeds.
     let asked = || match scene.ask("store") {
         Ok(answer) if answer != whole.answer => Err(format!("another answer:\n{answer}")),

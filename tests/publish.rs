@@ -100,9 +100,9 @@ fn line_folder(set: &str, table: &str, flight: &str, line: &str) -> String {
 fn user_a_published_set_holds_the_rows_of_the_run_and_verifies() {
     let bench = ran(&[]);
     published(&bench, &["scores", "clean", "coefficients", "flights", "anomaly"], "set", &[]);
-    let (code, said) = verify(&bench, "set");
-    assert_eq!(code, Some(0), "{said}");
-    assert!(said.contains("all verified"), "{said}");
+    let (code, message) = verify(&bench, "set");
+    assert_eq!(code, Some(0), "{message}");
+    assert!(message.contains("all verified"), "{message}");
     // The rows are those of the store, in the order of axes and time.
     let sums = |batches: &[RecordBatch], column: &str| numbers(batches, column).iter().sum::<f64>();
     let stored = read(&bench.path("store/tables/small/clean"));
@@ -125,8 +125,8 @@ fn user_a_published_set_holds_the_rows_of_the_run_and_verifies() {
         assert!(keys.is_sorted_by(|a, b| a < b), "{line}: keys ascend, and none is there twice");
     }
     // A table of files is published unchanged.
-    let flown = read(&bench.path(&line_folder("set", "flights", "1", "1.02")));
-    assert_eq!(numbers(&flown, "mag_4_uc").len(), 500);
+    let clean = read(&bench.path(&line_folder("set", "flights", "1", "1.02")));
+    assert_eq!(numbers(&clean, "mag_4_uc").len(), 500);
     // Compressed by zstd, with statistics.
     let file = fs::File::open(bench.path("set/data/scores/part-0.parquet")).unwrap();
     let metadata = SerializedFileReader::new(file).unwrap().metadata().clone();
@@ -235,9 +235,9 @@ fn user_all_damage_to_a_set_is_found_and_reported() {
         }
     };
     let found = |what: &str, wanted: &[&str]| {
-        let (code, said) = verify(&bench, "set");
-        assert_eq!(code, Some(1), "{what}: {said}");
-        wanted.iter().for_each(|w| assert!(said.contains(w), "{what}: {w}: {said}"));
+        let (code, message) = verify(&bench, "set");
+        assert_eq!(code, Some(1), "{what}: {message}");
+        wanted.iter().for_each(|w| assert!(message.contains(w), "{what}: {w}: {message}"));
         restore();
     };
     // A flipped bit, a truncated file, a missing file and an extra file, for each file.
@@ -248,8 +248,8 @@ fn user_all_damage_to_a_set_is_found_and_reported() {
         bytes[at] ^= 1;
         fs::write(&path, &bytes).unwrap();
         // An altered checksum is reported for its file.
-        let told: &[&str] = if name == "SHA256SUMS" { &[] } else { &[name] };
-        found(&format!("a flipped bit in {name}"), told);
+        let named: &[&str] = if name == "SHA256SUMS" { &[] } else { &[name] };
+        found(&format!("a flipped bit in {name}"), named);
         fs::write(&path, &original[name][..at]).unwrap();
         found(&format!("{name} cut"), &[name]);
         fs::remove_file(&path).unwrap();
@@ -299,8 +299,8 @@ fn user_all_damage_to_a_set_is_found_and_reported() {
     fs::copy(bench.path(&other), bench.path(&data)).unwrap();
     resum();
     found("another line's rows", &[data.strip_prefix("set/").unwrap()]);
-    let (code, said) = verify(&bench, "set");
-    assert_eq!(code, Some(0), "{said}");
+    let (code, message) = verify(&bench, "set");
+    assert_eq!(code, Some(0), "{message}");
     // A folder that is not a published set, and a store.
     assert_eq!(verify(&bench, "flights").0, Some(2));
     assert_eq!(verify(&bench, "store").0, Some(0));
@@ -312,21 +312,21 @@ fn user_a_folder_that_is_no_published_set_is_never_overwritten() {
     fs::create_dir(bench.path("mine")).unwrap();
     fs::write(bench.path("mine/thesis.tex"), "years of work").unwrap();
     for more in [&["--to", "mine"][..], &["--to", "mine", "--replace"]] {
-        let said = refused(&publish(&bench, &["scores"], more));
-        assert!(said.contains("mine is a folder, but not a published set"), "{said}");
+        let message = refused(&publish(&bench, &["scores"], more));
+        assert!(message.contains("mine is a folder, but not a published set"), "{message}");
     }
     assert_eq!(fs::read_to_string(bench.path("mine/thesis.tex")).unwrap(), "years of work");
     published(&bench, &["scores"], "set", &[]);
     // Publishing the same set again changes nothing. Another set requires `--replace`.
     assert!(published(&bench, &["scores"], "set", &[]).contains("already holds the same published set"));
     let before = files(&bench.path("set"));
-    let said = refused(&publish(&bench, &["coefficients"], &["--to", "set"]));
-    assert!(said.contains("--replace"), "{said}");
+    let message = refused(&publish(&bench, &["coefficients"], &["--to", "set"]));
+    assert!(message.contains("--replace"), "{message}");
     assert_eq!(files(&bench.path("set")), before);
     // A foreign file in the set is kept.
     fs::write(bench.path("set/notes.txt"), "x").unwrap();
-    let said = refused(&publish(&bench, &["coefficients"], &["--to", "set", "--replace"]));
-    assert!(said.contains("notes.txt"), "{said}");
+    let message = refused(&publish(&bench, &["coefficients"], &["--to", "set", "--replace"]));
+    assert!(message.contains("notes.txt"), "{message}");
     fs::remove_file(bench.path("set/notes.txt")).unwrap();
     published(&bench, &["coefficients"], "set", &["--replace"]);
     assert!(bench.path("set/data/coefficients").exists() && !bench.path("set/data/scores").exists());
@@ -344,19 +344,19 @@ fn user_a_folder_that_is_no_published_set_is_never_overwritten() {
 #[test]
 fn user_missing_metadata_is_reported_with_the_required_key() {
     let bench = Bench::new();
-    let said = refused(&publish(&bench, &["scores"], &["--to", "set"]));
-    assert!(said.contains("[publish]") && said.contains("title"), "{said}");
+    let message = refused(&publish(&bench, &["scores"], &["--to", "set"]));
+    assert!(message.contains("[publish]") && message.contains("title"), "{message}");
     bench.spec(&spec(&[]));
-    let said = refused(&publish(&bench, &["scores"], &["--to", "set"]));
-    assert!(said.contains("magline run spec.toml"), "{said}");
+    let message = refused(&publish(&bench, &["scores"], &["--to", "set"]));
+    assert!(message.contains("magline run spec.toml"), "{message}");
     assert!(!bench.path("store").exists() && !bench.path("set").exists());
     let done = bench.run(&[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
-    let said = refused(&publish(&bench, &["score"], &["--to", "set"]));
-    assert!(said.contains("did you mean `scores`?"), "{said}");
+    let message = refused(&publish(&bench, &["score"], &["--to", "set"]));
+    assert!(message.contains("did you mean `scores`?"), "{message}");
     // Results of another spec are not published under this one.
-    let said = refused(&publish(&bench, &["scores"], &["--to", "set", "--set", "axes.lambda=[0.5]"]));
-    assert!(said.contains("magline run spec.toml --set 'axes.lambda=[0.5]'"), "{said}");
+    let message = refused(&publish(&bench, &["scores"], &["--to", "set", "--set", "axes.lambda=[0.5]"]));
+    assert!(message.contains("magline run spec.toml --set 'axes.lambda=[0.5]'"), "{message}");
     // `check` reports errors in the metadata with their positions.
     for (from, to, wanted) in [
         ("licence ", "license ", "did you mean `licence`?"),
@@ -365,12 +365,12 @@ fn user_missing_metadata_is_reported_with_the_required_key() {
         ("given  = \"Ada\"\n", "", "`given` and `family`"),
     ] {
         bench.spec(&spec(&[(from, to)]));
-        let said = refused(&bench.magline(&["check", "spec.toml"]));
-        assert!(said.contains(wanted) && said.contains("spec.toml:"), "{wanted}: {said}");
+        let message = refused(&bench.magline(&["check", "spec.toml"]));
+        assert!(message.contains(wanted) && message.contains("spec.toml:"), "{wanted}: {message}");
     }
     bench.spec(&spec(&[("CC-BY-4.0", "My own")]));
-    let said = refused(&publish(&bench, &["scores"], &["--to", "set"]));
-    assert!(said.contains("licence_url"), "{said}");
+    let message = refused(&publish(&bench, &["scores"], &["--to", "set"]));
+    assert!(message.contains("licence_url"), "{message}");
     assert!(!bench.path("set").exists());
 }
 
@@ -387,9 +387,9 @@ fn user_columns_derived_from_a_restricted_column_are_not_published() {
         ("flights", "flights.mag_4_uc"),
         ("even", "even.mag_4_uc <- flights.mag_4_uc"),
     ] {
-        let said = refused(&publish(&bench, &[table], &["--to", "set"]));
-        assert!(said.contains(chain) && said.contains("the survey agreement"), "{table}: {said}");
-        assert!(said.contains("--include-restricted"), "{said}");
+        let message = refused(&publish(&bench, &[table], &["--to", "set"]));
+        assert!(message.contains(chain) && message.contains("the survey agreement"), "{table}: {message}");
+        assert!(message.contains("--include-restricted"), "{message}");
         assert!(!bench.path("set").exists());
     }
     // Aggregates and independent columns are published without restricted values.
@@ -426,8 +426,8 @@ fn user_single_samples_of_a_small_table_are_no_aggregate() {
     };
     let one = ("mag    = [\"mag_4_uc\", \"mag_5_uc\"]", "mag    = [\"mag_4_uc\"]");
     let bench = ran(&[RESTRICTED, one, ("truth = \"mag_1_c\"", &importance(""))]);
-    let said = refused(&publish(&bench, &["weights"], &["--to", "set"]));
-    assert!(said.contains("weights.sample_values <- terms.mag_4_uc"), "{said}");
+    let message = refused(&publish(&bench, &["weights"], &["--to", "set"]));
+    assert!(message.contains("weights.sample_values <- terms.mag_4_uc"), "{message}");
     bench.spec(&spec(&[RESTRICTED, one, ("truth = \"mag_1_c\"", &importance("kept_samples = 0"))]));
     assert_eq!(bench.run(&[]).code, 0);
     published(&bench, &["weights"], "set", &[]);
@@ -460,26 +460,26 @@ fn user_whole_tables_embargoes_and_maps_are_protected() {
         let output = publish(&bench, &[table], &["--to", to]);
         (output.status.code(), stderr(&output))
     };
-    let (status, said) = code(&of(flights, "restricted = true"), "terms", "a");
-    assert_eq!(status, Some(2), "{said}");
+    let (status, message) = code(&of(flights, "restricted = true"), "terms", "a");
+    assert_eq!(status, Some(2), "{message}");
     assert_eq!(code(&of(flights, "restricted = true"), "scores", "b").0, Some(0));
-    let (status, said) = code(&of(flights, "embargo = \"2999-01-01\""), "even", "c");
-    assert!(status == Some(2) && said.contains("until 2999-01-01"), "{said}");
+    let (status, message) = code(&of(flights, "embargo = \"2999-01-01\""), "even", "c");
+    assert!(status == Some(2) && message.contains("until 2999-01-01"), "{message}");
     assert_eq!(code(&of(flights, "embargo = \"2020-01-01\""), "even", "d").0, Some(0));
     // Values from a restricted map are restricted.
     let map = "path = \"map.parquet\"";
-    let (status, said) = code(&of(map, "restricted = true"), "track", "e");
-    assert!(status == Some(2) && said.contains("anomaly.anomaly"), "{said}");
+    let (status, message) = code(&of(map, "restricted = true"), "track", "e");
+    assert!(status == Some(2) && message.contains("anomaly.anomaly"), "{message}");
     assert_eq!(code(&of(map, "restricted = true"), "clean", "f").0, Some(0));
     // A misspelt column would protect nothing.
     bench.spec(&of(flights, "restricted = [\"mag_1c\"]"));
-    let said = refused(&bench.magline(&["check", "spec.toml"]));
-    assert!(said.contains("did you mean `mag_1_c`?"), "{said}");
+    let message = refused(&bench.magline(&["check", "spec.toml"]));
+    assert!(message.contains("did you mean `mag_1_c`?"), "{message}");
     // Restricted inputs are not copied.
     bench.spec(&of(flights, "restricted = [\"mag_1_c\"]").replace("date ", "include_inputs = true\ndate "));
     assert_eq!(bench.run(&[]).code, 0);
-    let said = refused(&publish(&bench, &["scores"], &["--to", "g"]));
-    assert!(said.contains("`flights` is restricted"), "{said}");
+    let message = refused(&publish(&bench, &["scores"], &["--to", "g"]));
+    assert!(message.contains("`flights` is restricted"), "{message}");
 }
 
 #[test]

@@ -170,6 +170,6 @@ fn user_a_model_of_differences_without_a_rate_is_rejected() {
         bench.run(&[])
     };
     let done = run("[\"permanent\", \"induced5\", \"eddy8\"]");
-    let said = format!("{}{}", done.stderr, done.last);
-    assert!(done.code != 0 && said.contains("no `rate_hz`") && said.contains("fit"), "{said}");
+    let message = format!("{}{}", done.stderr, done.last);
+    assert!(done.code != 0 && message.contains("no `rate_hz`") && message.contains("fit"), "{message}");
 }

@@ -135,7 +135,7 @@ fn user_units_of_the_table_scale_the_column_and_invalid_units_are_rejected() {
     for (row, wanted) in even(&unit, "mag_4_uc").iter().zip(wanted) {
         assert!((row[0] - wanted).abs() <= 1e-12 * wanted.abs(), "{row:?} {wanted}");
     }
-    for (options, says) in [
+    for (options, expected) in [
         ("units = { mag_4_uc = \"V\" }", "1.csv, column `mag_4_uc`: `units` gives `V`, which does not convert to nT"),
         ("units = { mag_4_uc = \"nTT\" }", "column `mag_4_uc`: `units` gives `nTT`"),
         ("units = { mag_4_u = \"uT\" }", "`units` has the column `mag_4_u`, which does not exist"),
@@ -145,8 +145,8 @@ fn user_units_of_the_table_scale_the_column_and_invalid_units_are_rejected() {
         ("unit = { mag_4_uc = \"uT\" }", "did you mean `units`?"),
     ] {
         unit.spec(&spec(options));
-        let said = refused(&unit);
-        assert!(said.contains(says) && said.contains("spec.toml:"), "{options}: {said}");
+        let message = refused(&unit);
+        assert!(message.contains(expected) && message.contains("spec.toml:"), "{options}: {message}");
     }
     unit.spec(&spec("units = { mag_4_u = \"uT\" }"));
     assert!(refused(&unit).contains("did you mean `mag_4_uc`?"));
@@ -154,7 +154,7 @@ fn user_units_of_the_table_scale_the_column_and_invalid_units_are_rejected() {
 
 #[test]
 fn user_a_column_name_with_a_conflicting_unit_is_rejected() {
-    for (own, ours, says) in [
+    for (own, ours, expected) in [
         (
             "Cabin temp_degC",
             "mag_6_uc",
@@ -168,9 +168,9 @@ fn user_a_column_name_with_a_conflicting_unit_is_rejected() {
         let source = if ours == "baro" { "ins_alt" } else { "mag_5_uc" };
         let name = |name: &str| if name == source { own.to_owned() } else { name.to_owned() };
         fs::write(bench.path("logs/1.csv"), csv(&lines(60), &name, &|_, _, _| None)).unwrap();
-        let said = refused(&bench);
+        let message = refused(&bench);
         let place = format!("1.csv, column `{own}`: ");
-        assert!(said.contains(says) && said.contains(&place) && said.contains("units = {"), "{said}");
+        assert!(message.contains(expected) && message.contains(&place) && message.contains("units = {"), "{message}");
         // A unit in `units` takes precedence.
         let unit = if ours == "baro" { "m" } else { "nT" };
         bench.spec(&spec(&format!("{options}\nunits = {{ \"{own}\" = \"{unit}\" }}")));
@@ -215,7 +215,7 @@ fn user_a_bad_cell_fails_only_its_line() {
     // Row 10 of the second line.
     let at = 1 + 60 + 10;
     let whole = rows[at].clone();
-    let check = |rows: &[String], says: &str| {
+    let check = |rows: &[String], expected: &str| {
         let bench = bench("");
         fs::write(bench.path("logs/1.csv"), rows.join("\n") + "\n").unwrap();
         let other = total("2", "2.01", 60);
@@ -225,7 +225,7 @@ fn user_a_bad_cell_fails_only_its_line() {
         assert_eq!((done.code, done.computed("even")), (1, 3), "{} {}", done.stderr, done.last);
         let failed = failures(&bench);
         assert_eq!(failed.len(), 1, "{failed:?}");
-        assert!(failed[0].0 == "1.02" && failed[0].1.contains(says), "{failed:?}");
+        assert!(failed[0].0 == "1.02" && failed[0].1.contains(expected), "{failed:?}");
         assert!(failed[0].1.contains("logs/1.csv, flight 1, line 1.02"), "{failed:?}");
         // A second run computes nothing and reports the same failure.
         let again = bench.run(&[]);
@@ -271,9 +271,9 @@ fn user_a_repeated_header_is_skipped_and_a_different_header_is_an_error() {
     let bench = bench("");
     fs::write(bench.path("logs/1.csv"), rows.join("\n") + "\n").unwrap();
     let check = bench.magline(&["check", "spec.toml"]);
-    let said = stderr(&check);
-    assert_eq!(check.status.code(), Some(0), "{said}");
-    assert!(said.contains("1.csv: 2 rows repeat the header (first in line 62 of the file); skipped"), "{said}");
+    let message = stderr(&check);
+    assert_eq!(check.status.code(), Some(0), "{message}");
+    assert!(message.contains("1.csv: 2 rows repeat the header (first in line 62 of the file); skipped"), "{message}");
     assert_eq!(finished(&bench).computed("even"), 3);
     assert_eq!(even(&bench, "tt").len(), 180);
     // The second header has the columns in another order, so later values would be misassigned.
@@ -281,8 +281,8 @@ fn user_a_repeated_header_is_skipped_and_a_different_header_is_an_error() {
     let turned = turned.join(",");
     rows[61] = &turned;
     fs::write(bench.path("logs/1.csv"), rows.join("\n") + "\n").unwrap();
-    let said = refused(&bench);
-    assert!(said.contains("row 60: the row looks like another header"), "{said}");
+    let message = refused(&bench);
+    assert!(message.contains("row 60: the row looks like another header"), "{message}");
 }
 
 #[test]
@@ -352,7 +352,7 @@ fn user_a_csv_cut_inside_its_last_number_is_reported() {
     let text = csv(&lines(60), &same, &|_, name, x| (name == "flux_d_z").then(|| format!("{x:.3}")));
     let whole = text.trim_end();
     let bench = bench("");
-    let said = |cut: &str| {
+    let read_cut = |cut: &str| {
         fs::write(bench.path("logs/1.csv"), cut).unwrap();
         let check = bench.magline(&["check", "spec.toml"]);
         assert_eq!(check.status.code(), Some(0), "{}", stderr(&check));
@@ -360,14 +360,14 @@ fn user_a_csv_cut_inside_its_last_number_is_reported() {
         (stderr(&check), even(&bench, "tt").len())
     };
     // Three digits are missing, and all other values of the column are longer.
-    let (note, rows) = said(&whole[..whole.len() - 3]);
+    let (note, rows) = read_cut(&whole[..whole.len() - 3]);
     assert!(note.contains("1.csv: the file does not end with a newline"), "{note}");
     assert!(note.contains("of `flux_d_z` (line 181 of the file) is shorter than all others"), "{note}");
     assert_eq!(rows, 179);
     // Only the newline is missing. The row is used with a note.
-    let (note, rows) = said(whole);
+    let (note, rows) = read_cut(whole);
     assert!(note.contains("may be cut short inside the last value") && rows == 180, "{note} {rows}");
-    let (note, rows) = said(&text);
+    let (note, rows) = read_cut(&text);
     assert!(!note.contains("newline") && rows == 180, "{note} {rows}");
     // A row with missing columns fails its line.
     fs::write(bench.path("logs/1.csv"), whole.rsplit_once(',').unwrap().0).unwrap();
@@ -456,8 +456,8 @@ fn user_rename_and_units_apply_to_hdf5() {
         assert!(found[0] == wanted[0] && (found[1] - 0.3048 * wanted[1]).abs() < 1e-9, "{found:?} {wanted:?}");
     }
     changed.spec(&spec("rename = { mag_3_u = \"mag_8_uc\" }"));
-    let said = refused(&changed);
-    assert!(said.contains("there is no column `mag_3_u` to rename") && said.contains("`mag_3_uc`"), "{said}");
+    let message = refused(&changed);
+    assert!(message.contains("there is no column `mag_3_u` to rename") && message.contains("`mag_3_uc`"), "{message}");
 }
 
 #[test]

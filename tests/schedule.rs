@@ -71,14 +71,14 @@ fn user_a_second_run_of_a_pipeline_is_rejected_or_waits_and_recomputes_nothing()
     signal(&first, "-STOP");
     let refused = start(&bench, &["-q", "--summary", "summary.json"]).wait_with_output().unwrap();
     assert_eq!(refused.status.code(), Some(3), "{}", stderr(&refused));
-    let told = stderr(&refused);
+    let message = stderr(&refused);
     for word in ["another run of `small` holds the lock", &format!("process {} on ", first.id()), "since 20", "--wait"]
     {
-        assert!(told.contains(word), "{word} is not in {told}");
+        assert!(message.contains(word), "{word} is not in {message}");
     }
-    let said = summary(&bench);
-    assert_eq!((&said["status"], &said["exit"]), (&"locked".into(), &3.into()));
-    assert_eq!(said["holder"]["pid"], first.id());
+    let summary_file = summary(&bench);
+    assert_eq!((&summary_file["status"], &summary_file["exit"]), (&"locked".into(), &3.into()));
+    assert_eq!(summary_file["holder"]["pid"], first.id());
     let tired = start(&bench, &["-q", "--wait=1s"]).wait_with_output().unwrap();
     assert_eq!(tired.status.code(), Some(3));
     assert!(stderr(&tired).contains("the wait of 1 s is over"), "{}", stderr(&tired));
@@ -92,9 +92,9 @@ fn user_a_second_run_of_a_pipeline_is_rejected_or_waits_and_recomputes_nothing()
     assert!(first.wait().unwrap().success());
     let waited = waits.wait_with_output().unwrap();
     assert!(waited.status.success() && stderr(&waited).contains("waiting for that run"), "{}", stderr(&waited));
-    let said = summary(&bench);
-    assert_eq!((&said["units"]["computed"], &said["units"]["reused"]), (&0.into(), &116.into()));
-    assert!(said["holder"].is_null());
+    let summary_file = summary(&bench);
+    assert_eq!((&summary_file["units"]["computed"], &summary_file["units"]["reused"]), (&0.into(), &116.into()));
+    assert!(summary_file["holder"].is_null());
 }
 
 #[test]
@@ -223,8 +223,8 @@ fn user_force_recomputes_and_reports_changed_bytes() {
     let done = bench.run(&["--force=coefficients", "--summary", "summary.json"]);
     assert_eq!((done.code, done.total("computed")), (1, 0), "{}", done.stderr);
     assert_eq!(done.last["compared"], serde_json::json!([{ "table": "coefficients", "units": 8, "differ": 1 }]));
-    let told = done.last["failures"].to_string();
-    assert!(told.contains("column `value`, row 0: ") && told.contains(" now"), "{told}");
+    let message = done.last["failures"].to_string();
+    assert!(message.contains("column `value`, row 0: ") && message.contains(" now"), "{message}");
     assert_eq!(summary(&bench)["status"], "failed");
     // `even` does not depend on it.
     assert_eq!(bench.run(&["--force=even"]).code, 0);
@@ -238,17 +238,20 @@ fn user_every_end_of_a_run_has_its_status_and_its_summary() {
     let run = |more: &[&str]| {
         let _ = fs::remove_file(bench.path("summary.json"));
         let done = bench.run(&[&["--summary", "summary.json"], more].concat());
-        let said = summary(&bench);
-        assert_eq!(said["exit"], done.code, "{}", done.stderr);
-        (done, said)
+        let summary_file = summary(&bench);
+        assert_eq!(summary_file["exit"], done.code, "{}", done.stderr);
+        (done, summary_file)
     };
-    let (done, said) = run(&["--max-time", "0s"]);
-    assert_eq!((done.code, &said["status"]), (4, &"out_of_time".into()), "{}", done.stderr);
+    let (done, summary_file) = run(&["--max-time", "0s"]);
+    assert_eq!((done.code, &summary_file["status"]), (4, &"out_of_time".into()), "{}", done.stderr);
     assert!(done.stderr.contains("again to resume"), "{}", done.stderr);
-    let (done, said) = run(&[]);
-    assert_eq!((&said["status"], &said["version"], &said["run"]), (&"done".into(), &1.into(), &done.last["run"]));
-    assert_eq!(said["spec_hash"], blake3::hash(SPEC.as_bytes()).to_hex().to_string());
-    for (table, of) in TABLES.iter().zip(said["tables"].as_array().unwrap()) {
+    let (done, summary_file) = run(&[]);
+    assert_eq!(
+        (&summary_file["status"], &summary_file["version"], &summary_file["run"]),
+        (&"done".into(), &1.into(), &done.last["run"])
+    );
+    assert_eq!(summary_file["spec_hash"], blake3::hash(SPEC.as_bytes()).to_hex().to_string());
+    for (table, of) in TABLES.iter().zip(summary_file["tables"].as_array().unwrap()) {
         assert_eq!((&of["name"], &of["computed"]), (&(*table).into(), &done.computed(table).into()));
         let files = bytes_of(&bench, table);
         let bytes: usize = files.values().map(Vec::len).sum();
@@ -256,13 +259,13 @@ fn user_every_end_of_a_run_has_its_status_and_its_summary() {
     }
     // With an impossible line all other results are complete.
     write(&bench.path("flights/3.parquet"), &[changed(&line_of("3", "3.01", 500), "lat", |_, _| 95.0)]);
-    let (done, said) = run(&[]);
-    assert_eq!((done.code, &said["status"], &said["error"]), (1, &"failed".into(), &Value::Null));
-    assert!(said["failures"][0]["error"].as_str().unwrap().contains("lat"));
+    let (done, summary_file) = run(&[]);
+    assert_eq!((done.code, &summary_file["status"], &summary_file["error"]), (1, &"failed".into(), &Value::Null));
+    assert!(summary_file["failures"][0]["error"].as_str().unwrap().contains("lat"));
     fs::remove_file(bench.path("flights/3.parquet")).unwrap();
-    let (done, said) = run(&["--set", "even.rate=3"]);
-    assert_eq!((done.code, &said["status"], &said["pipeline"]), (2, &"wrong".into(), &Value::Null));
-    assert!(said["error"].as_str().unwrap().contains("rate_hz"), "{said}");
+    let (done, summary_file) = run(&["--set", "even.rate=3"]);
+    assert_eq!((done.code, &summary_file["status"], &summary_file["pipeline"]), (2, &"wrong".into(), &Value::Null));
+    assert!(summary_file["error"].as_str().unwrap().contains("rate_hz"), "{summary_file}");
     let refused = bench.magline(&["run", "spec.toml", "--summary", "no/such/folder.json"]);
     assert_eq!(refused.status.code(), Some(2));
     assert!(stderr(&refused).contains("there is no folder no/such"), "{}", stderr(&refused));
@@ -286,8 +289,8 @@ fn user_a_run_past_its_time_limit_resumes_in_the_next_run() {
     };
     let (bench, sweep, points) = [50, 400, 3200].iter().find_map(out_of_time).unwrap();
     let args = ["--set", &sweep, "--threads", "1", "--summary", "summary.json"];
-    let said = summary(&bench);
-    assert_eq!(said["status"], "out_of_time");
+    let summary_file = summary(&bench);
+    assert_eq!(summary_file["status"], "out_of_time");
     assert!(!bench.path("store/tables/small").exists(), "half a run is published");
     let whole = bench.run(&args);
     assert_eq!(whole.code, 0, "{}", whole.stderr);

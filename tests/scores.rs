@@ -17,12 +17,12 @@ fn flags(batches: &[RecordBatch], column: &str) -> Vec<bool> {
     batches.iter().flat_map(one).collect()
 }
 
-/// Keys of `navigate` that fit [`flown`].
+/// Keys of `navigate` that fit [`line_of_flight`].
 const NAVIGATION: &str = "offset_window_s = 1.0\nmeasurement_sigma_nt = 1.0\nfogm_sigma_nt = 1.0\n\
                           map_interpolation = \"cubic\"\ninit_position_sigma_m = 40.0";
 
 /// Line with an INS error of 40 m and white noise of 1 nT in its magnetometer.
-fn flown(flight: &str, line: &str, rows: usize) -> RecordBatch {
+fn line_of_flight(flight: &str, line: &str, rows: usize) -> RecordBatch {
     let mut state = line.bytes().fold(0x9E37_79B9_7F4A_7C15_u64, |all, byte| all.rotate_left(8) ^ u64::from(byte));
     let mut uniform = || {
         state ^= state << 13;
@@ -35,11 +35,12 @@ fn flown(flight: &str, line: &str, rows: usize) -> RecordBatch {
     changed(&changed(&line, "ins_lat", |_, lat| lat + 3e-4), "ins_lon", |_, lon| lon - 3e-4)
 }
 
-/// A folder with a spec and the flights of [`flown`].
+/// A folder with a spec and the flights of [`line_of_flight`].
 fn bench(text: &str) -> Bench {
     let bench = Bench::new();
     for flight in ["1", "2"] {
-        let lines = [("01", 700), ("02", 500)].map(|(line, rows)| flown(flight, &format!("{flight}.{line}"), rows));
+        let lines =
+            [("01", 700), ("02", 500)].map(|(line, rows)| line_of_flight(flight, &format!("{flight}.{line}"), rows));
         write(&bench.path(&format!("flights/{flight}.parquet")), &lines);
     }
     bench.spec(text);
@@ -47,7 +48,7 @@ fn bench(text: &str) -> Bench {
 }
 
 /// Spec with one magnetometer, one vector magnetometer and three ridge parameters, calibrated on the lines `%.01`, with
-/// `changes` applied. The assumed errors are those of [`flown`], so that only the track of the largest ridge parameter
+/// `changes` applied. The assumed errors are those of [`line_of_flight`], so that only the track of the largest ridge parameter
 /// is flagged.
 fn spec(changes: &[(&str, &str)]) -> String {
     let small = [
@@ -414,8 +415,8 @@ fn without(columns: &[&str], text: &str) -> (Bench, String, String) {
         batch.project(&kept.map(|(i, _)| i).collect::<Vec<_>>()).unwrap()
     };
     for flight in ["1", "2"] {
-        let lines =
-            [("01", 700), ("02", 500)].map(|(line, rows)| fewer(flown(flight, &format!("{flight}.{line}"), rows)));
+        let lines = [("01", 700), ("02", 500)]
+            .map(|(line, rows)| fewer(line_of_flight(flight, &format!("{flight}.{line}"), rows)));
         write(&bench.path(&format!("flights/{flight}.parquet")), &lines);
     }
     let output = bench.magline(&["run", "spec.toml"]);

@@ -70,7 +70,7 @@ fn events(bench: &Bench, more: &[&str]) -> Vec<Value> {
     stdout(&output).lines().map(|l| serde_json::from_str(l).unwrap()).collect()
 }
 
-fn says(search: &str, wanted: &[&str]) {
+fn assert_rejected(search: &str, wanted: &[&str]) {
     let bench = Bench::new();
     bench.spec(&spec(search));
     let output = bench.magline(&["check", "spec.toml"]);
@@ -85,16 +85,25 @@ fn says(search: &str, wanted: &[&str]) {
 #[test]
 fn user_errors_of_a_search_are_reported_before_the_run() {
     let goal = "[search]\ntrials = 4\ngoal = 'scores.std_error'\n";
-    says(&format!("[search]\ntrials = 0\ngoal = 'scores.std_error'\n{AXES}"), &["`trials` must be 1 to 100000, not 0"]);
-    says(&format!("[search]\ntrials = 4\ngoal = 'score.std_error'\n{AXES}"), &["did you mean `scores`?"]);
-    says(&format!("[search]\ntrials = 4\ngoal = 'scores.std_eror'\n{AXES}"), &["did you mean `std_error`?"]);
-    says(&format!("[search]\ntrials = 4\ngoal = 'clean.std_error'\n{AXES}"), &["is not a table of line scores"]);
-    says(&format!("[search]\ntrials = 4\ngoal = 'std_error'\n{AXES}"), &["`goal` cannot be `std_error`"]);
-    says(&format!("{goal}where = \"lat > 3\"\n{AXES}"), &["there is no column `lat`"]);
-    says(&format!("{goal}start = 3\nmethod = 'random'\n{AXES}"), &["`start` belongs to `tpe`, not to `random`"]);
-    says(&format!("{goal}trails = 3\n{AXES}"), &["did you mean `trials`?"]);
-    says(&format!("{goal}method = 'tpo'\n{AXES}"), &["did you mean `tpe`?"]);
-    says(
+    assert_rejected(
+        &format!("[search]\ntrials = 0\ngoal = 'scores.std_error'\n{AXES}"),
+        &["`trials` must be 1 to 100000, not 0"],
+    );
+    assert_rejected(&format!("[search]\ntrials = 4\ngoal = 'score.std_error'\n{AXES}"), &["did you mean `scores`?"]);
+    assert_rejected(&format!("[search]\ntrials = 4\ngoal = 'scores.std_eror'\n{AXES}"), &["did you mean `std_error`?"]);
+    assert_rejected(
+        &format!("[search]\ntrials = 4\ngoal = 'clean.std_error'\n{AXES}"),
+        &["is not a table of line scores"],
+    );
+    assert_rejected(&format!("[search]\ntrials = 4\ngoal = 'std_error'\n{AXES}"), &["`goal` cannot be `std_error`"]);
+    assert_rejected(&format!("{goal}where = \"lat > 3\"\n{AXES}"), &["there is no column `lat`"]);
+    assert_rejected(
+        &format!("{goal}start = 3\nmethod = 'random'\n{AXES}"),
+        &["`start` belongs to `tpe`, not to `random`"],
+    );
+    assert_rejected(&format!("{goal}trails = 3\n{AXES}"), &["did you mean `trials`?"]);
+    assert_rejected(&format!("{goal}method = 'tpo'\n{AXES}"), &["did you mean `tpe`?"]);
+    assert_rejected(
         &format!(
             "{goal}[search.axes]\nlambda = {{ low = 1.0, high = 1.0 }}\ntrim = {{ low = 0.5, high = 9, whole = true }}\n"
         ),
@@ -104,21 +113,21 @@ fn user_errors_of_a_search_are_reported_before_the_run() {
             a whole number",
         ],
     );
-    says(
+    assert_rejected(
         &format!("{goal}[search.axes]\nlambda = {{ low = 0.0, high = 1.0, log = true }}\ntrim = [1]\n"),
         &["`low` of the axis `lambda` is 0; with `log` it must be positive"],
     );
-    says(&format!("[axes]\ntrim = [1, 2]\n{goal}{AXES}"), &["the axis `trim` is both searched and listed"]);
-    says(&format!("{goal}{AXES}more = [1, 2]\n"), &["no stage uses the searched axis `more`"]);
-    says(&format!("{goal}{AXES}state = [1, 2]\n"), &["has the name of a column of the table of trials"]);
-    says(goal, &["`search` requires `[search.axes]`"]);
-    says(&format!("{goal}[search.axes]\nlambda = [1.0, 2.0]\n"), &["there is no axis `trim`"]);
-    says(
+    assert_rejected(&format!("[axes]\ntrim = [1, 2]\n{goal}{AXES}"), &["the axis `trim` is both searched and listed"]);
+    assert_rejected(&format!("{goal}{AXES}more = [1, 2]\n"), &["no stage uses the searched axis `more`"]);
+    assert_rejected(&format!("{goal}{AXES}state = [1, 2]\n"), &["has the name of a column of the table of trials"]);
+    assert_rejected(goal, &["`search` requires `[search.axes]`"]);
+    assert_rejected(&format!("{goal}[search.axes]\nlambda = [1.0, 2.0]\n"), &["there is no axis `trim`"]);
+    assert_rejected(
         &format!("{goal}halving = {{ axis = 'lambda', values = [1] }}\n{AXES}"),
         &["`halving` requires at least two \
         rungs"],
     );
-    says(
+    assert_rejected(
         &format!("{goal}halving = {{ axis = 'lambda', values = [1, 2] }}\n{AXES}"),
         &["the axis `lambda` of `halving` is also searched"],
     );
@@ -154,8 +163,8 @@ fn user_every_trial_is_a_row_and_the_best_is_reported() {
     assert_eq!(numbers(&trials, "generation"), (0..16).map(|i| f64::from(i / 4 + 1)).collect::<Vec<_>>());
     assert!(texts(&trials, "state").iter().all(|s| s == "done") && numbers(&trials, "lines").iter().all(|n| *n == 2.0));
     let best = (0..16).min_by(|a, b| goal[*a].total_cmp(&goal[*b])).unwrap();
-    let told = stdout(&output);
-    assert!(told.contains(&format!("best of 16 trials: trial {}, scores.std_error ", best + 1)), "{told}");
+    let printed = stdout(&output);
+    assert!(printed.contains(&format!("best of 16 trials: trial {}, scores.std_error ", best + 1)), "{printed}");
     // The goal is the root mean square of the scores of both lines, weighted by samples.
     let scores = read(&bench.path("store/tables/small/scores"));
     let (of, line, metric) = (numbers(&scores, "trial"), texts(&scores, "line"), texts(&scores, "metric"));

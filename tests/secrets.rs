@@ -50,7 +50,7 @@ fn echo(mut stream: TcpStream, status: &str, header: &str, count: &AtomicUsize) 
 }
 
 /// Output and files of commands with a store at `endpoint`.
-fn told(bench: &Bench, endpoint: &str) -> String {
+fn commands_and_files(bench: &Bench, endpoint: &str) -> String {
     let command = |args: &[&str]| {
         let output = Command::new(env!("CARGO_BIN_EXE_magline"))
             .args(args)
@@ -69,13 +69,13 @@ fn told(bench: &Bench, endpoint: &str) -> String {
         assert!(!output.status.success(), "{}", stdout(&output));
         stdout(&output) + &stderr(&output)
     };
-    let said = [
+    let printed = [
         command(&["run", "spec.toml", "--json", "--set", "store=s3://bucket/store"]),
         command(&["sql", "SELECT 1", "--store", "s3://bucket/store"]),
         command(&["verify", "s3://bucket/store"]),
         command(&["run", "spec.toml", "--set", "tables.flights.path=s3://bucket/flights/*.csv"]),
     ];
-    said.concat()
+    printed.concat()
 }
 
 /// Contents of all files below a folder, without links.
@@ -90,12 +90,12 @@ fn written(folder: &std::path::Path) -> String {
     all
 }
 
-fn assert_hidden(bench: &Bench, said: &str) {
-    let all = said.to_owned() + &written(&bench.path("store")) + &written(&bench.path("cache"));
+fn assert_hidden(bench: &Bench, printed: &str) {
+    let all = printed.to_owned() + &written(&bench.path("store")) + &written(&bench.path("cache"));
     for secret in SECRETS {
-        assert!(!all.contains(secret), "{secret} is shown: {said}");
+        assert!(!all.contains(secret), "{secret} is shown: {printed}");
     }
-    assert!(!said.contains("Credential=") && !said.contains("You sent"), "{said}");
+    assert!(!printed.contains("Credential=") && !printed.contains("You sent"), "{printed}");
 }
 
 #[test]
@@ -103,10 +103,10 @@ fn user_credentials_repeated_by_a_server_are_not_shown() {
     for status in ["403 Forbidden", "400 Bad Request", "401 Unauthorized"] {
         let bench = Bench::new();
         let (address, asked) = echoing(status, String::new());
-        let said = told(&bench, &format!("http://{address}"));
+        let printed = commands_and_files(&bench, &format!("http://{address}"));
         assert!(asked.load(Ordering::Relaxed) > 0);
-        assert!(said.contains(status.split(' ').next().unwrap()), "{status}: {said}");
-        assert_hidden(&bench, &said);
+        assert!(printed.contains(status.split(' ').next().unwrap()), "{status}: {printed}");
+        assert_hidden(&bench, &printed);
     }
 }
 
@@ -116,10 +116,10 @@ fn user_a_redirect_to_another_server_is_not_followed() {
         let bench = Bench::new();
         let (other, reached) = echoing("403 Forbidden", String::new());
         let (address, asked) = echoing(status, format!("location: http://{other}/elsewhere\r\n"));
-        let said = told(&bench, &format!("http://{address}"));
+        let printed = commands_and_files(&bench, &format!("http://{address}"));
         assert!(asked.load(Ordering::Relaxed) > 0);
         assert_eq!(reached.load(Ordering::Relaxed), 0, "{status}");
-        assert_hidden(&bench, &said);
+        assert_hidden(&bench, &printed);
     }
 }
 
@@ -132,15 +132,15 @@ fn user_an_endpoint_with_a_password_is_rejected_and_not_shown() {
         format!("http://geheim-password@{address}/"),
         format!("http://{address}/?token=geheim-password"),
     ] {
-        let said = told(&bench, &endpoint);
-        assert!(said.contains("contains a user, a password or a query"), "{said}");
-        assert_hidden(&bench, &said);
+        let printed = commands_and_files(&bench, &endpoint);
+        assert!(printed.contains("contains a user, a password or a query"), "{printed}");
+        assert_hidden(&bench, &printed);
     }
     assert_eq!(asked.load(Ordering::Relaxed), 0);
     // The password of a server of lineage events is not shown either.
     let to = format!("http://me:geheim-password@{address}/?key=geheim-password");
     let run = bench.magline(&["run", "spec.toml", "--openlineage", &to]);
-    let said = stdout(&run) + &stderr(&run);
-    assert!(run.status.success(), "{said}");
-    assert_hidden(&bench, &said);
+    let printed = stdout(&run) + &stderr(&run);
+    assert!(run.status.success(), "{printed}");
+    assert_hidden(&bench, &printed);
 }

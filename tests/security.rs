@@ -184,10 +184,10 @@ fn user_queries_respect_their_memory_limit_in_all_operators() {
         "SELECT length(string_agg(repeat('a', 100000), '')) FROM generate_series(1,100000)",
     ] {
         let (peak, output) = peak_mb(&bench, query, "64MB");
-        let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(1), "{query}: {said}");
-        assert!(said.contains("error: "), "{query}: {said}");
-        assert!(!said.contains("panicked"), "{query}: {said}");
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{query}: {message}");
+        assert!(message.contains("error: "), "{query}: {message}");
+        assert!(!message.contains("panicked"), "{query}: {message}");
         assert!(peak < 700, "{query}: {peak} MB");
     }
     let output = bench.magline(&["sql", "SELECT 1 AS x", "--format", "csv"]);

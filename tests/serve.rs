@@ -67,9 +67,9 @@ impl Served {
         let mut settings = settings(bench);
         change(&mut settings);
         let (stop, stopped) = watch::channel(false);
-        let (tell, told) = mpsc::channel();
-        let thread = thread::spawn(move || serve(settings, |address| tell.send(address).unwrap(), stopped).unwrap());
-        let address = told.recv().unwrap();
+        let (sender, address_receiver) = mpsc::channel();
+        let thread = thread::spawn(move || serve(settings, |address| sender.send(address).unwrap(), stopped).unwrap());
+        let address = address_receiver.recv().unwrap();
         Served { address, stop, thread: Some(thread), runtime: Runtime::new().unwrap() }
     }
 
@@ -363,19 +363,19 @@ fn user_serve_prints_its_address_and_ends_on_a_signal() {
     assert!(line.starts_with("serving store at grpc://127.0.0.1:") && line.contains("with a token"), "{line}");
     assert_eq!(status.code(), Some(0));
 
-    let says = |args: &[&str]| {
+    let rejected = |args: &[&str]| {
         let output = bench.magline(&[&["serve"], args].concat());
         (output.status.code(), stderr(&output))
     };
-    let (code, text) = says(&["--bind", "0.0.0.0:0"]);
+    let (code, text) = rejected(&["--bind", "0.0.0.0:0"]);
     assert!(code == Some(2) && text.contains("the server has no token"), "{text}");
     fs::write(bench.path("short"), "secret").unwrap();
-    let (code, text) = says(&["--token-file", "short"]);
+    let (code, text) = rejected(&["--token-file", "short"]);
     assert!(code == Some(2) && text.contains("at least 16"), "{text}");
-    let (code, text) = says(&["--store", "flights"]);
+    let (code, text) = rejected(&["--store", "flights"]);
     assert!(code == Some(2) && text.contains("is not a store"), "{text}");
-    let (code, text) = says(&["--tls-cert", "token"]);
+    let (code, text) = rejected(&["--tls-cert", "token"]);
     assert!(code == Some(2) && text.contains("--tls-key"), "{text}");
-    let (code, text) = says(&["--tls-cert", "token", "--tls-key", "token", "--bind", "127.0.0.1:0"]);
+    let (code, text) = rejected(&["--tls-cert", "token", "--tls-key", "token", "--bind", "127.0.0.1:0"]);
     assert!(code == Some(2) && text.contains("certificate"), "{text}");
 }

@@ -90,21 +90,21 @@ fn user_every_published_file_is_readable_by_the_strictest_reader() {
                 assert_eq!(chunk.compression(), Compression::SNAPPY);
             }
         }
-        let said: BTreeMap<&str, &str> = metadata
+        let metadata_of_file: BTreeMap<&str, &str> = metadata
             .file_metadata()
             .key_value_metadata()
             .unwrap()
             .iter()
             .filter_map(|kv| Some((kv.key.as_str(), kv.value.as_deref()?)))
             .collect();
-        let beside = ["failures", "warnings", "quality", "scores_pooled"]
+        let reserved = ["failures", "warnings", "quality", "scores_pooled"]
             .iter()
             .any(|t| file.to_string_lossy().contains(&format!("/{t}/")));
-        if !beside {
+        if !reserved {
             for key in ["stage", "stage_version", "spec_hash", "key", "units", "columns"] {
-                assert!(said.contains_key(format!("magline.{key}").as_str()), "{key} {}", file.display());
+                assert!(metadata_of_file.contains_key(format!("magline.{key}").as_str()), "{key} {}", file.display());
             }
-            let columns: Value = serde_json::from_str(said["magline.columns"]).unwrap();
+            let columns: Value = serde_json::from_str(metadata_of_file["magline.columns"]).unwrap();
             assert!(columns.as_object().unwrap().values().all(|c| c["role"].is_string() && c["unit"].is_string()));
         }
         seen += 1;
@@ -226,12 +226,12 @@ fn user_runs_of_a_pipeline_exclude_each_other() {
     })
     .unwrap();
     held.lock().unwrap();
-    let told = start(&[]).wait_with_output().unwrap();
-    assert_eq!(told.status.code(), Some(3));
+    let refused = start(&[]).wait_with_output().unwrap();
+    assert_eq!(refused.status.code(), Some(3));
     assert!(
-        stderr(&told).contains("another run of `small` holds the lock") && stderr(&told).contains("--wait"),
+        stderr(&refused).contains("another run of `small` holds the lock") && stderr(&refused).contains("--wait"),
         "{}",
-        stderr(&told)
+        stderr(&refused)
     );
     let mut waits = start(&["--wait"]);
     sleep(Duration::from_millis(400));
@@ -429,8 +429,8 @@ fn user_a_query_opens_only_its_own_tables() {
     assert_eq!(broken.status.code(), Some(1));
     assert!(stderr(&broken).contains("run the spec again"), "{}", stderr(&broken));
     assert!(started.elapsed() < Duration::from_secs(20));
-    let healed = bench.run(&[]);
-    assert_eq!((healed.code, healed.total("computed")), (0, 0));
+    let repaired = bench.run(&[]);
+    assert_eq!((repaired.code, repaired.total("computed")), (0, 0));
     assert_eq!(query(&bench, "store", "SELECT count(mag_c) AS n FROM small.clean")[0]["n"], 19_200);
 }
 

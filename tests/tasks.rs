@@ -256,10 +256,10 @@ fn user_invalid_tasks_are_rejected_and_the_others_are_computed() {
     let bench = Bench::new();
     let lines = tasks(&bench, "store", &["--units", "1"]);
     assert_eq!(lines.len(), 4, "{lines:?}");
-    let refused = |line: &str, said: &str| {
+    let refused = |line: &str, message: &str| {
         let output = task(&bench, "store", line.as_bytes(), &[]);
         let text = stderr(&output);
-        assert!(output.status.code() == Some(2) && text.contains(said), "{said}: {text}");
+        assert!(output.status.code() == Some(2) && text.contains(message), "{message}: {text}");
         receipts(&output)
     };
     let changed = |change: &dyn Fn(&mut Value)| {

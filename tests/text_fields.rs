@@ -93,8 +93,8 @@ fn user_every_line_record_of_an_xyz_file_begins_a_line() {
     let output = derived(&folder, "a.xyz", table, "mag_1_uc - 52000");
     let expected = ["1", "1010", "2", "3", "T1010"].map(|name| (name.to_owned(), 12));
     assert_eq!(lines(&folder), expected, "{}", stderr(&output));
-    let said = stdout(&output) + &stderr(&output);
-    assert!(said.contains("line Foo 7") && said.contains("`Foo 7` is not a line record"), "{said}");
+    let printed = stdout(&output) + &stderr(&output);
+    assert!(printed.contains("line Foo 7") && printed.contains("`Foo 7` is not a line record"), "{printed}");
 }
 
 /// Time `s` past midnight as hhmmss digits.
@@ -126,8 +126,11 @@ fn user_a_clock_in_digits_is_rejected_as_seconds_and_read_by_a_mapping() {
         fs::write(path("a.csv"), log(from_s, 1_200, |s| hhmmss(s).to_string())).unwrap();
         let output = ingest(&[]);
         assert_eq!(output.status.code(), Some(2));
-        let said = stderr(&output);
-        assert!(said.contains("hhmmss") && said.contains("clock = \"text\"") && said.contains("%H%M%S%.f"), "{said}");
+        let printed = stderr(&output);
+        assert!(
+            printed.contains("hhmmss") && printed.contains("clock = \"text\"") && printed.contains("%H%M%S%.f"),
+            "{printed}"
+        );
         assert!(!path("out/a.parquet").exists());
         let run = derived(&folder, "a.csv", "", "mag_1_uc + 0");
         assert!(stderr(&run).contains("hhmmss") && run.status.code() != Some(0), "{}", stderr(&run));
@@ -164,9 +167,9 @@ fn user_a_time_zone_for_times_with_a_zone_is_rejected() {
             magline(folder.path(), &["ingest", "a.parquet", "--to", "out", "--mapping", "m.toml", "--replace"])
         };
         let output = ingest(", zone = \"+02:00\"");
-        let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(2), "{said}");
-        assert!(said.contains("own") && said.contains("remove `zone`"), "{said}");
+        let printed = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{printed}");
+        assert!(printed.contains("own") && printed.contains("remove `zone`"), "{printed}");
         let output = ingest("");
         assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
         let tt = numbers(&read(&path("out")), "tt")[0];
@@ -202,10 +205,10 @@ fn user_units_in_names_are_converted_or_rejected() {
     for (name, ours) in [("Alt_fathoms", "alt"), ("alt_kft", "alt"), ("lat_dms", "lat"), ("vn_ft/day", "vn")] {
         log(name, 10.0);
         let output = out(name, ours);
-        let said = stderr(&output);
+        let printed = stderr(&output);
         assert!(
-            output.status.code() == Some(2) && said.contains("does not convert") && said.contains("units"),
-            "{name}: {said}"
+            output.status.code() == Some(2) && printed.contains("does not convert") && printed.contains("units"),
+            "{name}: {printed}"
         );
     }
 }
@@ -219,9 +222,9 @@ fn user_velocities_in_another_unit_than_the_positions_are_rejected() {
     let text = "flight,line,tt,lat,lon,alt,vn,ve,mag_1_uc\n".to_owned() + &(0..200).map(row).collect::<String>();
     fs::write(folder.path().join("a.csv"), text).unwrap();
     let output = magline(folder.path(), &["ingest", "a.csv", "--to", "out"]);
-    let said = stderr(&output);
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("in ft/s the velocities agree") && said.contains("\"ve\" = \"ft/s\""), "{said}");
+    let printed = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{printed}");
+    assert!(printed.contains("in ft/s the velocities agree") && printed.contains("\"ve\" = \"ft/s\""), "{printed}");
 }
 
 #[test]

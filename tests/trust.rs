@@ -75,9 +75,9 @@ fn user_a_query_writes_nothing() {
         ("COMMIT", "COMMIT"),
     ] {
         let output = bench.magline(&["sql", query]);
-        let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(2), "{query}: {said}");
-        assert!(said.contains(&format!("`{kind}` is rejected")), "{query}: {said}");
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{query}: {message}");
+        assert!(message.contains(&format!("`{kind}` is rejected")), "{query}: {message}");
         assert!(output.stdout.is_empty(), "{query}");
     }
     for query in
@@ -146,7 +146,7 @@ fn user_a_query_reads_only_the_store() {
 #[test]
 fn user_a_query_error_suggests_the_nearest_table_and_column() {
     let bench = ran();
-    for (query, says) in [
+    for (query, expected_text) in [
         ("SELECT * FROM small.score", "did you mean `small.scores`?"),
         ("SELECT * FROM scores", "did you mean `small.scores`?"),
         ("SELECT * FROM smal.scores", "did you mean `small.scores`?"),
@@ -155,7 +155,7 @@ fn user_a_query_error_suggests_the_nearest_table_and_column() {
     ] {
         let output = bench.magline(&["sql", query]);
         assert_eq!(output.status.code(), Some(2), "{query}");
-        assert!(stderr(&output).contains(says), "{query}: {}", stderr(&output));
+        assert!(stderr(&output).contains(expected_text), "{query}: {}", stderr(&output));
     }
 }
 
@@ -229,11 +229,11 @@ fn user_a_query_can_be_interrupted() {
         }
         let took = asked.elapsed();
         let status = child.wait().unwrap();
-        let mut said = String::new();
-        child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
-        assert_eq!(status.code(), Some(130), "{said}");
+        let mut message = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut message).unwrap();
+        assert_eq!(status.code(), Some(130), "{message}");
         assert!(took < Duration::from_secs(1), "{took:?}");
-        assert_eq!(said, "interrupted\n");
+        assert_eq!(message, "interrupted\n");
     }
     let left: Vec<String> = everything(bench.folder.path()).into_keys().filter(|n| n.contains("magline-sql")).collect();
     assert!(left.is_empty(), "{left:?}");
@@ -252,7 +252,7 @@ fn user_deeply_nested_queries_are_answered_or_rejected() {
     let columns = format!("SELECT count(*) AS n FROM small.scores WHERE value > {}value", "value + ".repeat(300));
     let output = bench.magline(&["sql", &columns, "--format", "csv"]);
     assert!(output.status.success() && stdout(&output).starts_with("n\n"), "{}", stderr(&output));
-    for (query, says) in [
+    for (query, expected_text) in [
         (sum(20_000), "nested too deep"),
         (format!("SELECT {}1{}", "(".repeat(20_000), ")".repeat(20_000)), "nested too deep"),
         (format!("SELECT {}true", "not ".repeat(20_000)), "cannot run the query"),
@@ -261,7 +261,7 @@ fn user_deeply_nested_queries_are_answered_or_rejected() {
     ] {
         let output = bench.magline(&["sql", &query]);
         assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
-        assert!(stderr(&output).contains(says), "{}", stderr(&output));
+        assert!(stderr(&output).contains(expected_text), "{}", stderr(&output));
     }
     let unions = format!("SELECT count(*) AS n FROM (SELECT 1{})", " UNION ALL SELECT 1".repeat(900));
     let output = bench.magline(&["sql", &unions, "--format", "csv"]);
@@ -271,7 +271,7 @@ fn user_deeply_nested_queries_are_answered_or_rejected() {
 #[test]
 fn user_where_depends_only_on_the_row() {
     let with = |predicate: &str| SPEC.replace("\"line like '%.01'\"", &format!("\"{predicate}\""));
-    for (predicate, says) in [
+    for (predicate, expected_text) in [
         ("tt > 36000 + 30 * random()", "`random()` gives a different value each time"),
         ("uuid() > 'a'", "`uuid()` gives a different value each time"),
         ("avg(tt) > 3", "`avg` requires several rows"),
@@ -283,7 +283,7 @@ fn user_where_depends_only_on_the_row() {
         bench.spec(&with(predicate));
         let output = bench.magline(&["check", "spec.toml"]);
         assert_eq!(output.status.code(), Some(2), "{predicate}: {}", stdout(&output));
-        assert!(stderr(&output).contains(says), "{predicate}: {}", stderr(&output));
+        assert!(stderr(&output).contains(expected_text), "{predicate}: {}", stderr(&output));
         assert!(stderr(&output).contains("--> spec.toml:33:10"), "{}", stderr(&output));
     }
     for function in ["now()", "current_date", "current_time", "current_timestamp", "today()"] {
@@ -366,10 +366,10 @@ fn user_set_is_checked_like_the_file() {
     ])
     .collect();
     let before = everything(bench.folder.path());
-    for (set, says) in &cases {
+    for (set, expected_text) in &cases {
         let done = bench.run(&["--set", set]);
         assert_eq!(done.code, 2, "{set:?}: {}", done.stderr);
-        assert!(done.stderr.contains(says), "{set:?}: {}", done.stderr);
+        assert!(done.stderr.contains(expected_text), "{set:?}: {}", done.stderr);
         assert!(done.stderr.contains(" --> the command line\n  | --set "), "{set:?}: {}", done.stderr);
         assert_eq!(stderr(&bench.magline(&["check", "spec.toml", "--set", set])), done.stderr);
     }
@@ -454,13 +454,13 @@ fn user_sweeps_are_counted_before_they_are_expanded() {
         bench.magline(&["check", "wide.toml"])
     };
     let axis = |rest: &str| format!("lambda = {{ subsets_of = [{}]{rest} }}", names.join(", "));
-    for (axis, says) in [
+    for (axis, expected_text) in [
         (axis(""), "the axis `lambda` would have 1073741823 values"),
         (axis(", at_least = 15"), "the axis `lambda` would have"),
     ] {
         let output = check(&[axis]);
         assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
-        assert!(stderr(&output).contains(says), "{}", stderr(&output).chars().take(400).collect::<String>());
+        assert!(stderr(&output).contains(expected_text), "{}", stderr(&output).chars().take(400).collect::<String>());
         assert!(stderr(&output).contains("`up_to`"));
     }
     let spec = SPEC.replace("lambda = [0.0, 0.025]", &format!("lambda = [{}]\nlow = [{}]", list(60_000), list(50)));
@@ -468,8 +468,9 @@ fn user_sweeps_are_counted_before_they_are_expanded() {
     fs::write(bench.path("wide.toml"), spec).unwrap();
     let output = bench.magline(&["check", "wide.toml"]);
     assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
-    let says = "`coefficients` would be run at 12000000 points: mag (2) x vector (2) x lambda (60000) x low (50)";
-    assert!(stderr(&output).contains(says), "{}", stderr(&output).chars().take(400).collect::<String>());
+    let expected_text =
+        "`coefficients` would be run at 12000000 points: mag (2) x vector (2) x lambda (60000) x low (50)";
+    assert!(stderr(&output).contains(expected_text), "{}", stderr(&output).chars().take(400).collect::<String>());
     // The product of the axes overflows every integer type.
     let axes: Vec<String> = (0..16).map(|i| format!("a{i} = [{}]", list(100_000 / 100))).collect();
     let spec = SPEC.replace("lambda = [0.0, 0.025]", &format!("lambda = [1.0]\n{}", axes.join("\n")));
@@ -496,9 +497,9 @@ fn user_closed_full_and_abandoned_streams_cause_no_panic() {
     let bench = ran();
     let code = |line: &str| {
         let output = shell(&bench, line);
-        let said = format!("{}{}", stdout(&output), stderr(&output));
-        assert!(!said.contains("panicked"), "{line}: {said}");
-        (output.status.code().unwrap(), said)
+        let message = format!("{}{}", stdout(&output), stderr(&output));
+        assert!(!message.contains("panicked"), "{line}: {message}");
+        (output.status.code().unwrap(), message)
     };
     // An unwritable standard error does not change the exit status.
     for target in ["2>&-", "2>/dev/full"] {
@@ -526,14 +527,14 @@ fn user_closed_full_and_abandoned_streams_cause_no_panic() {
         "--help",
         "--version",
     ] {
-        let (status, said) = code(&format!("magline {command} >/dev/full"));
-        assert_eq!(status, 1, "{command}: {said}");
-        assert!(said.contains("cannot write to standard output: No space left on device"), "{command}: {said}");
+        let (status, message) = code(&format!("magline {command} >/dev/full"));
+        assert_eq!(status, 1, "{command}: {message}");
+        assert!(message.contains("cannot write to standard output: No space left on device"), "{command}: {message}");
         // A reader that stops early causes no error.
-        let (status, said) = code(&format!("magline {command} | head -c 1 >/dev/null; exit ${{PIPESTATUS[0]}}"));
-        assert!(status == 0 && !said.contains("error:"), "{command}: {status} {said}");
+        let (status, message) = code(&format!("magline {command} | head -c 1 >/dev/null; exit ${{PIPESTATUS[0]}}"));
+        assert!(status == 0 && !message.contains("error:"), "{command}: {status} {message}");
         assert_eq!(code(&format!("magline {command} >&- 2>&-")).0, 0, "{command}");
     }
-    let (status, said) = code("magline sql 'SELECT 1 AS one' --format csv -o /dev/full/x");
-    assert_eq!(status, 1, "{said}");
+    let (status, message) = code("magline sql 'SELECT 1 AS one' --format csv -o /dev/full/x");
+    assert_eq!(status, 1, "{message}");
 }

@@ -40,8 +40,8 @@ fn user_a_diverged_filter_is_flagged_wherever_its_score_is_shown() {
     let (drms, ins) = (of("drms"), of("ins_drms"));
     let worse: Vec<f64> = drms.iter().zip(&ins).filter(|(d, i)| d > i).map(|(d, _)| *d).collect();
     assert!(!worse.is_empty(), "the filter was meant to diverge: {drms:?} against {ins:?}");
-    let told: Vec<f64> = (0..kinds.len()).filter(|i| kinds[*i] == "worse_than_ins").map(|i| values[i]).collect();
-    assert_eq!(told, worse);
+    let warned: Vec<f64> = (0..kinds.len()).filter(|i| kinds[*i] == "worse_than_ins").map(|i| values[i]).collect();
+    assert_eq!(warned, worse);
     let high = of("nees").into_iter().filter(|v| *v > 20.0).count();
     assert_eq!(kinds.iter().filter(|k| *k == "nees_high").count(), high);
     assert!((0..kinds.len()).filter(|i| kinds[*i] == "nees_high").all(|i| limits[i] == 20.0));

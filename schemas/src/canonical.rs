@@ -116,8 +116,10 @@ fn step(source: &Field) -> Result<(ColumnConversion, Field), Fault> {
     let known = flight::describe(name);
     let kind = flattened(source.data_type());
     // The role in the metadata applies to columns without a fixed name.
-    let said = describe_field(source).role;
-    let own_role = matches!(said, Role::Truth | Role::Sensor).then_some(said).filter(|_| known.description.is_empty());
+    let source_role = describe_field(source).role;
+    let own_role = matches!(source_role, Role::Truth | Role::Sensor)
+        .then_some(source_role)
+        .filter(|_| known.description.is_empty());
     let as_field = |t: DataType, unit: &str, role: Role| {
         let role = own_role.unwrap_or(role);
         let own = source.metadata().get("description").map(String::as_str);
@@ -325,9 +327,9 @@ mod tests {
             with_unit("mag_2_uc", DataType::Float64, "V"),
         ]);
         let faults = FlightConversion::new(&schema).unwrap_err();
-        let said: Vec<String> = faults.iter().map(Fault::to_string).collect();
+        let messages: Vec<String> = faults.iter().map(Fault::to_string).collect();
         assert_eq!(
-            said,
+            messages,
             [
                 "column `line`: a flight table requires a column `line` (did you mean `lines`?)",
                 "column `tt`: a flight table requires a column `tt` (known here: flight, lines, lat, mag_2_uc)",

@@ -226,24 +226,24 @@ mod tests {
 
     #[test]
     fn unit_invalid_inputs_are_reported_with_their_parameter() {
-        let said = |stage: &AMatrix, columns: Vec<Column>| {
+        let fault_texts = |stage: &AMatrix, columns: Vec<Column>| {
             let faults = stage.yields(&[&table(columns)]).unwrap_err();
             faults.iter().map(|f| format!("{f} [{}]", f.param.clone().unwrap_or_default())).collect::<Vec<_>>()
         };
         let other = AMatrix { vector: "flux_b".into(), ..a_matrix(&ALL) };
         let expected = "there is no vector magnetometer `flux_b` (did you mean `flux_a`?) [vector]";
-        assert_eq!(said(&other, columns()), [expected]);
+        assert_eq!(fault_texts(&other, columns()), [expected]);
         let mut in_microtesla = columns();
         in_microtesla[2].unit = "uT".into();
         let expected = "column `flux_a_y` is in uT, but nT is needed [vector]";
-        assert_eq!(said(&a_matrix(&ALL), in_microtesla), [expected]);
+        assert_eq!(fault_texts(&a_matrix(&ALL), in_microtesla), [expected]);
         let lame: Vec<Column> = columns().into_iter().filter(|c| c.name != "flux_a_z").collect();
-        let faults = said(&a_matrix(&["permanant"]), lame);
+        let faults = fault_texts(&a_matrix(&["permanant"]), lame);
         assert_eq!(faults.len(), 2, "{faults:?}");
         assert!(faults[0].starts_with("there is no column `flux_a_z`") && faults[0].ends_with("[vector]"));
         assert!(faults[1].contains("`permanant`") && faults[1].ends_with("[terms]"), "{faults:?}");
         let truth = AMatrix { scalar: Some("mag_1_c".into()), ..a_matrix(&ALL) };
-        let faults = said(&truth, columns());
+        let faults = fault_texts(&truth, columns());
         assert!(faults[0].contains("`mag_1_c` is a truth column") && faults[0].ends_with("[scalar]"), "{faults:?}");
         assert!(AMatrix { allow_truth: true, ..truth }.yields(&[&table(columns())]).is_ok());
     }

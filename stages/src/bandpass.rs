@@ -180,19 +180,20 @@ mod tests {
             Column::float("mag_1_c", "nT", "").role(Role::Truth),
         ];
         let table = |rate_hz| Table::Lines(TableShape { columns: columns.clone(), rate_hz });
-        let said = |stage: &Bandpass, rate_hz: Option<f64>| {
+        let fault_texts = |stage: &Bandpass, rate_hz: Option<f64>| {
             let faults = stage.yields(&[&table(rate_hz)]).unwrap_err();
             faults.iter().map(|f| format!("{} [{}]", f.what, f.param.clone().unwrap_or_default())).collect::<Vec<_>>()
         };
         let wide = Bandpass { high_hz: 6.0, ..bandpass(&["mag_4_uc"]) };
         let expected = "a corner of 6 Hz is not below the Nyquist frequency of 5 Hz [high_hz]";
-        assert_eq!(said(&wide, Some(RATE_HZ)), [expected]);
+        assert_eq!(fault_texts(&wide, Some(RATE_HZ)), [expected]);
         assert!(wide.yields(&[&table(None)]).is_ok(), "the rate is not known");
-        assert!(said(&Bandpass { low_hz: 0.9, ..bandpass(&["mag_4_uc"]) }, None)[0].ends_with("[low_hz]"));
+        assert!(fault_texts(&Bandpass { low_hz: 0.9, ..bandpass(&["mag_4_uc"]) }, None)[0].ends_with("[low_hz]"));
         assert!(
-            said(&Bandpass { low_hz: 0.0, high_hz: 0.0, ..bandpass(&["mag_4_uc"]) }, None)[0].ends_with("[low_hz]")
+            fault_texts(&Bandpass { low_hz: 0.0, high_hz: 0.0, ..bandpass(&["mag_4_uc"]) }, None)[0]
+                .ends_with("[low_hz]")
         );
-        assert_eq!(said(&bandpass(&["mag_5_uc"]), None), ["there is no column `mag_5_uc` [columns]"]);
+        assert_eq!(fault_texts(&bandpass(&["mag_5_uc"]), None), ["there is no column `mag_5_uc` [columns]"]);
         let made = bandpass(&["mag_4_uc", "mag_1_c"]).yields(&[&table(Some(RATE_HZ))]).unwrap().columns;
         let made: Vec<_> = made.iter().map(|c| (c.name.as_str(), c.unit.as_str(), c.role)).collect();
         assert_eq!(made, [("mag_4_uc_bp", "nT", Role::Derived), ("mag_1_c_bp", "nT", Role::Truth)]);

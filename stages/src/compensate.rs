@@ -299,7 +299,7 @@ mod tests {
         let yields = |stage: &Compensate, columns: Vec<Column>, model: &Table| {
             stage.yields(&[&Table::Lines(shape(columns)), model])
         };
-        let said = |stage: &Compensate, columns: Vec<Column>, model: &Table| {
+        let fault_texts = |stage: &Compensate, columns: Vec<Column>, model: &Table| {
             let faults = yields(stage, columns, model).unwrap_err();
             faults.iter().map(|f| format!("{} [{}]", f.what, f.param.clone().unwrap_or_default())).collect::<Vec<_>>()
         };
@@ -311,17 +311,17 @@ mod tests {
             ["mag_c", "mag_aircraft", "mag_sigma", "mag_fogm_sigma", "mag_fogm_tau", "mag_aircraft_sigma"]
         );
         let expected = "the model was fitted with `cur_1`, but there is no column `cur_1` [input]";
-        assert_eq!(said(&compensate(), only(&["tl", "mag_4_uc"]), &fitted), [expected]);
+        assert_eq!(fault_texts(&compensate(), only(&["tl", "mag_4_uc"]), &fitted), [expected]);
         let anomaly = Compensate { predicts: PredictedQuantity::Anomaly, detrend: true, ..compensate() };
         let expected = [
             "there is no column `igrf` [predicts]",
             "there is no column `diurnal` [predicts]",
             "`detrend` requires `predicts = \"aircraft\"` [detrend]",
         ];
-        assert_eq!(said(&anomaly, only(&["tl", "cur_1", "mag_4_uc"]), &fitted), expected);
+        assert_eq!(fault_texts(&anomaly, only(&["tl", "cur_1", "mag_4_uc"]), &fitted), expected);
         let truth = columns().into_iter().map(|c| if c.name == "mag_4_uc" { c.role(Role::Truth) } else { c });
-        assert!(said(&compensate(), truth.collect(), &fitted)[0].ends_with("[mag]"));
+        assert!(fault_texts(&compensate(), truth.collect(), &fitted)[0].ends_with("[mag]"));
         let noise = Table::Model { shape: shape(vec![Column::float("residual_sigma", "nT", "")]), features: vec![] };
-        assert_eq!(said(&compensate(), columns(), &noise), ["`model` has no column `term` [model]"]);
+        assert_eq!(fault_texts(&compensate(), columns(), &noise), ["`model` has no column `term` [model]"]);
     }
 }

@@ -113,8 +113,8 @@ impl Stage for Derivative {
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let fitted = self.method == DerivativeMethod::SavitzkyGolay;
-        let idle = !fitted && (key == "window" || key == "degree");
-        idle.then(|| Fault::new(format!("`{key}` has no effect with the method `central`")))
+        let is_unused = !fitted && (key == "window" || key == "degree");
+        is_unused.then(|| Fault::new(format!("`{key}` has no effect with the method `central`")))
     }
 }
 
@@ -159,7 +159,7 @@ mod tests {
     use schemas::Role;
 
     use super::*;
-    use crate::testing::{batch, line, numbers, said, sampled, table};
+    use crate::testing::{batch, fault_texts, line, numbers, sampled, table};
 
     const RATE_HZ: f64 = 20.0;
 
@@ -226,7 +226,7 @@ mod tests {
                 ("mag_4_uc_dot", "nT/s", Role::Derived)
             ]
         );
-        assert!(said(stage(Some(4)).yields(&[&lines]).unwrap_err()).ends_with("[window]"));
+        assert!(fault_texts(stage(Some(4)).yields(&[&lines]).unwrap_err()).ends_with("[window]"));
         assert!(derivative(DerivativeMethod::Central).idle("window").is_some() && stage(None).idle("window").is_none());
         assert!(
             run(&derivative(DerivativeMethod::SavitzkyGolay), "nT", vec![1.0; 4])

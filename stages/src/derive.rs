@@ -175,7 +175,7 @@ mod tests {
     use schemas::Role;
 
     use super::*;
-    use crate::testing::{batch, line, numbers, said, table};
+    use crate::testing::{batch, fault_texts, line, numbers, table};
 
     fn derive(columns: &[(&str, &str)], units: &[(&str, &str)]) -> Derive {
         let map = |pairs: &[(&str, &str)]| pairs.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())).collect();
@@ -247,7 +247,7 @@ mod tests {
     #[test]
     fn unit_wrong_units_and_types_are_reported_before_the_run() {
         let of = |columns: &[(&str, &str)], units: &[(&str, &str)]| {
-            said(derive(columns, units).yields(&[&lines()]).unwrap_err())
+            fault_texts(derive(columns, units).yields(&[&lines()]).unwrap_err())
         };
         assert!(of(&[("x", "mag_4_uc + alt")], &[]).contains("in m"));
         assert!(of(&[("x", "mag_4_uc * alt")], &[]).contains("`units = { x = \"nT\" }`"));

@@ -148,8 +148,8 @@ impl Stage for Despike {
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
-        let idle = key == "window" && self.method == SpikeDetection::FourthDifference;
-        idle.then(|| Fault::new("`window` has no effect with the method `fourth_difference`"))
+        let is_unused = key == "window" && self.method == SpikeDetection::FourthDifference;
+        is_unused.then(|| Fault::new("`window` has no effect with the method `fourth_difference`"))
     }
 }
 
@@ -182,7 +182,7 @@ mod tests {
     use schemas::Role;
 
     use super::*;
-    use crate::testing::{batch, line, said, sampled, table};
+    use crate::testing::{batch, fault_texts, line, sampled, table};
 
     fn despike(method: SpikeDetection, replace: SpikeReplacement) -> Despike {
         Despike { columns: vec!["x".into()], method, threshold: 6.0, window: None, replace }
@@ -273,7 +273,7 @@ mod tests {
             window: Some(10),
             ..despike(SpikeDetection::Hampel, SpikeReplacement::Nan)
         };
-        assert!(said(even.yields(&[&lines]).unwrap_err()).ends_with("[window]"));
+        assert!(fault_texts(even.yields(&[&lines]).unwrap_err()).ends_with("[window]"));
         let made = Despike { window: None, ..even }.yields(&[&lines]).unwrap().columns;
         let made: Vec<_> = made.iter().map(|c| (c.name.as_str(), c.unit.as_str(), c.role)).collect();
         assert_eq!(made, [("mag_1_c_ds", "nT", Role::Truth), ("mag_1_c_spike", "", Role::Truth)]);

@@ -352,7 +352,7 @@ mod tests {
     use arrow_array::{ArrayRef, StringArray};
 
     use super::*;
-    use crate::testing::{StageTestColumns, batch, line, numbers, said, sampled, table};
+    use crate::testing::{StageTestColumns, batch, fault_texts, line, numbers, sampled, table};
 
     fn diurnal() -> Diurnal {
         Diurnal {
@@ -393,7 +393,7 @@ mod tests {
     }
 
     /// A line of day 60 of 2020.
-    fn flown(first_s: f64, rows: usize) -> RecordBatch {
+    fn observed_line(first_s: f64, rows: usize) -> RecordBatch {
         let tt = sampled(first_s, 1.0, rows, |t| t);
         // After midnight the date advances.
         let doy = tt.iter().map(|t| 60.0 + (t / DAY_S).floor()).collect();
@@ -415,7 +415,7 @@ mod tests {
     #[test]
     fn law_a_linear_record_is_interpolated_minus_its_mean_across_midnight() {
         let slope = |t: f64| 50_000.0 + 1e-3 * t;
-        let made = run(&diurnal(), flown(86_000.0, 900), vec![record("ABC", 60.0, 2, 45.0, slope)]).unwrap();
+        let made = run(&diurnal(), observed_line(86_000.0, 900), vec![record("ABC", 60.0, 2, 45.0, slope)]).unwrap();
         // The mean of 2880 minutes from 0 to 172,740 s.
         let mean = 50_000.0 + 1e-3 * 86_370.0;
         for (k, x) in made.iter().enumerate() {
@@ -423,14 +423,15 @@ mod tests {
         }
         let of_line = run(
             &Diurnal { level: DiurnalBaseline::Line, ..diurnal() },
-            flown(86_000.0, 901),
+            observed_line(86_000.0, 901),
             vec![record("ABC", 60.0, 2, 45.0, slope)],
         )
         .unwrap();
         assert!((of_line[0] + 0.45).abs() < 1e-8 && of_line[450].abs() < 1e-8);
         let level_nt = Some([("ABC".to_owned(), 49_990.0)].into());
-        let given = run(&Diurnal { level_nt, ..diurnal() }, flown(600.0, 2), vec![record("ABC", 60.0, 2, 45.0, slope)])
-            .unwrap();
+        let given =
+            run(&Diurnal { level_nt, ..diurnal() }, observed_line(600.0, 2), vec![record("ABC", 60.0, 2, 45.0, slope)])
+                .unwrap();
         assert!((given[0] - 10.6).abs() < 1e-8);
     }
 
@@ -441,7 +442,8 @@ mod tests {
             || vec![record("NEAR", 60.0, 1, 44.0, |t| (1e-3 * t).sin()), record("FAR", 60.0, 1, 48.0, |_| 0.0)];
         let zeroed = || Some([("NEAR".to_owned(), 0.0), ("FAR".to_owned(), 0.0)].into());
         for (power, weight) in [(0.0, 0.5), (1.0, 0.75), (2.0, 0.9)] {
-            let made = run(&Diurnal { power, level_nt: zeroed(), ..diurnal() }, flown(600.0, 600), records()).unwrap();
+            let made =
+                run(&Diurnal { power, level_nt: zeroed(), ..diurnal() }, observed_line(600.0, 600), records()).unwrap();
             // A degree is 0.1 % longer at latitude 47 than at latitude 44. The records are straight lines between
             // minutes.
             assert!((made[300] / 0.9_f64.sin() - weight).abs() < 2e-3, "{power}: {}", made[300] / 0.9_f64.sin());
@@ -449,8 +451,8 @@ mod tests {
         // One table may hold both stations.
         let stage = Diurnal { level_nt: zeroed(), ..diurnal() };
         let both = arrow_select::concat::concat_batches(&records()[0].schema(), &records()).unwrap();
-        let apart = run(&stage, flown(600.0, 60), records()).unwrap();
-        assert_eq!(run(&stage, flown(600.0, 60), vec![both]).unwrap(), apart);
+        let apart = run(&stage, observed_line(600.0, 60), records()).unwrap();
+        assert_eq!(run(&stage, observed_line(600.0, 60), vec![both]).unwrap(), apart);
     }
 
     #[test]
@@ -458,16 +460,16 @@ mod tests {
         let whole = record("ABC", 60.0, 1, 45.0, |t| 0.1 * t);
         let parts = [whole.slice(0, 20), whole.slice(30, 1410)];
         let gap = arrow_select::concat::concat_batches(&whole.schema(), &parts).unwrap();
-        let made = run(&diurnal(), flown(1000.0, 1000), vec![gap.clone()]).unwrap();
+        let made = run(&diurnal(), observed_line(1000.0, 1000), vec![gap.clone()]).unwrap();
         // The last minute before the gap is 1140 s, the first after it 1800 s.
         let missing: Vec<usize> = (0..1000).filter(|k| made[*k].is_nan()).collect();
         assert_eq!((missing.first().copied(), missing.last().copied(), missing.len()), (Some(141), Some(799), 659));
         let wide = Diurnal { max_gap_s: 660.0, ..diurnal() };
-        assert!(run(&wide, flown(1000.0, 1000), vec![gap]).unwrap().iter().all(|x| x.is_finite()));
+        assert!(run(&wide, observed_line(1000.0, 1000), vec![gap]).unwrap().iter().all(|x| x.is_finite()));
         let narrow = Diurnal { max_gap_s: 59.0, ..diurnal() };
-        assert!(run(&narrow, flown(0.0, 9), vec![whole.clone()]).unwrap_err().what.contains("every 60 s"));
+        assert!(run(&narrow, observed_line(0.0, 9), vec![whole.clone()]).unwrap_err().what.contains("every 60 s"));
         let other_day = record("ABC", 62.0, 1, 45.0, |t| t);
-        let fault = run(&diurnal(), flown(1000.0, 10), vec![other_day]).unwrap_err();
+        let fault = run(&diurnal(), observed_line(1000.0, 10), vec![other_day]).unwrap_err();
         assert!(
             fault.what.contains("ABC from day 0.00 to 1.00") && fault.what.contains("line from day -1.99"),
             "{fault}"
@@ -475,8 +477,10 @@ mod tests {
         let undated = batch(vec![("tt", "s", vec![1.0]), ("year", "", vec![f64::NAN]), ("doy", "", vec![60.0])]);
         assert!(run(&diurnal(), undated, vec![whole.clone()]).unwrap_err().what.contains("no date"));
         let again = record("ABC", 60.0, 1, 45.0, |t| 0.1 * t + 1.0);
-        assert!(run(&diurnal(), flown(0.0, 9), vec![whole.clone(), again]).unwrap_err().what.contains("two values"));
-        assert!(run(&diurnal(), flown(0.0, 9), vec![whole.clone(), whole]).is_ok(), "the same values twice");
+        assert!(
+            run(&diurnal(), observed_line(0.0, 9), vec![whole.clone(), again]).unwrap_err().what.contains("two values")
+        );
+        assert!(run(&diurnal(), observed_line(0.0, 9), vec![whole.clone(), whole]).is_ok(), "the same values twice");
     }
 
     #[test]
@@ -491,7 +495,7 @@ mod tests {
             [vec!["tt", "year", "doy", "lat", "lon"], vec!["flight", "year", "doy", "tt", "field_f"]]
         );
         assert!(made.columns[0].from.contains(&(1, "field_f".into())));
-        let of = |stage: Diurnal, inputs: &[&Table]| said(stage.yields(inputs).unwrap_err());
+        let of = |stage: Diurnal, inputs: &[&Table]| fault_texts(stage.yields(inputs).unwrap_err());
         let undated = table(&[("tt", "s")], None);
         assert!(of(diurnal(), &[&undated, &station]).contains("no `year` and `doy`"));
         assert!(of(diurnal(), &[&table(&of_station[1..4], None), &station, &station]).ends_with("[position]"));

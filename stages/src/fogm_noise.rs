@@ -254,9 +254,9 @@ mod tests {
         let columns = vec![Column::float("tt", "s", ""), Column::float("residual", "m", "")];
         let table = Table::Lines(TableShape { columns, rate_hz: None });
         let faults = stage(NoiseFitStatistic::Allan, Some("mag_1_c")).yields(&[&table]).unwrap_err();
-        let said: Vec<_> = faults.iter().map(|f| (f.what.as_str(), f.param.as_deref().unwrap())).collect();
+        let found: Vec<_> = faults.iter().map(|f| (f.what.as_str(), f.param.as_deref().unwrap())).collect();
         let expected =
             [("column `residual` is in m, but nT is needed", "column"), ("there is no column `mag_1_c`", "truth")];
-        assert_eq!(said, expected);
+        assert_eq!(found, expected);
     }
 }

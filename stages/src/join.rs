@@ -236,7 +236,7 @@ mod tests {
     use arrow_array::{RecordBatch, StringArray, cast::AsArray, types::Float64Type};
 
     use super::*;
-    use crate::testing::{batch, line, numbers, said, sampled, table};
+    use crate::testing::{batch, fault_texts, line, numbers, sampled, table};
 
     fn join(method: JoinMethod, tolerance_s: f64) -> Join {
         Join { columns: None, method, tolerance_s, suffix: String::new() }
@@ -334,10 +334,10 @@ mod tests {
         assert_eq!(made.reads, [vec!["tt"], vec!["mag_1_c", "lat", "tt"]]);
         let again = stage(Some(&["mag_4_uc"]), "_2").yields(&[&ours, &theirs]).unwrap();
         assert_eq!((again.columns[0].name.as_str(), again.columns.len()), ("mag_4_uc_2", 1));
-        let of = |stage: Join| said(stage.yields(&[&ours, &theirs]).unwrap_err());
+        let of = |stage: Join| fault_texts(stage.yields(&[&ours, &theirs]).unwrap_err());
         assert!(of(stage(Some(&["mag_4_uc"]), "")).contains("`suffix`"));
         assert!(of(stage(Some(&["mag_1_b"]), "")).contains("did you mean `mag_1_c`?"));
         assert!(of(stage(Some(&["tt"]), "")).contains("is a key"));
-        assert!(said(stage(None, "").yields(&[&ours, &ours]).unwrap_err()).contains("no column to append"));
+        assert!(fault_texts(stage(None, "").yields(&[&ours, &ours]).unwrap_err()).contains("no column to append"));
     }
 }

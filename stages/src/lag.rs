@@ -215,7 +215,7 @@ mod tests {
     };
 
     use super::*;
-    use crate::testing::{batch, line, said, sampled, table as lines_of};
+    use crate::testing::{batch, fault_texts, line, sampled, table as lines_of};
 
     const RATE_HZ: f64 = 20.0;
 
@@ -235,7 +235,7 @@ mod tests {
         (0.9 * t).sin() + 0.7 * (2.3 * t + 1.0).sin() + 0.5 * (4.1 * t).cos()
     }
 
-    fn flown(late_s: f64, trend: f64) -> LineInput {
+    fn delayed_line(late_s: f64, trend: f64) -> LineInput {
         line(vec![batch(vec![
             ("tt", "s", sampled(500.0, RATE_HZ, 2400, |t| t)),
             ("mag_1_uc", "nT", sampled(500.0, RATE_HZ, 2400, |t| 50_000.0 + waves(t))),
@@ -253,14 +253,14 @@ mod tests {
 
     #[test]
     fn law_the_lag_of_each_line_is_recovered() {
-        let (lags, product) = found(&lag(&["mag_2_uc"]), &[flown(0.06, 0.0), flown(-0.215, 0.0)]);
+        let (lags, product) = found(&lag(&["mag_2_uc"]), &[delayed_line(0.06, 0.0), delayed_line(-0.215, 0.0)]);
         assert!((lags[0] - 0.06).abs() < 1e-4 && (lags[1] + 0.215).abs() < 1e-4, "{lags:?}");
         assert_eq!(product.columns[2].as_string::<i32>().value(0), "mag_2_uc");
         // Number of overlapping pairs at the nearest whole samples, 1 and 4.
         assert_eq!(product.columns[7].as_primitive::<Int64Type>().values()[..], [2399, 2396]);
         assert!(product.warnings.is_empty());
         // A trend flattens the peak; a band-pass removes the trend.
-        let slanted = || flown(0.06, 5.0);
+        let slanted = || delayed_line(0.06, 5.0);
         let band = LagStage { low_hz: 0.1, ..lag(&["mag_2_uc"]) };
         let (with_band, _) = found(&band, &[slanted()]);
         assert!((with_band[0] - 0.06).abs() < 2e-3, "{with_band:?}");
@@ -270,17 +270,17 @@ mod tests {
 
     #[test]
     fn unit_an_undetermined_lag_is_nan_with_a_warning() {
-        let (lags, product) = found(&lag(&["dead", "mag_2_uc"]), &[flown(0.06, 0.0)]);
+        let (lags, product) = found(&lag(&["dead", "mag_2_uc"]), &[delayed_line(0.06, 0.0)]);
         assert!(lags[0].is_nan() && (lags[1] - 0.06).abs() < 1e-4);
         assert_eq!(product.warnings.len(), 1);
         assert!(product.warnings[0].contains("line 1.01: `dead` has no lag: one of the signals is constant"));
         let far = LagStage { most_s: 0.2, ..lag(&["mag_2_uc"]) };
-        assert!(found(&far, &[flown(0.5, 0.0)]).0[0].is_nan());
+        assert!(found(&far, &[delayed_line(0.5, 0.0)]).0[0].is_nan());
     }
 
     #[test]
     fn unit_lines_with_gaps_and_unselected_rows_are_ignored() {
-        let mut gap = flown(0.06, 0.0);
+        let mut gap = delayed_line(0.06, 0.0);
         let (head, tail) = (gap.inputs[0].slice(0, 1000), gap.inputs[0].slice(1200, 1200));
         gap.inputs[0] = arrow_select::concat::concat_batches(&head.schema(), &[head, tail]).unwrap();
         let stage = lag(&["mag_2_uc"]);
@@ -288,7 +288,7 @@ mod tests {
         let part = gather.map(&gap).unwrap();
         assert!(gather.refused(&part)[0].1.what.contains("1 gaps in time"));
         let keep = Some((0..2400).map(|k| k < 1000).collect());
-        let (lags, product) = found(&stage, &[LineInput { keep, ..flown(0.06, 0.0) }]);
+        let (lags, product) = found(&stage, &[LineInput { keep, ..delayed_line(0.06, 0.0) }]);
         assert!((lags[0] - 0.06).abs() < 1e-3);
         assert_eq!(product.columns[7].as_primitive::<Int64Type>().values()[..], [999]);
     }
@@ -296,7 +296,7 @@ mod tests {
     #[test]
     fn unit_names_and_corners_are_checked_before_the_run() {
         let lines = lines_of(&[("tt", "s"), ("mag_1_uc", "nT"), ("mag_2_uc", "nT")], Some(RATE_HZ));
-        let of = |stage: LagStage| said(stage.yields(&[&lines]).unwrap_err());
+        let of = |stage: LagStage| fault_texts(stage.yields(&[&lines]).unwrap_err());
         assert!(of(lag(&["mag_1_uc"])).contains("against itself"));
         assert!(of(lag(&["mag_3_uc"])).ends_with("[columns]"));
         assert!(of(LagStage { reference: "mag".into(), ..lag(&["mag_2_uc"]) }).ends_with("[reference]"));

@@ -106,7 +106,7 @@ mod tests {
     use schemas::Role;
 
     use super::*;
-    use crate::testing::{batch, line, numbers, said, sampled, table};
+    use crate::testing::{batch, fault_texts, line, numbers, sampled, table};
 
     const RATE_HZ: f64 = 50.0;
 
@@ -153,7 +153,7 @@ mod tests {
     #[test]
     fn unit_invalid_corners_are_reported_and_truth_stays_truth() {
         let lines = table(&[("tt", "s"), ("mag_4_uc", "nT"), ("mag_1_c", "nT")], Some(10.0));
-        let of = |stage: Lowpass| said(stage.yields(&[&lines]).unwrap_err());
+        let of = |stage: Lowpass| fault_texts(stage.yields(&[&lines]).unwrap_err());
         assert!(of(lowpass(&["mag_4_uc"], Some(6.0), None)).ends_with("[corner_hz]"));
         assert!(of(lowpass(&["mag_4_uc"], None, Some(20.0))).ends_with("[for_rate_hz]"));
         assert!(of(lowpass(&["mag_4_uc"], None, None)).contains("set exactly one"));

@@ -198,7 +198,7 @@ impl MapGrid {
         }
         let height = match report.level_m {
             Some(level_m) => GridHeight::Level(level_m),
-            None => flown(points, &line, &grid, progress)?,
+            None => survey_heights(points, &line, &grid, progress)?,
         };
         let error = error.map(|error| points.grid(error, height.clone())).transpose()?;
         Ok(SurveyMap { map: points.grid(grid, height)?, error, report, levelled })
@@ -377,7 +377,7 @@ fn refused(error: &GriddingError) -> Fault {
 }
 
 /// Heights flown at each node, if the surface is at these heights.
-fn flown(
+fn survey_heights(
     points: &SurveyPointSet,
     line: &[usize],
     grid: &PlaneGrid,

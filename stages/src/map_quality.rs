@@ -169,14 +169,14 @@ mod tests {
 
     /// A line through positions in metres north and east, one per second.
     fn run(stage: &MapQuality, map: &RecordBatch, places: &[[f64; 2]]) -> Result<Vec<Vec<f64>>, Fault> {
-        let flown = batch(vec![
+        let line_batch = batch(vec![
             ("tt", (0..places.len()).map(|k| 100.0 + k as f64).collect()),
             ("lat", places.iter().map(|p| 45.0 + p[0] / DEGREE_M[0]).collect()),
             ("lon", places.iter().map(|p| -75.0 + p[1] / DEGREE_M[1]).collect()),
             ("alt", vec![0.0; places.len()]),
         ]);
-        let prepared = stage.prepare(&[flown.slice(0, 0), map.clone()]).unwrap();
-        let line = LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![flown], keep: None };
+        let prepared = stage.prepare(&[line_batch.slice(0, 0), map.clone()]).unwrap();
+        let line = LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![line_batch], keep: None };
         let arrays = stage.run(&line, &prepared)?;
         Ok(arrays.iter().map(|a| a.as_primitive::<Float64Type>().values().to_vec()).collect())
     }

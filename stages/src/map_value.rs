@@ -177,9 +177,9 @@ mod tests {
     }
 
     fn run(stage: &MapValue, lat: &[f64], lon: &[f64]) -> Result<Vec<Vec<f64>>, Fault> {
-        let flown = batch(vec![("lat", lat.to_vec()), ("lon", lon.to_vec()), ("alt", vec![0.0; lat.len()])]);
-        let prepared = stage.prepare(&[flown.slice(0, 0), map()]).unwrap();
-        let line = LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![flown], keep: None };
+        let line_batch = batch(vec![("lat", lat.to_vec()), ("lon", lon.to_vec()), ("alt", vec![0.0; lat.len()])]);
+        let prepared = stage.prepare(&[line_batch.slice(0, 0), map()]).unwrap();
+        let line = LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![line_batch], keep: None };
         let arrays = stage.run(&line, &prepared)?;
         Ok(arrays.iter().map(|a| a.as_primitive::<Float64Type>().values().to_vec()).collect())
     }
@@ -239,9 +239,10 @@ mod tests {
         let truth = [("lat", lat.clone()), ("lon", lon.clone()), ("alt", alt.clone())];
         let ins = [("ins_lat", moved), ("ins_lon", lon.clone()), ("ins_alt", alt)];
         let both = batch(truth.clone().into_iter().chain(ins.clone()).collect());
-        let of = |stage: &MapValue, flown: &RecordBatch| {
-            let prepared = stage.prepare(&[flown.slice(0, 0), map()]).unwrap();
-            let line = LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![flown.clone()], keep: None };
+        let of = |stage: &MapValue, line_batch: &RecordBatch| {
+            let prepared = stage.prepare(&[line_batch.slice(0, 0), map()]).unwrap();
+            let line =
+                LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![line_batch.clone()], keep: None };
             stage.run(&line, &prepared).unwrap()[0].as_primitive::<Float64Type>().value(0)
         };
         let asked = MapValue { position: Some(PositionSource::Truth), ..map_value() };
@@ -267,8 +268,9 @@ mod tests {
             rate_hz: None,
         };
         let grid = Table::Map(schemas::map::shape());
-        let yields =
-            |stage: &MapValue, flown: &RecordBatch| stage.yields(&[&Table::Lines(shape(flown)), &grid]).unwrap();
+        let yields = |stage: &MapValue, line_batch: &RecordBatch| {
+            stage.yields(&[&Table::Lines(shape(line_batch)), &grid]).unwrap()
+        };
         let by_default = yields(&map_value(), &both);
         assert_eq!(by_default.reads[0], ["ins_lat", "ins_lon", "ins_alt"]);
         assert_eq!(by_default.columns[0].role, schemas::Role::Derived);
@@ -287,12 +289,12 @@ mod tests {
         let stage =
             MapValue { position: Some(PositionSource::Ins), map_levels_m: Some(vec![400.0, 300.0]), ..map_value() };
         let faults = stage.yields(&[&lines, &map]).unwrap_err();
-        let said: Vec<_> = faults.iter().map(|f| (f.what.as_str(), f.param.as_deref().unwrap())).collect();
+        let found: Vec<_> = faults.iter().map(|f| (f.what.as_str(), f.param.as_deref().unwrap())).collect();
         let expected = [
             ("column `ins_lon` is in rad, but deg is needed", "position"),
             ("there is no column `ins_alt`", "position"),
             ("the heights must be one or more numbers in ascending order", "map_levels_m"),
         ];
-        assert_eq!(said, expected);
+        assert_eq!(found, expected);
     }
 }

@@ -317,22 +317,22 @@ mod tests {
             let columns = names.iter().map(|name| Column::float(*name, "", "")).collect();
             TableShape { columns, rate_hz: None }
         };
-        let said = |faults: Vec<Fault>| {
+        let fault_texts = |faults: Vec<Fault>| {
             let one = |f: &Fault| format!("{f} [{}]", f.param.clone().unwrap_or_default());
             faults.iter().map(one).collect::<Vec<_>>()
         };
         let bare = Table::Lines(shape(&["tt"]));
-        let faults = said(stage(None).yields(&[&bare]).unwrap_err());
+        let faults = fault_texts(stage(None).yields(&[&bare]).unwrap_err());
         for (fault, words) in
             faults.iter().zip([["`mag_c`", "[mag]"], ["`core_field`", "[input]"], ["`map_value`", "[input]"]])
         {
             assert!(words.iter().all(|word| fault.contains(word)), "{fault}");
         }
         assert_eq!(faults.len(), 3, "{faults:?}");
-        assert!(said(stage(Some("mag_1_c")).yields(&[&bare]).unwrap_err())[1].ends_with("[truth]"));
+        assert!(fault_texts(stage(Some("mag_1_c")).yields(&[&bare]).unwrap_err())[1].ends_with("[truth]"));
 
         let model = |names: &[&str]| Table::Model { shape: shape(names), features: vec![] };
-        let faults = said(AssumeNoise {}.yields(&[&bare, &model(&RESIDUAL[..2])]).unwrap_err());
+        let faults = fault_texts(AssumeNoise {}.yields(&[&bare, &model(&RESIDUAL[..2])]).unwrap_err());
         assert_eq!(faults.len(), 1, "{faults:?}");
         assert!(faults[0].contains("`residual_noise`") && faults[0].ends_with("[noise]"), "{faults:?}");
         let made = AssumeNoise {}.yields(&[&bare, &model(&RESIDUAL)]).unwrap().columns;

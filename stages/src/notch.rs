@@ -109,7 +109,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
-    use crate::testing::{batch, line, numbers, said, sampled, table};
+    use crate::testing::{batch, fault_texts, line, numbers, sampled, table};
 
     fn notch(mains_hz: f64) -> Notch {
         Notch { columns: vec!["x".into()], mains_hz, harmonics: 3, width_hz: 1.0, sampled_hz: None }
@@ -145,7 +145,7 @@ mod tests {
     #[test]
     fn unit_a_harmonic_near_the_signal_is_rejected() {
         let lines = table(&[("tt", "s"), ("x", "nT")], Some(10.0));
-        let fault = said(notch(50.0).yields(&[&lines]).unwrap_err());
+        let fault = fault_texts(notch(50.0).yields(&[&lines]).unwrap_err());
         assert!(fault.contains("50 Hz has its alias at 0.000 Hz") && fault.ends_with("[harmonics]"), "{fault}");
         assert!(run(&notch(50.0), 100.0, |t| t).unwrap_err().what.contains("the Nyquist frequency"));
         let once = Notch { harmonics: 4, ..notch(40.0) }.aliases(150.0).unwrap();

@@ -252,7 +252,7 @@ mod tests {
     use arrow_array::{cast::AsArray, types::Int64Type};
 
     use super::*;
-    use crate::testing::{batch, line, said, sampled, table};
+    use crate::testing::{batch, fault_texts, line, sampled, table};
 
     const RATE_HZ: f64 = 10.0;
 
@@ -338,7 +338,7 @@ mod tests {
     #[test]
     fn unit_columns_and_units_are_checked_before_the_run() {
         let lines = table(&[("tt", "s"), ("ins_yaw", "deg"), ("ins_roll", "deg"), ("flux_a_x", "nT")], Some(RATE_HZ));
-        let of = |stage: Segments| said(stage.yields(&[&lines]).unwrap_err());
+        let of = |stage: Segments| fault_texts(stage.yields(&[&lines]).unwrap_err());
         let fine = Segments { heading: "ins_yaw".into(), attitude: vec!["ins_roll".into()], ..segments() };
         assert_eq!(fine.yields(&[&lines]).unwrap().columns.len(), 2);
         assert!(of(Segments { heading: "yaw".into(), ..fine.clone() }).ends_with("[heading]"));

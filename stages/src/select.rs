@@ -135,7 +135,7 @@ impl LineStage for Select {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::testing::{batch, line, numbers, said, table};
+    use crate::testing::{batch, fault_texts, line, numbers, table};
 
     fn select(rows: Option<&str>, columns: Option<&[&str]>, drop: &[&str]) -> Select {
         let texts = |names: &[&str]| names.iter().map(ToString::to_string).collect();
@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn unit_an_invalid_selection_is_reported() {
-        let of = |stage: Select| said(stage.yields(&[&lines()]).unwrap_err());
+        let of = |stage: Select| fault_texts(stage.yields(&[&lines()]).unwrap_err());
         assert!(of(select(Some("rada > 3"), None, &[])).contains("did you mean `radar`?"));
         assert!(of(select(Some("radar + 3"), None, &[])).contains("true or false"));
         assert!(of(select(Some("radar > mag_4_uc"), None, &[])).contains("in m"));

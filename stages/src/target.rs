@@ -239,10 +239,11 @@ mod tests {
     fn unit_missing_columns_are_reported_with_the_remedy() {
         let columns = ["mag_4_uc", "mag_1_c", "igrf"].map(|n| Column::float(n, "nT", ""));
         let table = Table::Lines(TableShape { columns: columns.to_vec(), rate_hz: None });
-        let said = |t: &Target| t.yields(&[&table]).unwrap_err().iter().map(ToString::to_string).collect::<String>();
-        assert!(said(&target("c")).contains("map_value"));
-        assert!(said(&target("e")).contains("remove_diurnal"));
-        assert!(said(&Target { mag: None, ..target("d") }).contains("requires `mag`"));
+        let fault_texts =
+            |t: &Target| t.yields(&[&table]).unwrap_err().iter().map(ToString::to_string).collect::<String>();
+        assert!(fault_texts(&target("c")).contains("map_value"));
+        assert!(fault_texts(&target("e")).contains("remove_diurnal"));
+        assert!(fault_texts(&Target { mag: None, ..target("d") }).contains("requires `mag`"));
         let made = target("d").yields(&[&table]).unwrap();
         assert_eq!(made.columns[0].role, Role::Truth);
     }

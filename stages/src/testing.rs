@@ -49,7 +49,7 @@ pub fn table(columns: &[(&str, &str)], rate_hz: Option<f64>) -> Table {
 }
 
 /// Faults as text, each with its parameter.
-pub fn said(faults: Vec<Fault>) -> String {
+pub fn fault_texts(faults: Vec<Fault>) -> String {
     let one = |f: &Fault| format!("{f} [{}]", f.param.clone().unwrap_or_default());
     faults.iter().map(one).collect::<Vec<_>>().join("; ")
 }

@@ -17,16 +17,16 @@ fn asked(spec: &str, tables: &[&str]) -> (bool, String) {
     let done = bench.run(&[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     let output = publish(&bench, tables, "set");
-    let said = stdout(&output) + &stderr(&output);
+    let printed = stdout(&output) + &stderr(&output);
     let refused = output.status.code() == Some(2);
-    assert!(refused || output.status.success(), "{said}");
+    assert!(refused || output.status.success(), "{printed}");
     assert_eq!(refused, !bench.path("set").exists());
-    (refused, said)
+    (refused, printed)
 }
 
 fn refused(spec: &str, tables: &[&str], why: &str) {
-    let (refused, said) = asked(spec, tables);
-    assert!(refused && said.contains(why) && said.contains("the agreement"), "{why}: {said}");
+    let (refused, printed) = asked(spec, tables);
+    assert!(refused && printed.contains(why) && printed.contains("the agreement"), "{why}: {printed}");
 }
 
 const SCORE: &str = "[[stages]]\nname=\"z\"\nstage=\"derive\"\ninput=\"pick\"\ncolumns={ zero = \"0.0 * mag_4_uc\" }\n\
@@ -41,8 +41,8 @@ fn resampled(rate_hz: f64) -> String {
 #[test]
 fn user_a_score_of_few_samples_is_no_aggregate() {
     // 60 s of samples: 600 at 10 Hz, 6 at 0.1 Hz.
-    let (held, said) = asked(&restricted("", "", &resampled(10.0)), &["sc"]);
-    assert!(!held && said.contains("sc: ") && said.contains("samples per value"), "{said}");
+    let (held, printed) = asked(&restricted("", "", &resampled(10.0)), &["sc"]);
+    assert!(!held && printed.contains("sc: ") && printed.contains("samples per value"), "{printed}");
     refused(&restricted("", "", &resampled(0.1)), &["sc"], "`least_samples` is 100");
     refused(&restricted("least_samples = 1000", "", &resampled(10.0)), &["sc"], "`least_samples` is 1000");
     refused(&restricted("least_ratio = 1000", "", &resampled(10.0)), &["sc"], "`least_ratio` is 1000");

@@ -52,10 +52,10 @@ impl<'a> LineAssembly<'a> {
         let mut done = vec![];
         let mut start = 0;
         for end in 1..=batch.num_rows() {
-            let goes_on = end < batch.num_rows()
+            let is_continued = end < batch.num_rows()
                 && text(flights, end) == text(flights, start)
                 && text(lines, end) == text(lines, start);
-            if goes_on {
+            if is_continued {
                 continue;
             }
             let key = (text(flights, start), text(lines, start));

@@ -34,10 +34,10 @@ pub fn in_order<I: Send, O: Send, E: Send>(
     }
     let state = Mutex::new(InOrderState { results: BTreeMap::new(), failed: false });
     let (one_more, work) = (Condvar::new(), &work);
-    let mut told = 0;
-    let mut tell = |results: usize| {
-        (told + 1..=results).for_each(done);
-        told = told.max(results);
+    let mut reported = 0;
+    let mut report_done = |results: usize| {
+        (reported + 1..=results).for_each(done);
+        reported = reported.max(results);
     };
     let mut error = None;
     rayon::in_place_scope(|scope| {
@@ -46,7 +46,7 @@ pub fn in_order<I: Send, O: Send, E: Send>(
                 let now = locked(&state);
                 let (results, failed) = (now.results.len(), now.failed);
                 drop(now);
-                tell(results);
+                report_done(results);
                 if failed {
                     return;
                 }
@@ -83,7 +83,7 @@ pub fn in_order<I: Send, O: Send, E: Send>(
     });
     let results = state.into_inner().unwrap_or_else(PoisonError::into_inner).results;
     let all = results.into_values().collect::<Result<Vec<O>, E>>()?;
-    tell(all.len());
+    report_done(all.len());
     error.map_or(Ok(all), Err)
 }
 
@@ -110,7 +110,7 @@ mod tests {
             for most in [1, 2, 3, 8] {
                 let (given, finished) = (AtomicUsize::new(0), AtomicUsize::new(0));
                 let run = |bad: Vec<usize>, end: Option<usize>| {
-                    let told = RefCell::new(vec![]);
+                    let reported = RefCell::new(vec![]);
                     given.store(0, Ordering::SeqCst);
                     finished.store(0, Ordering::SeqCst);
                     let next = || {
@@ -123,15 +123,15 @@ mod tests {
                         finished.fetch_add(1, Ordering::SeqCst);
                         if bad.contains(&i) { Err(i) } else { Ok(i * i) }
                     };
-                    let out = in_order(most, next, work, &|n| told.borrow_mut().push(n));
-                    (out, told.into_inner())
+                    let out = in_order(most, next, work, &|n| reported.borrow_mut().push(n));
+                    (out, reported.into_inner())
                 };
                 let squares: Vec<usize> = (0..40).map(|i| i * i).collect();
-                let (all, told) = run(vec![], None);
-                assert_eq!((all, told), (Ok(squares), (1..=40).collect()), "outside of a pool");
+                let (all, reported) = run(vec![], None);
+                assert_eq!((all, reported), (Ok(squares), (1..=40).collect()), "outside of a pool");
                 // Errors in the pool when this thread is one of its workers.
-                let told = pool.install(|| [run(vec![], None).1.len(), run(vec![7, 8], None).0.unwrap_err()]);
-                assert_eq!(told, [40, 7]);
+                let reported = pool.install(|| [run(vec![], None).1.len(), run(vec![7, 8], None).0.unwrap_err()]);
+                assert_eq!(reported, [40, 7]);
                 assert_eq!(run(vec![9], Some(12)).0, Err(9));
                 assert_eq!(run(vec![], Some(12)).0, Err(1012));
             }

@@ -303,11 +303,11 @@ mod tests {
 
     #[test]
     fn unit_invalid_tables_are_rejected_with_the_reason() {
-        let said = |rows: &str| table(&format!("flight,line,t_start,t_end\n{rows}")).unwrap_err().to_string();
-        assert!(said("1,1.01,10,20\n1,1.02,19,30\n").contains("overlap"));
-        assert!(said("1,1.01,10,20\n1,1.01,29,30\n").contains("duplicate"));
-        assert!(said("1,1.01,20,10\n").contains("`t_end` after"));
-        assert!(said("1,1.01,,10\n").contains("`t_end` after"));
+        let fault_text = |rows: &str| table(&format!("flight,line,t_start,t_end\n{rows}")).unwrap_err().to_string();
+        assert!(fault_text("1,1.01,10,20\n1,1.02,19,30\n").contains("overlap"));
+        assert!(fault_text("1,1.01,10,20\n1,1.01,29,30\n").contains("duplicate"));
+        assert!(fault_text("1,1.01,20,10\n").contains("`t_end` after"));
+        assert!(fault_text("1,1.01,,10\n").contains("`t_end` after"));
         assert!(table("flight,line,start,t_end\n1,1.01,10,20\n").unwrap_err().to_string().contains("`t_start`"));
     }
 }

@@ -73,7 +73,7 @@ mod tests {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../examples/osborne.synth.toml");
         let formats = flight_formats(&[FORMAT]);
         let reader = open_flight_among(&formats, &path, &FlightOptions::default(), &ReadHints::default()).unwrap();
-        let said = reader.made_from().unwrap()(&path).unwrap();
+        let contents = reader.made_from().unwrap()(&path).unwrap();
         let mut lines: Vec<String> = vec![];
         for batch in reader {
             let batch = batch.unwrap();
@@ -81,9 +81,13 @@ mod tests {
             lines.push(of("flight") + "/" + &of("line"));
         }
         lines.dedup();
-        assert_eq!(said.lines, lines.len());
-        assert_eq!(said.files[0], path);
-        assert!(said.files[1..].iter().any(|f| f.ends_with("osborne_anomaly_100m_at_500m.tif")), "{:?}", said.files);
+        assert_eq!(contents.lines, lines.len());
+        assert_eq!(contents.files[0], path);
+        assert!(
+            contents.files[1..].iter().any(|f| f.ends_with("osborne_anomaly_100m_at_500m.tif")),
+            "{:?}",
+            contents.files
+        );
     }
 
     #[test]
@@ -92,8 +96,8 @@ mod tests {
         let path = folder.path().join("a.dat");
         std::fs::write(&path, "\0\u{1}\u{2}").unwrap();
         let formats = flight_formats(&[FORMAT]);
-        let said = open_flight_among(&formats, &path, &FlightOptions::default(), &ReadHints::default()).unwrap_err();
+        let message = open_flight_among(&formats, &path, &FlightOptions::default(), &ReadHints::default()).unwrap_err();
         let known = "known here: parquet, synth, ulog, dataflash, mat, sgl_hdf5, magnav_hdf5, geosoft_xyz, sgl_xyz, magnav_csv, iaga2002, imf, mfam, csv, points; choose one with `format`";
-        assert_eq!(said.to_string(), format!("{}: is not in a known flight format ({known})", path.display()));
+        assert_eq!(message.to_string(), format!("{}: is not in a known flight format ({known})", path.display()));
     }
 }

@@ -204,8 +204,8 @@ pub fn synthesise_with(
         // first.
         let wanted = || flight <= failed.load(Ordering::Relaxed);
         let lines = LineSimulator::new(world.clone(), flight..flight + 1, at_once).take_while(|_| wanted());
-        let told = lines.inspect(|_| progress(done.fetch_add(1, Ordering::Relaxed) + 1, all));
-        let written = if wanted() { write(spec, partial, &schema, told) } else { Ok(()) };
+        let counted = lines.inspect(|_| progress(done.fetch_add(1, Ordering::Relaxed) + 1, all));
+        let written = if wanted() { write(spec, partial, &schema, counted) } else { Ok(()) };
         if written.is_err() {
             failed.fetch_min(flight, Ordering::Relaxed);
         }

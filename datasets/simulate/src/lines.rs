@@ -62,14 +62,14 @@ impl LineSimulator {
         } else {
             rayon::join(around, along)
         };
-        let (mut said, mut last) = (vec![], None);
+        let (mut ins_lines, mut last) = (vec![], None);
         for (flight, (of_flight, run)) in along {
-            said.extend(of_flight);
+            ins_lines.extend(of_flight);
             last = run.map(|run| (flight, run));
         }
         self.ins = last;
-        for ((scene, truth), (said, around)) in lines.into_iter().zip(said.into_iter().zip(around)) {
-            let table = scene.table(&truth, said?, around?);
+        for ((scene, truth), (ins_lines, around)) in lines.into_iter().zip(ins_lines.into_iter().zip(around)) {
+            let table = scene.table(&truth, ins_lines?, around?);
             self.ready.push_back(Ok(table));
         }
         Ok(())
@@ -87,15 +87,15 @@ fn navigate(
         Ok(run) => run,
         Err(fault) => return (vec![Err(fault)], None),
     };
-    let mut said = vec![];
+    let mut ins_lines = vec![];
     for (scene, truth) in lines {
-        said.push(run.line(scene, truth));
-        if said.last().is_some_and(Result::is_err) {
+        ins_lines.push(run.line(scene, truth));
+        if ins_lines.last().is_some_and(Result::is_err) {
             // Later flights are not needed, because the lines end at the first line that fails.
             break;
         }
     }
-    (said, Some(run))
+    (ins_lines, Some(run))
 }
 
 /// Applies `one` to each, in parallel if there are several.

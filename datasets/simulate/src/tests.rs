@@ -93,23 +93,23 @@ fn law_velocity_and_force_are_the_derivatives_of_position() {
             alt_m: column(line, "alt"),
         };
         let differenced = track.velocity_mps();
-        let said = ["vn", "ve", "vd"].map(|n| column(line, n).to_vec());
+        let velocity = ["vn", "ve", "vd"].map(|n| column(line, n).to_vec());
         for axis in 0..3 {
             for i in 1..line.num_rows() - 1 {
                 // Central differences at 0.1 s have the error dt²/6 times the second derivative of the velocity. At the
                 // start of a turn this is 60 m/s times 0.035 rad/s²: 3.5e-3 m/s.
-                let error = differenced[axis][i] - said[axis][i];
+                let error = differenced[axis][i] - velocity[axis][i];
                 assert!(error.abs() < 4e-3, "{} axis {axis} row {i}: {error}", name(line));
             }
         }
         let truth =
             Simulation::open(&example()).unwrap().spec.flights[0].lines[usize::from(name(line) != "1.01")].clone();
-        let flown = truth.fly(10.0, [0.0; 3], &mut random::RandomStream::new(0, &[]));
-        let force = track.specific_force_mps2(&flown.velocity_mps);
+        let true_track = truth.fly(10.0, [0.0; 3], &mut random::RandomStream::new(0, &[]));
+        let force = track.specific_force_mps2(&true_track.velocity_mps);
         for axis in 0..3 {
             let mut sum = 0.0;
             for i in 1..line.num_rows() - 1 {
-                let error = force[axis][i] - flown.force_mps2[axis][i];
+                let error = force[axis][i] - true_track.force_mps2[axis][i];
                 // At a change of waypoint the rate of turn has a kink of up to 0.07 rad/s². A central difference then
                 // has the error 60 m/s times the kink times dt/4.
                 assert!(error.abs() < 0.11, "{} axis {axis} row {i}: {error}", name(line));
@@ -119,7 +119,7 @@ fn law_velocity_and_force_are_the_derivatives_of_position() {
             let rms = (sum / line.num_rows() as f64).sqrt();
             assert!(rms < 2e-3, "{} axis {axis}: {rms}", name(line));
         }
-        let speed: Vec<f64> = (0..line.num_rows()).map(|i| said[0][i].hypot(said[1][i])).collect();
+        let speed: Vec<f64> = (0..line.num_rows()).map(|i| velocity[0][i].hypot(velocity[1][i])).collect();
         // Along the surface both radii have the same scale with height: 1.5e-6 at 3000 m.
         assert!(speed.iter().all(|v| (v - 60.0).abs() < 2e-3));
     }
@@ -128,12 +128,12 @@ fn law_velocity_and_force_are_the_derivatives_of_position() {
 #[test]
 fn law_a_coordinated_turn_has_no_lateral_force() {
     let line = Simulation::open(&example()).unwrap().spec.flights[0].lines[1].clone();
-    let flown = line.fly(10.0, [0.0; 3], &mut random::RandomStream::new(0, &[]));
-    let most_bank = flown.attitude_deg[0].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+    let true_track = line.fly(10.0, [0.0; 3], &mut random::RandomStream::new(0, &[]));
+    let most_bank = true_track.attitude_deg[0].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
     assert!(most_bank > 15.0, "there is a turn");
-    for i in 0..flown.tt_s.len() {
-        let [roll, pitch, yaw] = flown.attitude_deg.each_ref().map(|a| a[i].to_radians());
-        let f = Vector3::from_fn(|k, _| flown.force_mps2[k][i]);
+    for i in 0..true_track.tt_s.len() {
+        let [roll, pitch, yaw] = true_track.attitude_deg.each_ref().map(|a| a[i].to_radians());
+        let f = Vector3::from_fn(|k, _| true_track.force_mps2[k][i]);
         let body = body_to_ned(roll, pitch, yaw).transpose() * f;
         // The Coriolis term 2 Ω v = 0.009 m/s², and the trim of 2 degrees of pitch, 6e-4 of the lift: 0.006 m/s².
         assert!(body.y.abs() < 0.03, "{i}: {}", body.y);
@@ -143,22 +143,24 @@ fn law_a_coordinated_turn_has_no_lateral_force() {
 #[test]
 fn law_the_box_has_four_headings_and_its_manoeuvres() {
     let line = Simulation::open(&example()).unwrap().spec.flights[0].lines[0].clone();
-    let flown = line.fly(10.0, [0.0; 3], &mut random::RandomStream::new(0, &[]));
+    let true_track = line.fly(10.0, [0.0; 3], &mut random::RandomStream::new(0, &[]));
     for (axis, amplitude) in [(0, 9.0), (1, 4.5), (2, 5.0)] {
-        let steady: Vec<f64> = (0..flown.tt_s.len()).map(|i| line_manoeuvre(&line, &flown, i)[axis]).collect();
+        let steady: Vec<f64> =
+            (0..true_track.tt_s.len()).map(|i| line_manoeuvre(&line, &true_track, i)[axis]).collect();
         let most = steady.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
         assert!((most / amplitude - 1.0).abs() < 0.02, "axis {axis}: {most}");
         let crossings = steady.windows(2).filter(|w| w[0] < 0.0 && w[1] >= 0.0).count();
         assert!((8..=14).contains(&crossings), "axis {axis}: four times three periods, not {crossings}");
     }
-    let course = |i: usize| flown.velocity_mps[1][i].atan2(flown.velocity_mps[0][i]).to_degrees().rem_euclid(360.0);
-    let end = course(flown.tt_s.len() - 1);
+    let course =
+        |i: usize| true_track.velocity_mps[1][i].atan2(true_track.velocity_mps[0][i]).to_degrees().rem_euclid(360.0);
+    let end = course(true_track.tt_s.len() - 1);
     // The meridians converge by 0.02 degrees along the sides.
     assert!((end - 270.0).abs() < 0.05, "three right-angled turns to the right: {end}");
 }
 
-fn line_manoeuvre(line: &SynthLine, flown: &trajectory::TrueTrajectory, i: usize) -> [f64; 3] {
-    line.manoeuvre_deg(flown.tt_s[i] - line.start_tt_s)
+fn line_manoeuvre(line: &SynthLine, true_track: &trajectory::TrueTrajectory, i: usize) -> [f64; 3] {
+    line.manoeuvre_deg(true_track.tt_s[i] - line.start_tt_s)
 }
 
 #[test]
@@ -278,9 +280,9 @@ fn law_the_velocity_of_the_ins_follows_from_its_measured_force() {
             assert!(error.abs() < 0.013, "{} axis {axis}: {error}", name(&line));
         }
         let middle = 0.5 * (lat(0) + lat(ROWS));
-        let said_m = EarthModel::Wgs84.lat_rad_to_north_m(lat(ROWS) - lat(0), middle, c("alt")[0]);
+        let north_m = EarthModel::Wgs84.lat_rad_to_north_m(lat(ROWS) - lat(0), middle, c("alt")[0]);
         // The spherical error model differs from the meridian by 0.5 %, for an error of at most 10 m.
-        assert!((said_m - moved_m).abs() < 0.3, "{}: {said_m} {moved_m}", name(&line));
+        assert!((north_m - moved_m).abs() < 0.3, "{}: {north_m} {moved_m}", name(&line));
     }
 }
 
@@ -350,7 +352,7 @@ fn gold_all_faults_of_a_spec_are_reported_with_their_place() {
                 permanent_n = 3.0\n[[magnetometers]]\nname = 'mag_3_uc'\ncurrents = { cur_y = 1.0 }\n[[currents]]\nname = 'cur_x'\non_a = 1.0\n[[currents]]\nname = 'cur_z'\non_a = 'much'\n\
                 [[flights]]\nname = '1'\n[[flights.lines]]\nname = '1.1'\nkind = 'bok'\nalt_m = 500\n";
     let path = written(&folder, text);
-    let said = Simulation::open(&path).unwrap_err().to_string();
+    let message = Simulation::open(&path).unwrap_err().to_string();
     for (place, what) in [
         ("2:1", "`synth` has no key `rate_hs`"),
         ("7:1", "`magnetometers` has no parameter `permanent_n`"),
@@ -358,16 +360,16 @@ fn gold_all_faults_of_a_spec_are_reported_with_their_place() {
         ("16:8", "`on_a` of `currents` must be a number"),
         ("21:8", "`kind` cannot be `bok`"),
     ] {
-        assert!(said.contains(what), "{what} is not in\n{said}");
-        assert!(said.contains(&format!("s.synth.toml:{place}\n")), "{place} is not in\n{said}");
+        assert!(message.contains(what), "{what} is not in\n{message}");
+        assert!(message.contains(&format!("s.synth.toml:{place}\n")), "{place} is not in\n{message}");
     }
     for help in
         ["did you mean `rate_hz`?", "did you mean `permanent_nt`?", "did you mean `cur_x`?", "did you mean `box`?"]
     {
-        assert!(said.contains(help), "{help} is not in\n{said}");
+        assert!(message.contains(help), "{help} is not in\n{message}");
     }
-    let said = Simulation::open(&written(&folder, "seed = \n")).unwrap_err().to_string();
-    assert!(said.contains("s.synth.toml:1:"), "{said}");
+    let message = Simulation::open(&written(&folder, "seed = \n")).unwrap_err().to_string();
+    assert!(message.contains("s.synth.toml:1:"), "{message}");
 }
 
 #[test]
@@ -378,18 +380,18 @@ fn unit_all_faults_are_in_the_order_of_the_file() {
     let text = "seed = 1\nyear = 2021\ndoy = 366\nrate_hs = 10.0\n[[sources]]\nlat = -22.0\nlon = 140.6\ndepth_m = 1.0\n\
                 alt_m = -1.0\nmoment_am2 = 1.0\n[ins]\ngrade = 'navigatoin'\n[[flights]]\nname = '1'\n\
                 [[flights.lines]]\nname = '1.1'\nkind = 'bok'\nalt_m = 500\n";
-    let said = Simulation::open(&written(&folder, text)).unwrap_err().to_string();
+    let message = Simulation::open(&written(&folder, text)).unwrap_err().to_string();
     let place = |line: &str| {
         let (line, column) = line.split_once("s.synth.toml:")?.1.split_once(':')?;
         Some((line.parse::<u32>().ok()?, column.parse::<u32>().ok()?))
     };
-    let places: Vec<(u32, u32)> = said.lines().filter_map(place).collect();
+    let places: Vec<(u32, u32)> = message.lines().filter_map(place).collect();
     let lines: Vec<u32> = places.iter().map(|p| p.0).collect();
     assert!(
         [3, 4, 12, 17].iter().all(|line| lines.contains(line)) && lines.iter().any(|l| (5..=10).contains(l)),
-        "{said}"
+        "{message}"
     );
-    assert!(places.is_sorted(), "{said}");
+    assert!(places.is_sorted(), "{message}");
 }
 
 #[test]
@@ -443,11 +445,12 @@ fn unit_files_have_the_same_bytes_on_any_number_of_threads() {
     let bytes = |threads: usize| {
         let to = folder.path().join(format!("out{threads}"));
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let told = Mutex::new(vec![]);
-        let files = pool.install(|| synthesise_with(&path, &to, &|n, of| told.lock().unwrap().push((n, of)))).unwrap();
-        let mut told = told.into_inner().unwrap();
-        told.sort_unstable();
-        assert_eq!(told, (1..=6).map(|n| (n, 6)).collect::<Vec<_>>());
+        let reports = Mutex::new(vec![]);
+        let files =
+            pool.install(|| synthesise_with(&path, &to, &|n, of| reports.lock().unwrap().push((n, of)))).unwrap();
+        let mut reports = reports.into_inner().unwrap();
+        reports.sort_unstable();
+        assert_eq!(reports, (1..=6).map(|n| (n, 6)).collect::<Vec<_>>());
         assert_eq!(fs::read_dir(&to).unwrap().count(), 3);
         files.iter().map(|f| fs::read(f).unwrap()).collect::<Vec<_>>()
     };

@@ -19,8 +19,8 @@ fn rms(x: &[f64]) -> f64 {
 
 #[test]
 fn ref_the_residual_of_tolles_lawson_on_the_cessna_is_that_of_table_2_3() {
-    let flown = lines(&spec("cessna")).unwrap();
-    let calibration = line(&flown, "1006.04").unwrap();
+    let flight_lines = lines(&spec("cessna")).unwrap();
+    let calibration = line(&flight_lines, "1006.04").unwrap();
     // Gnadt 2022, Table 2.3, with fluxgate A; magnetometer 2 from Table 5.2, because its calibration in Table 2.3
     // failed.
     let published = [
@@ -33,7 +33,7 @@ fn ref_the_residual_of_tolles_lawson_on_the_cessna_is_that_of_table_2_3() {
     let mut before = 0.0;
     for (mag, raw_nt, left_nt) in published {
         let (mut raw, mut left) = (vec![], vec![]);
-        for survey in flown.iter().filter(|l| l.name() != "1006.04") {
+        for survey in flight_lines.iter().filter(|l| l.name() != "1006.04") {
             let truth = survey.column("mag_1_c");
             raw.push(sd(&less(survey.column(mag), truth)));
             left.push(sd(&less(&classical(calibration, survey, mag, "flux_a").unwrap(), truth)));
@@ -62,10 +62,10 @@ fn ref_core_field_tolles_lawson_improves_the_drone_as_in_table_4_2() {
         ("flux_b", "flux_b", 180.28, 8.51),
     ];
     for (sensor, flux, raw_nt, published_ratio) in published {
-        let of_flight = |flown: &Vec<Line>| {
-            let calibration = line(flown, "1").unwrap();
+        let of_flight = |flight_lines: &Vec<Line>| {
+            let calibration = line(flight_lines, "1").unwrap();
             let both = ["2", "1C"].map(|name| {
-                let on = line(flown, name).unwrap();
+                let on = line(flight_lines, name).unwrap();
                 let before = sd(&beyond_core(on, sensor).unwrap());
                 (before, before / sd(&reference_free(calibration, on, sensor, flux, 1e-4).unwrap()))
             });

@@ -29,7 +29,7 @@ pub(super) struct FlightColumnTarget {
 pub(super) fn named(
     path: &Path,
     own: &[&str],
-    said: Option<&str>,
+    declared: Option<&str>,
     options: &FlightOptions,
 ) -> Result<FlightColumnTarget, ReadError> {
     let first = own.first().copied().unwrap_or_default();
@@ -37,27 +37,27 @@ pub(super) fn named(
     let name = renamed.or(own.last().copied()).unwrap_or_default();
     let wanted = flight::describe(name).unit;
     let done = |unit: &str| Ok(FlightColumnTarget { name: name.to_owned(), unit: unit.to_owned() });
-    let said = said.filter(|u| !u.is_empty());
+    let declared = declared.filter(|u| !u.is_empty());
     if let Some(unit) = own.iter().find_map(|n| options.units.get(*n)) {
         let fits = wanted.is_empty() || convert(unit, wanted).is_some();
         return if fits { done(unit) } else { Err(other_unit(path, first, name, "`units` gives", unit, wanted)) };
     }
     if renamed.is_none() {
-        doubted(path, name, wanted, said)?;
-        return done(&said.map(str::to_owned).or_else(|| unit_name::kept_unit(first)).unwrap_or_default());
+        doubted(path, name, wanted, declared)?;
+        return done(&declared.map(str::to_owned).or_else(|| unit_name::kept_unit(first)).unwrap_or_default());
     }
     if wanted.is_empty() {
-        return done(&said.map(str::to_owned).or_else(|| unit_name::kept_unit(first)).unwrap_or_default());
+        return done(&declared.map(str::to_owned).or_else(|| unit_name::kept_unit(first)).unwrap_or_default());
     }
-    match (said, unit_name::unit_of_renamed(first, name, wanted)) {
-        (Some(said), _) if convert(said, wanted).is_none() => {
-            Err(other_unit(path, first, name, "the file gives", said, wanted))
+    match (declared, unit_name::unit_of_renamed(first, name, wanted)) {
+        (Some(declared), _) if convert(declared, wanted).is_none() => {
+            Err(other_unit(path, first, name, "the file gives", declared, wanted))
         }
-        (Some(said), Ok(Some(unit))) if convert(said, &unit) != Some(1.0) => {
-            let what = format!("its name implies `{unit}`, but the file gives `{said}`");
+        (Some(declared), Ok(Some(unit))) if convert(declared, &unit) != Some(1.0) => {
+            let what = format!("its name implies `{unit}`, but the file gives `{declared}`");
             Err(ReadError::options(path, what).in_column(first).help(way_out(first, wanted)))
         }
-        (Some(said), _) => done(said),
+        (Some(declared), _) => done(declared),
         (None, Ok(unit)) => done(&unit.unwrap_or_default()),
         (None, Err(unit_name::UnitNameError::Other(unit))) => {
             Err(other_unit(path, first, name, "its name implies", &unit, wanted))
@@ -80,13 +80,13 @@ fn way_out(own: &str, wanted: &str) -> String {
 }
 
 /// A name such as `cur_heater_mA` is a standard name, in A, but ends in mA: the unit is ambiguous.
-fn doubted(path: &Path, name: &str, wanted: &str, said: Option<&str>) -> Result<(), ReadError> {
+fn doubted(path: &Path, name: &str, wanted: &str, declared: Option<&str>) -> Result<(), ReadError> {
     let listed = flight::COLUMNS.iter().any(|(known, _)| *known == name);
     let Some((_, unit)) = name.rsplit_once('_').filter(|_| !listed && !wanted.is_empty()) else { return Ok(()) };
     let in_earnest = unit.bytes().any(|b| b.is_ascii_lowercase()) && unit.bytes().any(|b| b.is_ascii_uppercase());
     match convert(unit, wanted) {
         // The file gives no unit, or the unit of the standard name.
-        Some(factor) if in_earnest && factor != 1.0 && said.is_none_or(|s| s == wanted) => {
+        Some(factor) if in_earnest && factor != 1.0 && declared.is_none_or(|s| s == wanted) => {
             let what = format!("its name implies `{unit}`, but a column of this name must be in {wanted}");
             Err(ReadError::options(path, what).in_column(name).help(way_out(name, wanted)))
         }

@@ -36,9 +36,9 @@ impl Case {
     fn flight(&self, name: &str, bytes: &[u8]) -> String {
         let path = self.file(name, bytes);
         let read = || open_raw(&path, &FlightOptions::default(), &ReadHints::default())?.collect::<Result<Vec<_>, _>>();
-        let said = read().map(|all| all.len()).expect_err("a bomb").to_string();
-        assert!(said.contains(name), "{said}");
-        said
+        let message = read().map(|all| all.len()).expect_err("a bomb").to_string();
+        assert!(message.contains(name), "{message}");
+        message
     }
 }
 
@@ -60,10 +60,10 @@ fn unit_a_parquet_file_that_declares_too_much_is_rejected() {
     let nulls = FixedSizeBinaryArray::new_null(1 << 20, 300);
     let bytes = parquet(&table(vec![("x".into(), Arc::new(nulls))]));
     assert!(bytes.len() < 10_000);
-    let said = case.flight("nulls.parquet", &bytes);
+    let message = case.flight("nulls.parquet", &bytes);
     assert!(
-        said.contains("declares 315 MB of values") && said.contains("the limit for this file size is 268 MB"),
-        "{said}"
+        message.contains("declares 315 MB of values") && message.contains("the limit for this file size is 268 MB"),
+        "{message}"
     );
     let map = read_grid(&case.file("map.parquet", &bytes), &MapOptions::default()).unwrap_err().to_string();
     assert!(map.contains("map.parquet: declares 315 MB"), "{map}");
@@ -76,8 +76,8 @@ fn unit_a_text_of_a_dictionary_is_not_repeated_in_memory() {
     let long = "A".repeat(1 << 19);
     let bytes = parquet(&table(vec![("line".into(), Arc::new(StringArray::from(vec![long.as_str(); 600])))]));
     assert!(bytes.len() < 100_000);
-    let said = case.flight("texts.parquet", &bytes);
-    assert!(said.contains("the texts of 600 rows exceed 256 MB") && said.contains("line"), "{said}");
+    let message = case.flight("texts.parquet", &bytes);
+    assert!(message.contains("the texts of 600 rows exceed 256 MB") && message.contains("line"), "{message}");
     // Texts of every length are unchanged.
     let texts: Vec<String> = (0..40).map(|k| "é".repeat(k)).collect();
     let batch = table(vec![("line".into(), Arc::new(StringArray::from(texts)))]);
@@ -91,8 +91,8 @@ fn unit_tables_of_too_many_columns_are_rejected() {
     let case = Case::new();
     let names: Vec<String> = (0..20_000).map(|k| format!("c{k}")).collect();
     let row = vec!["1"; names.len()].join(",");
-    let said = case.flight("wide.csv", format!("{}\n{row}\n", names.join(",")).as_bytes());
-    assert!(said.contains("has 20000 columns; the limit is 16384"), "{said}");
+    let message = case.flight("wide.csv", format!("{}\n{row}\n", names.join(",")).as_bytes());
+    assert!(message.contains("has 20000 columns; the limit is 16384"), "{message}");
     let one: ArrayRef = Arc::new(Float64Array::from(vec![1.0]));
     let bytes = parquet(&table(names.into_iter().map(|name| (name, one.clone())).collect()));
     assert!(case.flight("wide.parquet", &bytes).contains("has 20000 columns"));
@@ -112,8 +112,8 @@ fn unit_an_hdf5_file_that_declares_too_much_is_rejected() {
     assert!(bytes.len() < 1_000_000);
     let options = FlightOptions { format: Some("sgl_hdf5".into()), ..FlightOptions::default() };
     let path = case.file("zeros.h5", &bytes);
-    let said = open_raw(&path, &options, &ReadHints::default()).map(|_| ()).unwrap_err().to_string();
-    assert!(said.contains("zeros.h5") && said.contains("of values in a file of"), "{said}");
+    let message = open_raw(&path, &options, &ReadHints::default()).map(|_| ()).unwrap_err().to_string();
+    assert!(message.contains("zeros.h5") && message.contains("of values in a file of"), "{message}");
 }
 
 #[test]
@@ -137,8 +137,8 @@ fn unit_a_matlab_file_that_declares_too_much_is_rejected() {
     let mut header = vec![b' '; 124];
     header[..19].copy_from_slice(b"MATLAB 5.0 MAT-file");
     header.extend(*b"\0\x01IM");
-    let said = case.flight("zeros.mat", &[header, element(15, &deflated)].concat());
-    assert!(said.contains("declares 1074 MB of values"), "{said}");
+    let message = case.flight("zeros.mat", &[header, element(15, &deflated)].concat());
+    assert!(message.contains("declares 1074 MB of values"), "{message}");
 }
 
 #[test]
@@ -172,8 +172,8 @@ fn unit_a_tiff_that_declares_too_much_is_rejected() {
     bytes.resize(300, 0);
     bytes.extend(strip);
     // 64 bytes that declare 3.2 GB.
-    let said = read_grid(&case.file("zeros.tif", &bytes), &MapOptions::default()).unwrap_err().to_string();
-    assert!(said.contains("zeros.tif") && said.to_lowercase().contains("limit"), "{said}");
+    let message = read_grid(&case.file("zeros.tif", &bytes), &MapOptions::default()).unwrap_err().to_string();
+    assert!(message.contains("zeros.tif") && message.to_lowercase().contains("limit"), "{message}");
 }
 
 #[test]
@@ -181,8 +181,8 @@ fn unit_a_packed_gxf_that_declares_too_much_is_rejected() {
     let case = Case::new();
     // One run of 9 characters over 3.6e9 nodes.
     let text = "#POINTS\n60000\n#ROWS\n60000\n#PTSEPARATION\n100\n#RWSEPARATION\n100\n#GTYPE\n8\n#GRID\n\"%%%%%%%\n";
-    let said = read_grid(&case.file("run.gxf", text.as_bytes()), &MapOptions::default()).unwrap_err().to_string();
-    assert!(said.contains("run.gxf") && said.contains("it declares 60000 x 60000 nodes"), "{said}");
+    let message = read_grid(&case.file("run.gxf", text.as_bytes()), &MapOptions::default()).unwrap_err().to_string();
+    assert!(message.contains("run.gxf") && message.contains("it declares 60000 x 60000 nodes"), "{message}");
 }
 
 /// A flight of MagNav.jl with a magnetometer stored as whole numbers.

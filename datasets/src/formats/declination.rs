@@ -238,27 +238,28 @@ mod tests {
 
     #[test]
     fn unit_a_wrong_unit_or_baseline_is_reported() {
-        let said = |header: &str, components: &str, row: &str| read(header, components, row).unwrap_err().to_string();
-        let degrees = said(DEFINITIVE, "HDZF", "20050.02 4.456 44000 48400");
+        let fault_text =
+            |header: &str, components: &str, row: &str| read(header, components, row).unwrap_err().to_string();
+        let degrees = fault_text(DEFINITIVE, "HDZF", "20050.02 4.456 44000 48400");
         assert!(
             degrees.contains("D is in degrees: the declination would be 0.07 deg")
                 && degrees.contains("multiply by 60")
         );
-        let degrees = said(DEFINITIVE, "DIFS", "4.456 65.502 48352.4 48400.0");
+        let degrees = fault_text(DEFINITIVE, "DIFS", "4.456 65.502 48352.4 48400.0");
         assert!(degrees.contains("I is in degrees: the inclination would be 1.09 deg"), "{degrees}");
         let base = |tenths: &str| format!("{VARIATION} # DECBAS {tenths} |\n");
         let hez = "20050.00 30.00 44000.00 48400.00";
-        assert!(said(&base("4.37"), "HEZF", hez).contains("`DECBAS` is in degrees"));
-        assert!(said(&base("262.2"), "HEZF", hez).contains("`DECBAS` is in minutes of arc"));
+        assert!(fault_text(&base("4.37"), "HEZF", hez).contains("`DECBAS` is in degrees"));
+        assert!(fault_text(&base("262.2"), "HEZF", hez).contains("`DECBAS` is in minutes of arc"));
         let whole = "20050.02 267.344 44000 48400";
-        assert!(said(&base("2622"), "HDZF", whole).contains("the baseline is added twice"));
+        assert!(fault_text(&base("2622"), "HDZF", whole).contains("the baseline is added twice"));
         let relative = format!("{DEFINITIVE} # DECBAS 2622 |\n");
-        assert!(said(&relative, "HDZF", "20050.02 5.144 44000 48400").contains("D is relative to `DECBAS`"));
-        let reported = said(" Reported HDZF |\n Data Type definitive |\n", "XYZF", "19989 1558 44000 48400");
+        assert!(fault_text(&relative, "HDZF", "20050.02 5.144 44000 48400").contains("D is relative to `DECBAS`"));
+        let reported = fault_text(" Reported HDZF |\n Data Type definitive |\n", "XYZF", "19989 1558 44000 48400");
         assert!(reported.contains("`Reported` is HDZF, but the columns are ABCX, ABCY, ABCZ, ABCF"), "{reported}");
-        let station = said(" IAGA CODE DEF |\n Data Type definitive |\n", "XYZF", "19989 1558 44000 48400");
+        let station = fault_text(" IAGA CODE DEF |\n Data Type definitive |\n", "XYZF", "19989 1558 44000 48400");
         assert!(station.contains("the station ABC and the station DEF"), "{station}");
-        let short = said(DEFINITIVE, "XYZF", "19989 1558 44000");
+        let short = fault_text(DEFINITIVE, "XYZF", "19989 1558 44000");
         assert!(short.contains("there are 3 values instead of 4 in line 8"), "{short}");
     }
 
@@ -277,8 +278,8 @@ mod tests {
     fn unit_two_samples_years_apart_are_not_a_record_of_seconds() {
         let rows = "19989 1558 44000 48400\n2019-05-03 10:00:01.000 123 19989 1558 44000 48400\n\
                     2020-05-03 10:00:00.000 124 19989 1558 44000 48400";
-        let said = read(DEFINITIVE, "XYZF", rows).unwrap_err().to_string();
-        assert!(said.contains("3 samples in 31622400 steps of 1 s"), "{said}");
+        let message = read(DEFINITIVE, "XYZF", rows).unwrap_err().to_string();
+        assert!(message.contains("3 samples in 31622400 steps of 1 s"), "{message}");
     }
 
     #[test]

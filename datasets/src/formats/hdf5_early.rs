@@ -123,13 +123,13 @@ mod tests {
         let mut chunked = whole.clone();
         chunked[at + 2] = 2;
         fs::write(&path, &chunked).unwrap();
-        let said = read(&path, &FlightOptions::default()).unwrap_err().to_string();
-        assert!(said.contains("testdouble") && said.contains("HDF5 before 1.6.3"), "{said}");
+        let message = read(&path, &FlightOptions::default()).unwrap_err().to_string();
+        assert!(message.contains("testdouble") && message.contains("HDF5 before 1.6.3"), "{message}");
         // An address beyond the end of the file.
         let mut far = whole;
         far[at + 8 + 5] = 1;
         fs::write(&path, &far).unwrap();
-        let said = read(&path, &FlightOptions::default()).unwrap_err().to_string();
-        assert!(said.contains("testdouble"), "{said}");
+        let message = read(&path, &FlightOptions::default()).unwrap_err().to_string();
+        assert!(message.contains("testdouble"), "{message}");
     }
 }

@@ -299,7 +299,7 @@ impl IagaHeader {
                 ReadError::data(path, what).help("a record requires XYZ, HDZ, HEZ or DIF")
             })?;
             let reported = ComponentConversion::from_letters(&self.reported.chars().collect::<Vec<char>>());
-            if reported.is_some_and(|said| discriminant(&said) != discriminant(&kind)) {
+            if reported.is_some_and(|declared| discriminant(&declared) != discriminant(&kind)) {
                 let what = format!("`Reported` is {}, but the columns are {}", self.reported, names.join(", "));
                 return Err(
                     ReadError::data(path, what).help("correct the header line `Reported` or the names of the columns")
@@ -490,17 +490,18 @@ mod tests {
 
     #[test]
     fn gold_invalid_records() {
-        let said = |rows: &str| record(["X", "Y", "Z", "F"], rows).unwrap_err().to_string();
-        let wrong = said("2024-13-31 23:58:00.000 366  1.0 2.0 3.0 4.0\n");
+        let fault_text = |rows: &str| record(["X", "Y", "Z", "F"], rows).unwrap_err().to_string();
+        let wrong = fault_text("2024-13-31 23:58:00.000 366  1.0 2.0 3.0 4.0\n");
         assert!(wrong.contains("the date, the time or a component is invalid in line 7"), "{wrong}");
-        assert!(said("").contains("the IAGA-2002 record has no samples"));
+        assert!(fault_text("").contains("the IAGA-2002 record has no samples"));
         let apart = "2024-01-01 00:00:00.000 001 1.0 2.0 3.0 4.0\n2024-01-01 00:01:00.000 001 1.0 2.0 3.0 4.0\n\
                      2024-01-01 00:02:30.000 001 1.0 2.0 3.0 4.0\n";
         assert!(
-            said(apart).contains("the time of the sample, 150 s past midnight, is not a multiple of the step of 60 s")
+            fault_text(apart)
+                .contains("the time of the sample, 150 s past midnight, is not a multiple of the step of 60 s")
         );
         let twice = "2024-01-01 00:01:00.000 001 1.0 2.0 3.0 4.0\n2024-01-01 00:01:00.000 001 1.0 2.0 3.0 4.0\n";
-        assert!(said(twice).contains("the times of the record do not ascend"));
+        assert!(fault_text(twice).contains("the times of the record do not ascend"));
         let scalar = record(["S", "F", "G", "F"], "").unwrap_err().to_string();
         assert!(scalar.contains("the components SFGF do not form a vector") && scalar.contains("XYZ, HDZ, HEZ or DIF"));
         let none = parse(Path::new("x.min"), "a,b\n1,2\n").unwrap_err().to_string();

@@ -35,7 +35,7 @@ struct ImfBlockHeader {
     year: i32,
     doy: u32,
     /// The day of the year in the header.
-    said_doy: u32,
+    declared_doy: u32,
     hour: u32,
     letters: Vec<char>,
     lat_deg: f64,
@@ -61,7 +61,7 @@ impl ImfBlockHeader {
             station: (*station).to_owned(),
             year,
             doy: day_of_year(year, month, number(day)?).ok()?,
-            said_doy: number(doy)?,
+            declared_doy: number(doy)?,
             hour: number(hour).filter(|hour| *hour < 24)?,
             letters: letters.chars().collect(),
             lat_deg: 90.0 - f64::from(colatitude) / 10.0,
@@ -91,10 +91,10 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadEr
     while let Some((row, line)) = lines.next() {
         let wrong = |row: usize, what: &str| ReadError::data(path, format!("{what} in line {}", row + 1));
         let block = ImfBlockHeader::from_line(line).ok_or_else(|| wrong(row, "the header of an hour is invalid"))?;
-        if block.doy != block.said_doy {
+        if block.doy != block.declared_doy {
             return Err(wrong(
                 row,
-                &format!("the date is day {} of the year, but the header gives {},", block.doy, block.said_doy),
+                &format!("the date is day {} of the year, but the header gives {},", block.doy, block.declared_doy),
             ));
         }
         let kind = ComponentConversion::from_letters(&block.letters)
@@ -221,16 +221,17 @@ mod tests {
     #[test]
     fn unit_damage_is_reported_with_its_line() {
         let (text, _) = boulder(3..4);
-        let said = |text: &str| parse(Path::new("x"), text).unwrap_err().to_string();
+        let fault_text = |text: &str| parse(Path::new("x"), text).unwrap_err().to_string();
         assert!(
-            said(&text.replace(" 308 ", " 309 ")).contains("day 308 of the year, but the header gives 309, in line 1")
+            fault_text(&text.replace(" 308 ", " 309 "))
+                .contains("day 308 of the year, but the header gives 309, in line 1")
         );
-        assert!(said(&text.replace("HDZF", "ABCD")).contains("do not form a vector"));
+        assert!(fault_text(&text.replace("HDZF", "ABCD")).contains("do not form a vector"));
         let cut: String = text.lines().take(20).map(|line| format!("{line}\n")).collect();
-        assert!(said(&cut).contains("ends after 19 of 30 lines"));
+        assert!(fault_text(&cut).contains("ends after 19 of 30 lines"));
         let word = text.lines().nth(1).unwrap().split_whitespace().next().unwrap();
-        assert!(said(&text.replacen(word, "x", 1)).contains("are expected in line 2"));
-        assert!(said("hello\n").contains("header of an hour") && said("").contains("no samples"));
-        assert!(said(&(text.clone() + &text)).contains("do not ascend"));
+        assert!(fault_text(&text.replacen(word, "x", 1)).contains("are expected in line 2"));
+        assert!(fault_text("hello\n").contains("header of an hour") && fault_text("").contains("no samples"));
+        assert!(fault_text(&(text.clone() + &text)).contains("do not ascend"));
     }
 }

@@ -125,10 +125,11 @@ mod tests {
         assert!(small.check(path, Some(256 << 20)).is_ok() && small.check(path, Some((256 << 20) + 1)).is_err());
         let large = DecodeLimit::new(100 << 20);
         assert!(large.check(path, Some(25 << 30)).is_ok() && large.check(path, Some((25 << 30) + 1)).is_err());
-        let said = small.check(path, None).unwrap_err().to_string();
+        let message = small.check(path, None).unwrap_err().to_string();
         assert!(
-            said.contains("a.h5: declares more than 18 EB of values in a file of 1000 bytes; the limit for this file"),
-            "{said}"
+            message
+                .contains("a.h5: declares more than 18 EB of values in a file of 1000 bytes; the limit for this file"),
+            "{message}"
         );
         assert!(check_columns(path, MOST_COLUMNS).is_ok() && check_columns(path, MOST_COLUMNS + 1).is_err());
     }

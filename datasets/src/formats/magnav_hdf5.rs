@@ -115,8 +115,8 @@ pub(super) fn refuse_radians(path: &Path, table: &ColumnTable) -> Result<(), Rea
     let [Some(tt), Some(lat_deg), Some(lon_deg), Some(alt_m), Some(vn), Some(ve)] = columns else { return Ok(()) };
     let [north, east, _] = GeodeticTrack { tt, lat_deg, lon_deg, alt_m }.velocity_mps();
     let speed = |n: &[f64], e: &[f64]| n.iter().zip(e).map(|(n, e)| n.hypot(*e)).filter(|s| s.is_finite()).sum::<f64>();
-    let (moved, said) = (speed(&north, &east), speed(vn, ve));
-    if said > 20.0 * moved && lat_deg.iter().all(|x| x.abs() < 1.6) && lon_deg.iter().all(|x| x.abs() < 3.2) {
+    let (moved, reported_mps) = (speed(&north, &east), speed(vn, ve));
+    if reported_mps > 20.0 * moved && lat_deg.iter().all(|x| x.abs() < 1.6) && lon_deg.iter().all(|x| x.abs() < 3.2) {
         let what =
             "latitudes and longitudes must be in degrees, but are in radians, as in simulated flights of MagNav.jl";
         return Err(ReadError::data(path, what).in_column("lat").help("convert the angles to degrees"));

@@ -54,9 +54,9 @@ fn outcome(folder: &TempDir, name: &str, bytes: &[u8], what: &str) -> Result<Ano
     let read = catch_unwind(|| read_grid(&path, &options));
     let read = read.unwrap_or_else(|_| panic!("{name}, {what}: panicked"));
     read.map_err(|e| {
-        let said = e.to_string();
-        assert!(said.contains("gdal") || said.contains(&*file.to_string_lossy()), "{name}, {what}: {said}");
-        said
+        let message = e.to_string();
+        assert!(message.contains("gdal") || message.contains(&*file.to_string_lossy()), "{name}, {what}: {message}");
+        message
     })
 }
 
@@ -182,7 +182,7 @@ fn unit_an_excessive_size_in_a_small_file_is_rejected_at_once() {
 #[test]
 fn gold_unusual_texts() {
     let folder = TempDir::new().unwrap();
-    let said = |name: &str, text: &str| outcome(&folder, name, text.as_bytes(), text).unwrap_err();
+    let fault_text = |name: &str, text: &str| outcome(&folder, name, text.as_bytes(), text).unwrap_err();
     let infinite = outcome(&folder, "i.grd", b"DSAA\n2 2\n0 10\n0 10\n0 1\n1 2 -inf 4\n", "infinite").unwrap();
     assert!(infinite.notes.contains(&"1 infinite values are treated as unknown".to_owned()), "{:?}", infinite.notes);
     let surfer = |size: &str, x: &str, values: &str| format!("DSAA\n{size}\n{x}\n0 10\n0 1\n{values}\n");
@@ -194,14 +194,16 @@ fn gold_unusual_texts() {
         (surfer("2 2", "0 10", "1 2 3"), "the file is truncated: it has 3 of 4 values"),
         (surfer("2 2", "0 10", "2e38 2e38 2e38 2e38"), "column `anomaly`: the map has no known value"),
     ] {
-        let fault = said("a.grd", &text);
+        let fault = fault_text("a.grd", &text);
         assert!(fault.ends_with(expected), "{fault}");
     }
     let gxf = |more: &str| format!("#POINTS\n2\n#ROWS\n2\n{more}#GRID\n1 2\n3 4\n");
-    assert!(said("a.gxf", &gxf("#ROTATION\n30\n")).contains("the grid is rotated (warp the grid to north-up"));
-    assert!(said("a.gxf", &gxf("#SENSE\n7\n")).ends_with("#SENSE 7 is invalid"));
-    assert!(said("a.gxf", "#POINTS\n2\n#ROWS\n2\n").ends_with("it has no #GRID"));
-    assert!(said("a.gxf", "#POINTS\n2\n#ROWS\n2\n#GTYPE\n2\n#GRID\n\"\"~~%%\n").ends_with("is longer than the grid"));
+    assert!(fault_text("a.gxf", &gxf("#ROTATION\n30\n")).contains("the grid is rotated (warp the grid to north-up"));
+    assert!(fault_text("a.gxf", &gxf("#SENSE\n7\n")).ends_with("#SENSE 7 is invalid"));
+    assert!(fault_text("a.gxf", "#POINTS\n2\n#ROWS\n2\n").ends_with("it has no #GRID"));
+    assert!(
+        fault_text("a.gxf", "#POINTS\n2\n#ROWS\n2\n#GTYPE\n2\n#GRID\n\"\"~~%%\n").ends_with("is longer than the grid")
+    );
     for (text, expected) in [
         (
             "easting northing anomaly\n0 0 1\n1 0 1\n3 0 1\n0 1 1\n",
@@ -219,7 +221,7 @@ fn gold_unusual_texts() {
         ("a b c d\n0 0 1 2\n1 0 1 2\n2 0 1 2\n", "easting, northing, anomaly)"),
         ("0 0 1 2\n1 0 1 2\n2 0 1 2\n", "lon, lat, anomaly or easting, northing, anomaly)"),
     ] {
-        let fault = said("a.xyz", text);
+        let fault = fault_text("a.xyz", text);
         assert!(fault.contains(expected), "{fault}");
     }
 }
@@ -265,8 +267,8 @@ fn unit_text_conventions_of_other_programs_are_read() {
     assert_eq!((map.crs.code(), map.y.first, map.x.first), (4326, 50.0, -5.0));
     assert!(map.anomaly_nt[1].is_nan() && map.notes.iter().any(|n| n == "1 values of -9999 are treated as unknown"));
     assert_eq!(&map.anomaly_nt[2..], [1.0, 2.0]);
-    let said = "# EPSG:32630 unit=uT height_m=75\n1 1 0.1\n2 1 0.2\n1 2 *\n2 2 0.4\n";
-    let map = read("a.xyz", said, &plain);
+    let text = "# EPSG:32630 unit=uT height_m=75\n1 1 0.1\n2 1 0.2\n1 2 *\n2 2 0.4\n";
+    let map = read("a.xyz", text, &plain);
     assert_eq!((map.crs.code(), &map.height), (32630, &crate::GridHeight::Level(75.0)));
     assert!((map.anomaly_nt[0] - 100.0).abs() < 1e-12 && map.anomaly_nt[2].is_nan());
     let esri = "NCOLS 2\nNROWS 2\nXLLCENTER 100\nYLLCENTER 200\nCELLSIZE 10\nNODATA_VALUE 7\n1 2\n3 7\n";

@@ -28,7 +28,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     recognise: |head: &FileHead| {
         head.first_line().is_some_and(|l| l.trim_start().to_ascii_lowercase().starts_with("datasetheader begin"))
     },
-    beside: Some(|path| cells_of(path).map(|cells| vec![cells])),
+    companions: Some(|path| cells_of(path).map(|cells| vec![cells])),
     read,
     write: Some(write),
 };

@@ -24,7 +24,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
         let first = head.first_line().unwrap_or_default().to_ascii_lowercase();
         first.starts_with("ncols") || first.starts_with("nrows")
     },
-    beside: Some(|path| Ok(Some(path.with_extension("prj")).filter(|p| p.is_file()).into_iter().collect())),
+    companions: Some(|path| Ok(Some(path.with_extension("prj")).filter(|p| p.is_file()).into_iter().collect())),
     read,
     write: Some(write),
 };

@@ -26,7 +26,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     about: "GeoTIFF with one band of float or integer values",
     extensions: &["tif", "tiff"],
     recognise: |head: &FileHead| MAGICS.iter().any(|m| head.starts_with(m)),
-    beside: None,
+    companions: None,
     read,
     write: Some(map_geotiff_write::write),
 };

@@ -27,7 +27,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
         let text = String::from_utf8_lossy(&head.bytes);
         text.lines().any(|l| l.starts_with("#POINTS") || l.starts_with("#PTSEP") || l.starts_with("#GTYPE"))
     },
-    beside: None,
+    companions: None,
     read,
     write: Some(write),
 };

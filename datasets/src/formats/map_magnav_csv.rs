@@ -22,7 +22,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     recognise: |head: &FileHead| {
         folder(head.path).is_some_and(|f| f.join("xx.csv").is_file() && f.join("yy.csv").is_file())
     },
-    beside: None,
+    companions: None,
     read,
     write: None,
 };

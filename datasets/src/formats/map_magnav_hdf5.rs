@@ -23,7 +23,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
         let names = head.hdf5_names();
         ["map", "xx", "yy"].iter().all(|n| names.iter().any(|m| m == n))
     },
-    beside: None,
+    companions: None,
     read,
     write: Some(map_magnav_write::write),
 };

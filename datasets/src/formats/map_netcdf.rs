@@ -30,7 +30,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
         let lower = head.path.to_string_lossy().to_ascii_lowercase();
         classic || head.starts_with(hdf5::MAGIC) && FORMAT.extensions.iter().any(|e| lower.ends_with(&format!(".{e}")))
     },
-    beside: None,
+    companions: None,
     read,
     write: Some(netcdf_write::write),
 };
@@ -229,13 +229,13 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
 
     fn means(&self, v: &NcVariable, name: &str, axis: &str, degrees: &[&str], metres: &[&str], unit: &str) -> bool {
         let lower = v.name().to_ascii_lowercase();
-        let said = self.text(Some(v), "standard_name").unwrap_or_default();
+        let standard_name = self.text(Some(v), "standard_name").unwrap_or_default();
         lower == name
             || self.text(Some(v), "axis").as_deref() == Some(axis)
             || degrees.contains(&&*lower)
             || metres.contains(&&*lower)
-            || degrees.contains(&&*said)
-            || said == format!("projection_{name}_coordinate")
+            || degrees.contains(&&*standard_name)
+            || standard_name == format!("projection_{name}_coordinate")
             || self.text(Some(v), "units").is_some_and(|u| u.starts_with(unit))
     }
 

@@ -25,7 +25,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     about: "Apache Parquet, one row per node",
     extensions: &["parquet", "pq"],
     recognise: |head: &FileHead| head.starts_with(parquet::MAGIC),
-    beside: None,
+    companions: None,
     read,
     write: Some(write),
 };
@@ -63,11 +63,12 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let (x, y) = if projected { (need(EASTINGS)?, need(NORTHINGS)?) } else { (need(LONGITUDES)?, need(LATITUDES)?) };
     let unit = schema.field_with_name(&anomaly).ok().and_then(|f| f.metadata().get("unit").cloned());
     let code = schema.field_with_name(&x).ok().and_then(|f| f.metadata().get("epsg")?.parse().ok());
-    let said = |name: &str, key: &str| schema.field_with_name(name).ok()?.metadata().get(key).cloned();
-    let units = [said(&x, "unit"), said(&y, "unit")];
+    let metadata_of = |name: &str, key: &str| schema.field_with_name(name).ok()?.metadata().get(key).cloned();
+    let units = [metadata_of(&x, "unit"), metadata_of(&y, "unit")];
     let axis_unit = axis_unit(path, [&x, &y], units.each_ref().map(Option::as_deref))?;
-    let packing = ["scale_factor", "add_offset"].map(|key| said(&anomaly, key));
-    let alt_unit = known(HEIGHTS).and_then(|name| said(&name, "unit").or_else(|| Some(split_unit(&name).1.to_owned())));
+    let packing = ["scale_factor", "add_offset"].map(|key| metadata_of(&anomaly, key));
+    let alt_unit =
+        known(HEIGHTS).and_then(|name| metadata_of(&name, "unit").or_else(|| Some(split_unit(&name).1.to_owned())));
     let batches: Vec<RecordBatch> = file.batches(path)?.collect::<Result<_, _>>()?;
     let made = of_stage(path, &names, &batches)?;
     let (x, y, code, axis_unit) = match made {
@@ -100,8 +101,8 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     draft.unit = unit;
     (draft.heights, draft.errors) = (heights, errors);
     draft.axis_unit = axis_unit;
-    for (own, said) in draft.packing.iter_mut().zip(packing) {
-        let Some(text) = said else { continue };
+    for (own, declared) in draft.packing.iter_mut().zip(packing) {
+        let Some(text) = declared else { continue };
         let number = text.trim().parse::<f64>();
         *own = number.map_err(|_| {
             ReadError::data(path, format!("the scale or offset `{text}` is not a number")).in_column(&anomaly)
@@ -114,12 +115,16 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
 ///
 /// # Errors
 /// Fails for an unknown unit, and for two units.
-pub(super) fn axis_unit(path: &Path, names: [&str; 2], said: [Option<&str>; 2]) -> Result<Option<AxisUnit>, ReadError> {
-    let of = |name: &str, said: Option<&str>| {
-        let unit = said.filter(|u| !u.is_empty()).unwrap_or_else(|| split_unit(name).1);
+pub(super) fn axis_unit(
+    path: &Path,
+    names: [&str; 2],
+    declared: [Option<&str>; 2],
+) -> Result<Option<AxisUnit>, ReadError> {
+    let of = |name: &str, declared: Option<&str>| {
+        let unit = declared.filter(|u| !u.is_empty()).unwrap_or_else(|| split_unit(name).1);
         AxisUnit::read(path, name, unit)
     };
-    AxisUnit::of_both(path, of(names[0], said[0])?, of(names[1], said[1])?)
+    AxisUnit::of_both(path, of(names[0], declared[0])?, of(names[1], declared[1])?)
 }
 
 /// The coordinate system of a map that a stage has made ([`schemas::map::MADE_COLUMNS`]); `None` for another table.

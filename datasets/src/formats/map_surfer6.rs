@@ -22,7 +22,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     about: "Surfer 6 grid, binary (DSBB), single precision",
     extensions: &["grd"],
     recognise: |head: &FileHead| head.starts_with(b"DSBB"),
-    beside: None,
+    companions: None,
     read,
     write: Some(write),
 };

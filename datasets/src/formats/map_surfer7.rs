@@ -21,7 +21,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     about: "Surfer 7 grid (DSRB), double precision",
     extensions: &["grd"],
     recognise: |head: &FileHead| head.starts_with(b"DSRB"),
-    beside: None,
+    companions: None,
     read,
     write: Some(write),
 };

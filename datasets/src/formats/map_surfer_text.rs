@@ -21,7 +21,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     about: "Surfer 6 grid, text (DSAA)",
     extensions: &["grd"],
     recognise: |head: &FileHead| head.starts_with(b"DSAA"),
-    beside: None,
+    companions: None,
     read,
     write: Some(write),
 };

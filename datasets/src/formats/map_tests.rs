@@ -111,8 +111,8 @@ mod val_other_programs {
         assert!(map.notes.iter().any(|n| n == "values in uT are multiplied by 1000 to give nT"), "{:?}", map.notes);
         let fault = read_grid(&folder().join("xarray_mgal.nc"), &default).unwrap_err().to_string();
         assert!(fault.ends_with("column `anomaly`: the unit `mGal` does not convert to nT"), "{fault}");
-        let told = MapOptions { unit: Some("nT".into()), ..MapOptions::default() };
-        check("xarray_mgal.nc", true, &told);
+        let in_nt = MapOptions { unit: Some("nT".into()), ..MapOptions::default() };
+        check("xarray_mgal.nc", true, &in_nt);
     }
 
     #[test]
@@ -256,29 +256,36 @@ mod round_trips {
     #[test]
     fn gold_maps_that_cannot_be_written() {
         let folder = TempDir::new().unwrap();
-        let said = |name: &str, format: Option<&str>, map: &AnomalyGrid| {
+        let fault_text = |name: &str, format: Option<&str>, map: &AnomalyGrid| {
             let fault = write_grid(&folder.path().join(name), map, format).unwrap_err().to_string();
             fault.split_once(name).unwrap().1.to_owned()
         };
         let map = small(false);
         let written = "the formats that can be written are parquet, geotiff, magnav_hdf5, netcdf, surfer7, surfer6, \
                        surfer6_text, gxf, er_mapper, esri_ascii, xyz";
-        assert_eq!(said("a.bin", None, &map), format!(": the extension belongs to no writable map format ({written})"));
         assert_eq!(
-            said("a.grd", None, &map),
+            fault_text("a.bin", None, &map),
+            format!(": the extension belongs to no writable map format ({written})")
+        );
+        assert_eq!(
+            fault_text("a.grd", None, &map),
             ": the extension belongs to several map formats: netcdf, surfer7, surfer6, surfer6_text (choose one with \
              `format`)"
         );
-        assert_eq!(said("a.tif", Some("geotif"), &map), ": there is no map format `geotif` (did you mean `geotiff`?)");
         assert_eq!(
-            said("map.csv", Some("magnav_csv"), &map),
+            fault_text("a.tif", Some("geotif"), &map),
+            ": there is no map format `geotif` (did you mean `geotiff`?)"
+        );
+        assert_eq!(
+            fault_text("map.csv", Some("magnav_csv"), &map),
             format!(": the map format `magnav_csv` can be read, but not written ({written})")
         );
         assert!(
-            said("a.h5", None, &map).contains("not EPSG:32630 (WGS 84 / UTM zone 30N) (convert the map to EPSG:4326")
+            fault_text("a.h5", None, &map)
+                .contains("not EPSG:32630 (WGS 84 / UTM zone 30N) (convert the map to EPSG:4326")
         );
         fs::create_dir(folder.path().join("taken.tif")).unwrap();
-        said("taken.tif", None, &map);
+        fault_text("taken.tif", None, &map);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing half-written is left");
     }
 

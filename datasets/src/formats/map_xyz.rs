@@ -24,7 +24,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     about: "columns of text, one row per node",
     extensions: &["xyz", "csv", "txt", "dat"],
     recognise,
-    beside: None,
+    companions: None,
     read,
     write: Some(write),
 };
@@ -58,12 +58,12 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let all: Vec<&[f64]> = [Some(values), heights].into_iter().flatten().collect();
     let mut nodes = from_nodes(path, (name(x), xs), (name(y), ys), &all)?;
     let heights = nodes.values.pop_if(|_| heights.is_some());
-    let said = XyzGridComments::from_comments(&table.comments);
-    if said.nodes.is_some_and(|n| n != values.len()) {
-        let what = format!("the file is cut short: {} of {} rows found", values.len(), said.nodes.unwrap_or(0));
+    let header = XyzGridComments::from_comments(&table.comments);
+    if header.nodes.is_some_and(|n| n != values.len()) {
+        let what = format!("the file is cut short: {} of {} rows found", values.len(), header.nodes.unwrap_or(0));
         return Err(ReadError::data(path, what));
     }
-    let system = match (said.epsg, geographic) {
+    let system = match (header.epsg, geographic) {
         (Some(code), _) => FileCrs::Epsg(code),
         (None, true) => FileCrs::Degrees,
         (None, false) => FileCrs::Unknown,
@@ -71,8 +71,8 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let mut draft = MapDraft::new(path, nodes.x, nodes.y, nodes.values.pop().unwrap_or_default(), system);
     draft.heights = heights;
     draft.axis_unit = axis_unit(path, [name(x), name(y)], [None, None])?;
-    draft.level_m = said.height_m;
-    draft.unit = said.unit;
+    draft.level_m = header.height_m;
+    draft.unit = header.unit;
     draft.finish(options)
 }
 

@@ -376,11 +376,11 @@ mod tests {
         let mut reader = open_raw(&path, &options(), &ReadHints::default()).unwrap();
         let part = reader.next_part().unwrap().unwrap();
         assert_eq!(part.batch.num_rows(), 5);
-        let said: Vec<(usize, String)> = part.faults.iter().map(|f| (f.row, f.fault.to_string())).collect();
-        assert_eq!(said.iter().map(|(row, _)| *row).collect::<Vec<_>>(), [1, 2, 3]);
-        assert!(said[0].1.contains("the row has 3 values, but the header has 11"), "{said:?}");
-        assert!(said[1].1.contains("the date or the time is invalid"), "{said:?}");
-        assert!(said[2].1.contains("column `Latitude`, row 3: `x` is not a number"), "{said:?}");
+        let row_faults: Vec<(usize, String)> = part.faults.iter().map(|f| (f.row, f.fault.to_string())).collect();
+        assert_eq!(row_faults.iter().map(|(row, _)| *row).collect::<Vec<_>>(), [1, 2, 3]);
+        assert!(row_faults[0].1.contains("the row has 3 values, but the header has 11"), "{row_faults:?}");
+        assert!(row_faults[1].1.contains("the date or the time is invalid"), "{row_faults:?}");
+        assert!(row_faults[2].1.contains("column `Latitude`, row 3: `x` is not a number"), "{row_faults:?}");
         let mut units = options();
         units.units = [("Mag2Data".to_owned(), "uT".to_owned())].into();
         let mut reader = open_flight(&path, &units).unwrap();

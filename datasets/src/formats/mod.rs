@@ -283,7 +283,7 @@ pub struct MapFormat {
     pub extensions: &'static [&'static str],
     recognise: fn(&FileHead) -> bool,
     /// The companion files of a map, for a format that may have some.
-    beside: Option<CompanionFileLister>,
+    companions: Option<CompanionFileLister>,
     read: fn(&Path, &MapOptions) -> Result<AnomalyGrid, ReadError>,
     write: Option<MapWriter>,
 }
@@ -439,8 +439,8 @@ pub fn map_files(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
     files.extend(side_files::existing(path));
     let head = FileHead::read(path)?;
     for format in MAP_FORMATS {
-        if let Some(beside) = format.beside.filter(|_| (format.recognise)(&head)) {
-            files.extend(beside(path)?);
+        if let Some(companions) = format.companions.filter(|_| (format.recognise)(&head)) {
+            files.extend(companions(path)?);
         }
     }
     Ok(files)

@@ -138,19 +138,19 @@ pub fn doubts(points: &SurveyPointSet) -> Vec<String> {
     const TURNS: (f64, f64) = (std::f64::consts::FRAC_PI_2, std::f64::consts::PI);
     /// Minimum range of the values of a survey, nT.
     const LEAST_NT: f64 = 1e-3;
-    let mut said: Vec<String> = vec![];
+    let mut suspicions: Vec<String> = vec![];
     let mut places = points.lat_deg.iter().zip(&points.lon_deg);
     if places.all(|(lat, lon)| lat.abs() <= TURNS.0 && lon.abs() <= TURNS.1) {
-        said.push("all points lie in the Gulf of Guinea; are the positions in radians?".to_owned());
+        suspicions.push("all points lie in the Gulf of Guinea; are the positions in radians?".to_owned());
     }
     let known: Vec<f64> = points.value_nt.iter().copied().filter(|v| v.is_finite()).collect();
     let (low, high) = known.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
     if known.len() > 1 && low == high {
-        said.push(format!("all values are {low} nT"));
+        suspicions.push(format!("all values are {low} nT"));
     } else if known.len() > 1 && high - low < LEAST_NT {
-        said.push(format!("all values are within {} nT; are they in another unit?", high - low));
+        suspicions.push(format!("all values are within {} nT; are they in another unit?", high - low));
     }
-    said
+    suspicions
 }
 
 /// Lines of a set of points: the line of each point, and the names and types of the lines.

@@ -101,8 +101,8 @@ fn from_flight(path: &Path, format: Option<&str>) -> Result<PointTable, ReadErro
 
 fn of_batches(schema: &SchemaRef, batches: &[RecordBatch]) -> PointTable {
     let column = |(i, field): (usize, &std::sync::Arc<arrow_schema::Field>)| {
-        let said = field.metadata().get("unit").filter(|u| !u.is_empty()).cloned();
-        let unit = said.or_else(|| adopt::any_unit_of_name(field.name())).unwrap_or_default();
+        let declared = field.metadata().get("unit").filter(|u| !u.is_empty()).cloned();
+        let unit = declared.or_else(|| adopt::any_unit_of_name(field.name())).unwrap_or_default();
         let chunks = batches.iter().map(|b| b.column(i).clone()).collect();
         PointColumn { name: field.name().clone(), unit, chunks }
     };
@@ -228,8 +228,8 @@ impl PointColumn {
     /// # Errors
     /// Fails for an unknown unit.
     pub(super) fn axis_unit(&self, path: &Path) -> Result<Option<AxisUnit>, ReadError> {
-        let said = if self.unit.is_empty() { split_unit(&self.name).1 } else { &self.unit };
-        AxisUnit::read(path, &self.name, said)
+        let declared = if self.unit.is_empty() { split_unit(&self.name).1 } else { &self.unit };
+        AxisUnit::read(path, &self.name, declared)
     }
 
     /// The numbers of the file, in the unit of the file.

@@ -192,8 +192,8 @@ impl SglXyzReader {
     fn name(&mut self, ins_angle: &'static str, options: &FlightOptions) -> Result<(), ReadError> {
         self.ins_angle = ins_angle;
         for column in &mut self.columns {
-            let said = Some(sgl::unit_of(&column.meant, ins_angle));
-            column.named = named(&self.path, &[&column.header, &column.meant], said, options)?;
+            let declared = Some(sgl::unit_of(&column.meant, ins_angle));
+            column.named = named(&self.path, &[&column.header, &column.meant], declared, options)?;
         }
         for (i, column) in self.columns.iter().enumerate() {
             let name = &column.named.name;

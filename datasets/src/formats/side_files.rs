@@ -21,12 +21,12 @@ pub(crate) struct SideFiles {
 
 /// The side files of a map that exist.
 pub(super) fn existing(path: &Path) -> Vec<PathBuf> {
-    let beside = |ending: &str| {
+    let companion = |ending: &str| {
         let mut name = path.as_os_str().to_owned();
         name.push(ending);
         PathBuf::from(name)
     };
-    [".aux.xml", ".msk"].into_iter().map(beside).filter(|p| p.is_file()).collect()
+    [".aux.xml", ".msk"].into_iter().map(companion).filter(|p| p.is_file()).collect()
 }
 
 /// Rejects an output path with side files of another map, which would be applied to the new map.
@@ -109,12 +109,12 @@ impl SideFiles {
             }
             notes.push("the mask of the `.msk` file is applied".to_owned());
         }
-        for (own, (said, plain)) in packing.iter_mut().zip(self.packing.iter().zip([1.0, 0.0])) {
-            match said {
-                Some(said) if *own == plain => *own = *said,
-                Some(said) if said != own => {
+        for (own, (declared, plain)) in packing.iter_mut().zip(self.packing.iter().zip([1.0, 0.0])) {
+            match declared {
+                Some(declared) if *own == plain => *own = *declared,
+                Some(declared) if declared != own => {
                     let what =
-                        format!("the `.aux.xml` file has {said} as scale or offset, but the file itself has {own}");
+                        format!("the `.aux.xml` file has {declared} as scale or offset, but the file itself has {own}");
                     return Err(ReadError::data(path, what).help("correct or remove the wrong value"));
                 }
                 _ => {}

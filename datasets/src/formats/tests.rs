@@ -162,7 +162,7 @@ fn unit_an_unrenamed_column_keeps_the_unit_in_its_name() {
         "flight,line,tt,MagCabin_T,GPS Alt ft,Gyro [rad/s],Flux_A,counter,mag_2_uc,cur_x\n1,1,0.5,5e-5,1,1,1,1,1,1\n";
     let path = written(&folder, "f.csv", text);
     let flight = read(&path, &FlightOptions::default()).unwrap();
-    for (name, said) in [
+    for (name, message) in [
         ("MagCabin_T", "T"),
         ("GPS Alt ft", "ft"),
         ("Gyro [rad/s]", "rad/s"),
@@ -171,7 +171,7 @@ fn unit_an_unrenamed_column_keeps_the_unit_in_its_name() {
         ("mag_2_uc", "nT"),
         ("cur_x", "A"),
     ] {
-        assert_eq!(unit(&flight, name), said, "{name}");
+        assert_eq!(unit(&flight, name), message, "{name}");
     }
     let mut options = FlightOptions::default();
     options.units.insert("counter".into(), "V".into());
@@ -223,8 +223,8 @@ fn unit_a_standard_name_that_ends_in_another_unit_is_rejected() {
 fn gold_a_table_without_flight_and_line_is_an_error_with_a_remedy() {
     let path = samples::path("magnavjl_tl/magnavjl_tl.parquet");
     let fault = read(&path, &FlightOptions::default()).unwrap_err();
-    let said = "holds no column `flight` (set `flight`, or rename the column that holds it)";
-    assert!(fault.to_string().ends_with(said), "{fault}");
+    let message = "holds no column `flight` (set `flight`, or rename the column that holds it)";
+    assert!(fault.to_string().ends_with(message), "{fault}");
 }
 
 #[test]
@@ -288,7 +288,7 @@ fn unit_csv_types_are_inferred_from_the_whole_file() {
 fn gold_faults_of_a_csv_are_reported_with_their_place() {
     let folder = TempDir::new().unwrap();
     let head = "flight,line,tt,mag_1_uc\n7,1,0.0,1.5\n";
-    for (name, tail, said) in [
+    for (name, tail, message) in [
         ("ragged", "7,1,0.1\n", "row 1: the row has 3 values where the header has 4 (line 3 of the file)"),
         (
             "word",
@@ -300,7 +300,7 @@ fn gold_faults_of_a_csv_are_reported_with_their_place() {
     ] {
         let path = written(&folder, &format!("{name}.csv"), &format!("{head}{tail}"));
         let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
-        assert_eq!(fault, format!("{}, {said}", path.display()));
+        assert_eq!(fault, format!("{}, {message}", path.display()));
     }
     let path = written(&folder, "twice.csv", "tt,lat,tt\n1,2,3\n");
     let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
@@ -310,7 +310,7 @@ fn gold_faults_of_a_csv_are_reported_with_their_place() {
     let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
     assert!(fault.contains("row 0: is not UTF-8 text"), "{fault}");
     // Files in the encodings and separators of spreadsheets of other countries and systems.
-    for (bytes, said) in [
+    for (bytes, message) in [
         (b"flight;line;tt\n1;1;0,5\n".to_vec(), "its columns are separated by semicolons, not by commas"),
         (b"flight\tline\ttt\n1\t1\t0.5\n".to_vec(), "its columns are separated by tabs, not by commas"),
         (
@@ -320,7 +320,7 @@ fn gold_faults_of_a_csv_are_reported_with_their_place() {
     ] {
         fs::write(&path, bytes).unwrap();
         let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
-        assert!(fault.contains(said), "{fault}");
+        assert!(fault.contains(message), "{fault}");
     }
 }
 
@@ -337,17 +337,17 @@ fn unit_non_ascii_text_is_read_as_text() {
 fn gold_files_of_unknown_format() {
     let folder = TempDir::new().unwrap();
     let default = FlightOptions::default();
-    let said = |path: &Path, options: &FlightOptions| open_flight(path, options).unwrap_err().to_string();
+    let fault_text = |path: &Path, options: &FlightOptions| open_flight(path, options).unwrap_err().to_string();
     let path = written(&folder, "a.dat", "\0\u{1}\u{2}");
     let known = "known here: parquet, ulog, dataflash, mat, sgl_hdf5, magnav_hdf5, geosoft_xyz, sgl_xyz, magnav_csv, iaga2002, imf, mfam, csv, points; choose one with `format`";
-    assert_eq!(said(&path, &default), format!("{}: is not in a known flight format ({known})", path.display()));
+    assert_eq!(fault_text(&path, &default), format!("{}: is not in a known flight format ({known})", path.display()));
     let named = FlightOptions { format: Some("parqet".into()), ..default.clone() };
     let expected = format!("{}: there is no flight format `parqet` (did you mean `parquet`?)", path.display());
-    assert_eq!(said(&path, &named), expected);
+    assert_eq!(fault_text(&path, &named), expected);
     let path = written(&folder, "empty.h5", "");
-    assert_eq!(said(&path, &default), format!("{}: the file is empty", path.display()));
+    assert_eq!(fault_text(&path, &default), format!("{}: the file is empty", path.display()));
     let path = folder.path().join("none.csv");
-    assert_eq!(said(&path, &default), format!("{}: the file does not exist", path.display()));
+    assert_eq!(fault_text(&path, &default), format!("{}: the file does not exist", path.display()));
     let map = read_map(&written(&folder, "b.bin", "\0"), &MapOptions::default()).unwrap_err().to_string();
     assert!(
         map.ends_with(
@@ -363,8 +363,8 @@ fn gold_a_short_row_of_an_xyz_file_is_an_error() {
     let folder = TempDir::new().unwrap();
     let path = written(&folder, "a.xyz", "/ one\n/ LINE FLT TIME LAT\n 1.01 1 0.0 45\n 1.01 1 0.1\n");
     let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
-    let said = "row 1: the row has 3 values where the header has 4 (line 4 of the file)";
-    assert_eq!(fault, format!("{}, {said}", path.display()));
+    let message = "row 1: the row has 3 values where the header has 4 (line 4 of the file)";
+    assert_eq!(fault, format!("{}, {message}", path.display()));
 }
 
 #[test]
@@ -426,7 +426,7 @@ fn unit_a_truncated_file_is_an_error_with_its_name() {
             let _ = fs::remove_file(&path);
             fs::write(&path, &whole[..length]).unwrap();
             match outcome(&path, map) {
-                Err(said) => assert!(said.contains("cut."), "{name} {length}: {said}"),
+                Err(message) => assert!(message.contains("cut."), "{name} {length}: {message}"),
                 // Text that is truncated at the end of a row is a shorter table.
                 Ok(()) => assert!(text, "{name}: {length} bytes were accepted as complete"),
             }
@@ -449,8 +449,8 @@ fn unit_flipped_bytes_never_panic() {
             bytes[at] ^= 1 << (k % 8);
             let _ = fs::remove_file(&path);
             fs::write(&path, &bytes).unwrap();
-            if let Err(said) = outcome(&path, map) {
-                assert!(said.contains("flip."), "{name} {at}: {said}");
+            if let Err(message) = outcome(&path, map) {
+                assert!(message.contains("flip."), "{name} {at}: {message}");
                 faults += 1;
             }
         }

@@ -330,15 +330,15 @@ mod tests {
 
     #[test]
     fn gold_faults_of_a_text_table() {
-        let said = |text: &str| parse(Path::new("a.xyz"), text).unwrap_err().to_string();
+        let fault_text = |text: &str| parse(Path::new("a.xyz"), text).unwrap_err().to_string();
         let short = "a.xyz, row 1: the row has 2 values where the others have 3 (line 3 of the file)";
-        assert_eq!(said("1 2 3\n\n1 2\n"), short);
+        assert_eq!(fault_text("1 2 3\n\n1 2\n"), short);
         assert_eq!(
-            said("x,y,z\n1,2\n"),
+            fault_text("x,y,z\n1,2\n"),
             "a.xyz, row 0: the row has 2 values where the others have 3 (line 2 of the file)"
         );
-        assert!(said("x y z\nLine 1\n1 2 3\nFoo 2\n4 5 6\n").contains("row 1: `Foo 2` is not a line record"));
-        assert_eq!(said("# nothing\n"), "a.xyz: the table has no rows");
+        assert!(fault_text("x y z\nLine 1\n1 2 3\nFoo 2\n4 5 6\n").contains("row 1: `Foo 2` is not a line record"));
+        assert_eq!(fault_text("# nothing\n"), "a.xyz: the table has no rows");
         let text = table("x y z\n1 2 3\n1 2 high\n");
         let fault = text.numbers(Path::new("a.xyz"), 2).unwrap_err().to_string();
         assert_eq!(fault, "a.xyz, column `z`, row 1: `high` is not a number");

@@ -61,8 +61,8 @@ pub fn topics_among(
     }
     let mut reader = open_raw_among(&[format], path, options, &ReadHints::default())?;
     let column = |f: &arrow_schema::Field| {
-        let said = |key: &str| f.metadata().get(key).cloned().unwrap_or_default();
-        TopicColumn { name: f.name().clone(), unit: said("unit"), description: said("description") }
+        let metadata_of = |key: &str| f.metadata().get(key).cloned().unwrap_or_default();
+        TopicColumn { name: f.name().clone(), unit: metadata_of("unit"), description: metadata_of("description") }
     };
     let columns = reader.schema().fields().iter().map(|f| column(f)).collect();
     let mut rows = 0;

@@ -53,7 +53,7 @@ const AMBIGUOUS: &[&str] = &[
 
 /// The unit that the name of a column implies. A standard name implies none: the `t` of
 /// `flux_a_t` and the `a` of `flux_a` are not units.
-pub(super) fn said_by(name: &str) -> ImpliedUnit {
+pub(super) fn implied_unit(name: &str) -> ImpliedUnit {
     if is_canonical(name) {
         return ImpliedUnit::Nothing;
     }
@@ -62,12 +62,12 @@ pub(super) fn said_by(name: &str) -> ImpliedUnit {
         return match inside {
             _ if is_unit(&spelt(inside)) => ImpliedUnit::Unit(spelt(inside)),
             _ if is_qualifier(inside) => {
-                said_by_end(name.get(..name.len() - inside.len() - 2).unwrap_or("").trim_end())
+                implied_by_suffix(name.get(..name.len() - inside.len() - 2).unwrap_or("").trim_end())
             }
             _ => ImpliedUnit::Unknown(inside.to_owned()),
         };
     }
-    said_by_end(name)
+    implied_by_suffix(name)
 }
 
 /// Whether the name is a standard name with a unit.
@@ -77,7 +77,7 @@ pub(super) fn is_canonical(name: &str) -> bool {
 
 /// The unit that an unrenamed column keeps, if it is not ambiguous.
 pub(super) fn kept_unit(name: &str) -> Option<String> {
-    match said_by(name) {
+    match implied_unit(name) {
         ImpliedUnit::Unit(unit) => Some(unit),
         ImpliedUnit::Perhaps(unit) => ["m", "s", "T"].contains(&unit.as_str()).then_some(unit),
         ImpliedUnit::Nothing | ImpliedUnit::Unknown(_) => None,
@@ -86,7 +86,7 @@ pub(super) fn kept_unit(name: &str) -> Option<String> {
 
 /// An unknown text at the end of a name, with or without brackets, that looks like a unit.
 pub(super) fn unknown_unit(name: &str) -> Option<String> {
-    if matches!(said_by(name), ImpliedUnit::Unit(_) | ImpliedUnit::Perhaps(_)) {
+    if matches!(implied_unit(name), ImpliedUnit::Unit(_) | ImpliedUnit::Perhaps(_)) {
         return None;
     }
     let end = bracketed(name).map_or_else(|| name.to_owned(), |inside| format!("in {inside}"));
@@ -110,7 +110,7 @@ fn is_qualifier(word: &str) -> bool {
 }
 
 /// The longest end of the name that is a unit, without words such as `MSL` and numbers after it.
-fn said_by_end(name: &str) -> ImpliedUnit {
+fn implied_by_suffix(name: &str) -> ImpliedUnit {
     const BETWEEN: [char; 5] = ['_', ' ', '-', ',', '.'];
     let mut name = name.trim_end_matches(BETWEEN);
     while let Some(at) = name.rfind(BETWEEN) {
@@ -260,7 +260,7 @@ pub(super) enum UnitNameError {
 /// Fails for a name with a unit that does not convert, and for an ambiguous name.
 pub(super) fn unit_of_renamed(name: &str, ours: &str, wanted: &str) -> Result<Option<String>, UnitNameError> {
     let factor = |unit: &str| convert(unit, wanted);
-    match said_by(name) {
+    match implied_unit(name) {
         ImpliedUnit::Nothing => Ok(None),
         _ if wanted.is_empty() => Ok(None),
         ImpliedUnit::Unknown(word) => Err(UnitNameError::Other(word)),
@@ -295,7 +295,7 @@ mod tests {
 
     #[test]
     fn ref_usual_spellings_of_units_in_names() {
-        for (name, said) in [
+        for (name, expected) in [
             ("GPS Lat (rad)", "rad"),
             ("GPS Alt ft", "ft"),
             ("GPS Alt ft MSL", "ft"),
@@ -316,12 +316,12 @@ mod tests {
             ("flux_a_x_nt", "nT"),
             ("lat_degE7", "degE7"),
         ] {
-            let ImpliedUnit::Unit(found) = said_by(name) else { panic!("{name}: {:?}", said_by(name)) };
-            assert_eq!(convert(&found, said), Some(1.0), "{name}: {found}");
+            let ImpliedUnit::Unit(found) = implied_unit(name) else { panic!("{name}: {:?}", implied_unit(name)) };
+            assert_eq!(convert(&found, expected), Some(1.0), "{name}: {found}");
         }
-        assert_eq!(said_by("MagCabin_T"), ImpliedUnit::Perhaps("T".into()));
-        assert_eq!(said_by("Mag (counts)"), ImpliedUnit::Unknown("counts".into()));
-        assert_eq!(said_by("Mag [T]"), unit("T"));
+        assert_eq!(implied_unit("MagCabin_T"), ImpliedUnit::Perhaps("T".into()));
+        assert_eq!(implied_unit("Mag (counts)"), ImpliedUnit::Unknown("counts".into()));
+        assert_eq!(implied_unit("Mag [T]"), unit("T"));
     }
 
     #[test]
@@ -329,7 +329,7 @@ mod tests {
         let families = ["mag_2_uc", "mag_1_c", "flux_a_x", "flux_a_t", "cur_x", "cur_ac_hi", "vol_bat_1", "vol_back_n"];
         let all = flight::COLUMNS.iter().map(|(name, _)| *name).chain(families);
         for name in all {
-            assert_eq!((said_by(name), kept_unit(name)), (ImpliedUnit::Nothing, None), "{name}");
+            assert_eq!((implied_unit(name), kept_unit(name)), (ImpliedUnit::Nothing, None), "{name}");
         }
         for name in
             ["flux_a", "flux_a_t", "m", "counter", "mag_c", "Mag A", "vel_ns", "event", "Flux_V", "mag_t", "time_ut"]

@@ -150,8 +150,8 @@ impl AxisUnit {
         origin: CrsSource,
         notes: &mut Vec<String>,
     ) -> Result<f64, ReadError> {
-        let contradiction = |said: &str, help: String| {
-            let what = format!("the coordinates are in {said}, but {crs} is in {}", unit_of(crs));
+        let contradiction = |declared: &str, help: String| {
+            let what = format!("the coordinates are in {declared}, but {crs} is in {}", unit_of(crs));
             Err(ReadError::data(path, what).help(help))
         };
         match self {

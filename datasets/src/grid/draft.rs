@@ -164,13 +164,13 @@ impl<'a> MapDraft<'a> {
 
     /// Converts the values to nT, except derivatives; returns the resulting unit.
     fn scale(&mut self, options: &MapOptions) -> Result<&'static str, ReadError> {
-        let said = self.unit.take().filter(|u| !u.trim().is_empty());
-        if said.is_none() && options.unit.is_none() {
+        let declared = self.unit.take().filter(|u| !u.trim().is_empty());
+        if declared.is_none() && options.unit.is_none() {
             self.notes.push(NO_UNIT.to_owned());
             self.check_values(&ValueUnit { name: NANOTESLA, factor: 1.0, canonical: NANOTESLA }, options)?;
             return Ok(NANOTESLA);
         }
-        let unit = options.unit.clone().or(said).unwrap_or_default();
+        let unit = options.unit.clone().or(declared).unwrap_or_default();
         if let Some(derivative) = DERIVATIVES.iter().find(|d| **d == unit.trim()) {
             self.check_values(&ValueUnit { name: derivative, factor: 1.0, canonical: derivative }, options)?;
             return Ok(derivative);

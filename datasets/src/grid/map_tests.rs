@@ -96,10 +96,10 @@ fn law_maps_across_the_date_line_are_not_split() {
 #[test]
 fn gold_a_map_around_a_pole() {
     let polar = made(3031, axis(-500_000.0, 50_000.0, 21), axis(-500_000.0, 50_000.0, 21));
-    let said = polar.to_crs(4326, None).unwrap_err().to_string();
+    let message = polar.to_crs(4326, None).unwrap_err().to_string();
     let help = "trim the map, or keep it in its coordinate system";
     assert_eq!(
-        said,
+        message,
         format!("the map contains a pole, which a grid of latitude and longitude cannot represent ({help})")
     );
     assert_eq!(polar.summary().unwrap().lon_deg, None);
@@ -114,17 +114,17 @@ fn gold_invalid_maps() {
     };
     let (x, y, level) = (axis(0.0, 1.0, 2), axis(0.0, 1.0, 2), GridHeight::Level(0.0));
     let four = vec![1.0; 4];
-    let said = new(axis(0.0, 1.0, 1), y, 4326, four.clone(), level.clone());
-    assert_eq!(said, "column `lon`: a map requires at least two nodes along each axis, not 1");
-    let said = new(x, axis(0.0, -1.0, 2), 32630, four.clone(), level.clone());
-    assert_eq!(said, "column `northing`: the axis must ascend, but runs from 0 to -1");
-    let said = new(x, axis(89.5, 1.0, 2), 4326, four.clone(), level.clone());
-    assert!(said.starts_with("column `lat`: the coordinate 90.5 degrees is out of range"), "{said}");
-    let said = new(x, y, 4326, vec![1.0; 3], level.clone());
-    assert_eq!(said, "column `anomaly`: the grid has 4 nodes but 3 values");
+    let message = new(axis(0.0, 1.0, 1), y, 4326, four.clone(), level.clone());
+    assert_eq!(message, "column `lon`: a map requires at least two nodes along each axis, not 1");
+    let message = new(x, axis(0.0, -1.0, 2), 32630, four.clone(), level.clone());
+    assert_eq!(message, "column `northing`: the axis must ascend, but runs from 0 to -1");
+    let message = new(x, axis(89.5, 1.0, 2), 4326, four.clone(), level.clone());
+    assert!(message.starts_with("column `lat`: the coordinate 90.5 degrees is out of range"), "{message}");
+    let message = new(x, y, 4326, vec![1.0; 3], level.clone());
+    assert_eq!(message, "column `anomaly`: the grid has 4 nodes but 3 values");
     assert_eq!(new(x, y, 4326, vec![f64::NAN; 4], level), "column `anomaly`: the map has no known value");
-    let said = new(x, y, 4326, four, GridHeight::Cells(vec![0.0; 3]));
-    assert_eq!(said, "column `alt`: the map has a height that is not a number");
+    let message = new(x, y, 4326, four, GridHeight::Cells(vec![0.0; 3]));
+    assert_eq!(message, "column `alt`: the map has a height that is not a number");
     let map = made(32630, axis(300_000.0, 1000.0, 5), axis(5_500_000.0, 1000.0, 5));
     assert_eq!(
         map.to_crs(32630, Some(-1.0)).unwrap_err().to_string(),

@@ -143,8 +143,8 @@ fn is_cut(error: &Error) -> bool {
 
 fn is_forbidden(error: &Error, text: &str) -> bool {
     // The error of a listing has no kind.
-    let said = ["403 Forbidden", "401 Unauthorized"].iter().any(|status| text.contains(status));
-    said || matches!(error, Error::PermissionDenied { .. } | Error::Unauthenticated { .. })
+    let is_rejected = ["403 Forbidden", "401 Unauthorized"].iter().any(|status| text.contains(status));
+    is_rejected || matches!(error, Error::PermissionDenied { .. } | Error::Unauthenticated { .. })
 }
 
 /// Whether there is no object of that name.

@@ -27,7 +27,7 @@ struct BucketCache {
     folder: PathBuf,
 }
 
-fn trouble(doing: &str, path: &Path, e: &std::io::Error) -> Fault {
+fn io_fault(doing: &str, path: &Path, e: &std::io::Error) -> Fault {
     Fault::machine(format!("cannot {doing} {}: {e}", path.display()))
 }
 
@@ -85,7 +85,7 @@ impl BucketCache {
         if fs::read_to_string(&note).is_ok_and(|known| known == version) && same() {
             return Ok(file);
         }
-        fs::create_dir_all(folder).map_err(|e| trouble("make", folder, &e))?;
+        fs::create_dir_all(folder).map_err(|e| io_fault("make", folder, &e))?;
         let unfinished =
             folder.join(format!(".{name}.{}-{}.new", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed)));
         let fetched = self.bucket.fetch(&about.key, &unfinished, Some(about.size)).and_then(|there| {
@@ -98,14 +98,14 @@ impl BucketCache {
         // The note is removed before the copy is replaced, so that it never names the version of another copy.
         let settled = fetched.and_then(|()| {
             match fs::remove_file(&note) {
-                Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(trouble("remove", &note, &e)),
+                Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(io_fault("remove", &note, &e)),
                 _ => {}
             }
-            fs::rename(&unfinished, &file).map_err(|e| trouble("write", &file, &e))?;
+            fs::rename(&unfinished, &file).map_err(|e| io_fault("write", &file, &e))?;
             let written = File::create(&unfinished)
                 .and_then(|mut f| f.write_all(version.as_bytes()))
                 .and_then(|()| fs::rename(&unfinished, &note));
-            written.map_err(|e| trouble("write", &note, &e))
+            written.map_err(|e| io_fault("write", &note, &e))
         });
         if settled.is_err() {
             let _ = fs::remove_file(&unfinished);
@@ -225,7 +225,7 @@ pub fn whole(address: &ObjectAddress) -> Result<PathBuf, Fault> {
 ///
 /// # Errors
 /// Fails when the server cannot be reached or reports an error.
-pub fn beside(path: &Path) -> Result<(), Fault> {
+pub fn fetch_companion(path: &Path) -> Result<(), Fault> {
     match place(&cache::shown(path))? {
         StorageLocation::Object(address) => {
             let copies = BucketCache::from_address(&address)?;

@@ -17,5 +17,5 @@ mod redact;
 pub use address::{ObjectAddress, StorageLocation, place};
 pub use bucket::{Bucket, ObjectEntry, each};
 pub use connect::{connect, supported};
-pub use files::{beside, find, fixed, whole};
+pub use files::{fetch_companion, find, fixed, whole};
 pub use redact::{address as without_password, redacted};

@@ -44,11 +44,11 @@ fn without_answer(text: &str) -> String {
         // This is still a document.
         return text.split('<').next().unwrap_or_default().to_owned();
     };
-    let (said, answer) = text.split_at(at + mark.len());
+    let (before_answer, answer) = text.split_at(at + mark.len());
     // `403 Forbidden: BODY`
     let (status, body) = if mark == ANSWERS[0] { answer.split_once(':').unwrap_or((answer, "")) } else { ("", answer) };
     let status: String = status.chars().filter(|c| c.is_ascii_alphanumeric() || *c == ' ').take(40).collect();
-    format!("{said}{status}{}", code(body).map(|code| format!(" {code}")).unwrap_or_default())
+    format!("{before_answer}{status}{}", code(body).map(|code| format!(" {code}")).unwrap_or_default())
 }
 
 /// Code of the error in an answer, which is one plain word.

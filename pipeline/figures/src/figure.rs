@@ -94,19 +94,19 @@ fn layout<'a>(
     let title = wrapped(picture.title, TITLE.0, width - 2.0 * PAD, TITLE_LINES);
     let top = PAD + TITLE.1 * title.len() as f64 + if title.is_empty() { 6.0 } else { 4.0 };
     let bar = |upward| ColourBar { scale, name: bar_name(picture), upward };
-    let right = |beside: bool| if beside { TO_BAR + bar(true).breadth() + PAD } else { PAD + 24.0 };
-    let (frame, beside) = match fit(picture, shape, width, right(look.colour_bar)) {
+    let right = |at_right: bool| if at_right { TO_BAR + bar(true).breadth() + PAD } else { PAD + 24.0 };
+    let (frame, at_right) = match fit(picture, shape, width, right(look.colour_bar)) {
         // A colour bar at the side of a low map would be too short to read.
         (_, size) if look.colour_bar && size.1 < LOW => (fit(picture, shape, width, right(false)), false),
         fits => (fits, look.colour_bar),
     };
     let (left, (w, h)) = frame;
     let whole = |length: f64| (length * fine).round() / fine;
-    let slack = (width - left - right(beside) - w).max(0.0);
+    let slack = (width - left - right(at_right) - w).max(0.0);
     let frame = Rect { x: whole(left + 0.5 * slack), y: whole(top), w: whole(w), h: whole(h) };
     let below = frame.bottom() + bottom_margin(picture);
-    let bar = bar(beside);
-    let place = match (look.colour_bar, beside) {
+    let bar = bar(at_right);
+    let place = match (look.colour_bar, at_right) {
         (false, _) => None,
         (_, true) => Some(Rect { x: frame.right() + TO_BAR, y: frame.y, w: bar.breadth(), h: frame.h }),
         (_, false) => {
@@ -115,7 +115,7 @@ fn layout<'a>(
             Some(Rect { x, y: below + 8.0, w: long, h: bar.breadth() })
         }
     };
-    let under = place.filter(|_| !beside).map_or(below, |p| p.bottom());
+    let under = place.filter(|_| !at_right).map_or(below, |p| p.bottom());
     (FigureLayout { width, frame, bar: place, title, footer: under + 0.4 * ROW }, bar)
 }
 

@@ -37,7 +37,7 @@ pub fn build(spec: Spec, catalogue: &[StageEntry], recorded: Option<&RecordedPla
 }
 
 /// Tables that a run writes in addition to those of the stages.
-const BESIDE: [(&str, &str); 5] = [
+const RESERVED_TABLES: [(&str, &str); 5] = [
     ("failures", "failed results"),
     ("quality", "data quality"),
     ("warnings", "warnings"),
@@ -54,7 +54,7 @@ impl PlanBuilder<'_> {
             if seen.contains(&name.as_str()) {
                 self.faults.push(Fault::new(format!("two tables have the name `{name}`")).at(at.clone()));
             }
-            let taken = BESIDE.iter().find(|(taken, _)| name == taken);
+            let taken = RESERVED_TABLES.iter().find(|(taken, _)| name == taken);
             if let Some((_, what)) = taken.filter(|(taken, _)| *taken != "trials" || self.spec.search.is_some()) {
                 let fault = Fault::new(format!("`{name}` is the table of {what}; choose another name"));
                 self.faults.push(fault.at(at.clone()));
@@ -149,10 +149,10 @@ impl PlanBuilder<'_> {
         if self.faults.len() > before {
             return None;
         }
-        let mut said = HashSet::new();
+        let mut unique_notes = HashSet::new();
         for note in made.variants.iter().flat_map(|v| &v.yields.notes) {
             let note = format!("`{}`: {note}", decl.name);
-            if said.insert(note.clone()) {
+            if unique_notes.insert(note.clone()) {
                 self.notes.push(note);
             }
         }
@@ -183,8 +183,8 @@ impl PlanBuilder<'_> {
     /// Fault of a stage with too many sweep points.
     fn too_many(&self, decl: &StageDecl, axes: &[usize]) -> Fault {
         // The axes that are searched together count once.
-        let once = |i: &&usize| !self.spec.searched.contains(i) || **i == self.spec.searched.start;
-        let axes = axes.iter().filter(once).filter_map(|i| self.spec.axes.get(*i));
+        let is_own_axis = |i: &&usize| !self.spec.searched.contains(i) || **i == self.spec.searched.start;
+        let axes = axes.iter().filter(is_own_axis).filter_map(|i| self.spec.axes.get(*i));
         let product: Vec<String> = axes.clone().map(|a| format!("{} ({})", a.name, a.values.len())).collect();
         let size = axes.fold(1u128, |n, a| n.saturating_mul(a.values.len() as u128));
         let size = if size > 10u128.pow(30) { "more than 10^30".to_owned() } else { size.to_string() };

@@ -147,7 +147,7 @@ mod tests {
     #[test]
     fn unit_only_functions_of_one_row_are_accepted() {
         let refused = |sql: &str| Predicate::new(sql, &shape()).unwrap_err();
-        for (sql, says) in [
+        for (sql, statement) in [
             ("tt > random()", "`random()` gives a different value each time"),
             ("uuid() <> line", "`uuid()` gives a different value each time"),
             ("line = '1' and not (tt + 1 > 3 * random())", "`random()`"),
@@ -158,7 +158,7 @@ mod tests {
             ("exists (select 1)", "`where` cannot contain a query"),
         ] {
             let fault = refused(sql);
-            assert!(fault.to_string().contains(says), "{sql}: {fault}");
+            assert!(fault.to_string().contains(statement), "{sql}: {fault}");
         }
         let fine = ["abs(tt) > 3", "upper(line) = 'A'", "coalesce(tt, 0) >= 0", "tt is not null", "line ~ '^1'"];
         fine.iter().for_each(|sql| assert!(Predicate::new(sql, &shape()).is_ok(), "{sql}"));

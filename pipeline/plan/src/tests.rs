@@ -242,7 +242,7 @@ fn measure_keys_of_a_million_units() {
 }
 
 /// Result for [`MIXED`] with a line added to the stage `name`.
-fn said(name: &str, line: &str) -> String {
+fn carry_or_faults(name: &str, line: &str) -> String {
     let folder = TempDir::new().unwrap();
     flights(&folder);
     let head = format!("name = '{name}'\n");
@@ -257,29 +257,29 @@ fn said(name: &str, line: &str) -> String {
 #[test]
 fn gold_carry_names_columns_that_pass_through() {
     // Columns that the stage makes, keys, the time and axes are always written.
-    assert_eq!(said("clean", "carry = ['lat', 'lon', 'lat']"), "[\"lat\", \"lon\"]");
-    assert_eq!(said("clean", "carry = ['mag_c', 'flight', 'line', 'tt', 'lambda', 'alt']"), "[\"alt\"]");
-    for (name, line, says) in [
+    assert_eq!(carry_or_faults("clean", "carry = ['lat', 'lon', 'lat']"), "[\"lat\", \"lon\"]");
+    assert_eq!(carry_or_faults("clean", "carry = ['mag_c', 'flight', 'line', 'tt', 'lambda', 'alt']"), "[\"alt\"]");
+    for (name, line, expected_text) in [
         ("clean", "carry = ['lat', 'lom']", "`clean` has no column `lom` to carry"),
         ("clean", "carry = ['lat', 'lom']", "did you mean `lon`?"),
         ("coefficients", "carry = ['lat']", "tables of flight lines, and `coefficients` is not one"),
         ("scores", "carry = ['lat']", "tables of flight lines, and `scores` is not one"),
     ] {
-        let text = said(name, line);
-        assert!(text.contains(says) && text.contains("--> lazy.toml:"), "{text}");
+        let text = carry_or_faults(name, line);
+        assert!(text.contains(expected_text) && text.contains("--> lazy.toml:"), "{text}");
     }
 }
 
 #[test]
 fn gold_keep_applies_only_to_unpublished_tables_of_lines() {
-    assert_eq!(said("clean", "publish = false\nkeep = false"), "[]");
-    assert_eq!(said("clean", "keep = true"), "[]");
-    for (name, line, says) in [
+    assert_eq!(carry_or_faults("clean", "publish = false\nkeep = false"), "[]");
+    assert_eq!(carry_or_faults("clean", "keep = true"), "[]");
+    for (name, line, expected_text) in [
         ("clean", "keep = false", "add `publish = false`, or remove `keep`"),
         ("coefficients", "publish = false\nkeep = false", "tables of flight lines, and `coefficients` is not one"),
         ("scores", "keep = false", "remove `keep`"),
     ] {
-        let text = said(name, line);
-        assert!(text.contains(says) && text.contains("--> lazy.toml:"), "{text}");
+        let text = carry_or_faults(name, line);
+        assert!(text.contains(expected_text) && text.contains("--> lazy.toml:"), "{text}");
     }
 }

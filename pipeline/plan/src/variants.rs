@@ -60,7 +60,7 @@ impl PlanBuilder<'_> {
         let before = self.faults.len();
         let mut silent = UnusedParameters::new(&own, self.spec);
         for p in 0..grid.len() {
-            silent.hear(self.made(decl, entry, &own, &grid, p).as_ref());
+            silent.keep_unused(self.made(decl, entry, &own, &grid, p).as_ref());
             if self.faults.len() > before + MOST_FAULTS {
                 return;
             }
@@ -112,7 +112,7 @@ impl PlanBuilder<'_> {
                 return None;
             }
             let stage = self.made(decl, entry, &own, &grid, p);
-            silent.hear(stage.as_ref());
+            silent.keep_unused(stage.as_ref());
             let Some(stage) = stage else { continue };
             questions.push(question(entry, &stage));
             here.clear();
@@ -258,15 +258,15 @@ impl<'a> UnusedParameters<'a> {
     }
 
     /// Removes the parameters that have an effect in `stage`.
-    fn hear(&mut self, stage: Option<&AnyStage>) {
+    fn keep_unused(&mut self, stage: Option<&AnyStage>) {
         let Some(stage) = stage else {
             self.refused = true;
             return;
         };
         self.keys.retain_mut(|(key, _, why)| {
-            let idle = stage.idle(key);
-            let silent = idle.is_some();
-            *why = why.take().or(idle);
+            let unused = stage.idle(key);
+            let silent = unused.is_some();
+            *why = why.take().or(unused);
             silent
         });
     }

@@ -90,7 +90,7 @@ impl ConnectionRegistry {
 
     /// Adds an unauthenticated client. If there are too many, disconnects the oldest one of the address with the most.
     fn enter(self: &Arc<ConnectionRegistry>, address: IpAddr) -> (PortClient, oneshot::Receiver<()>) {
-        let (out, told) = oneshot::channel();
+        let (out, evicted) = oneshot::channel();
         let mut entries = self.entries();
         let mut of: BTreeMap<IpAddr, usize> = BTreeMap::new();
         entries.strangers.values().for_each(|s| *of.entry(s.address).or_default() += 1);
@@ -111,7 +111,7 @@ impl ConnectionRegistry {
         let number = entries.next;
         entries.strangers.insert(number, UnverifiedClient { address, since: Instant::now(), out });
         let about = ClientRecord { number, book: self.clone(), known: AtomicBool::new(false) };
-        (PortClient(Arc::new(about)), told)
+        (PortClient(Arc::new(about)), evicted)
     }
 
     /// Disconnects expired clients.
@@ -325,16 +325,16 @@ mod tests {
     #[test]
     fn unit_new_clients_displace_only_unauthenticated_ones() {
         let book = book(Duration::from_secs(3600));
-        let is_out = |told: &mut oneshot::Receiver<()>| told.try_recv() == Ok(());
-        let (known, mut known_told) = book.enter(address(1));
+        let is_out = |evicted: &mut oneshot::Receiver<()>| evicted.try_recv() == Ok(());
+        let (known, mut known_evicted) = book.enter(address(1));
         assert!(known.admit() && known.admit());
         let mut guests: Vec<_> = (0..3).map(|_| book.enter(address(1))).collect();
-        let out: Vec<bool> = guests.iter_mut().map(|(_, told)| is_out(told)).collect();
+        let out: Vec<bool> = guests.iter_mut().map(|(_, evicted)| is_out(evicted)).collect();
         assert_eq!(out, [true, false, false], "the oldest of an address with too many gives way");
         // Clients of other addresses stay, unless there are too many in total.
         let mut others: Vec<_> = (2..5).map(|n| book.enter(address(n))).collect();
-        assert!(is_out(&mut guests[1].1) && others.iter_mut().all(|(_, told)| !is_out(told)));
-        assert!(!is_out(&mut known_told));
+        assert!(is_out(&mut guests[1].1) && others.iter_mut().all(|(_, evicted)| !is_out(evicted)));
+        assert!(!is_out(&mut known_evicted));
         assert!(others[0].0.admit() && !others[1].0.admit(), "too many are known");
         drop(known);
         assert!(others[1].0.admit(), "one has left");
@@ -346,12 +346,12 @@ mod tests {
     #[test]
     fn unit_unauthenticated_client_expires() {
         let book = book(Duration::ZERO);
-        let (stranger, mut told) = book.enter(address(1));
-        let (known, mut known_told) = book.enter(address(2));
+        let (stranger, mut evicted) = book.enter(address(1));
+        let (known, mut known_evicted) = book.enter(address(2));
         known.admit();
         std::thread::sleep(Duration::from_millis(2));
         book.sweep();
-        assert!(told.try_recv() == Ok(()) && known_told.try_recv() != Ok(()));
+        assert!(evicted.try_recv() == Ok(()) && known_evicted.try_recv() != Ok(()));
         drop(stranger);
     }
 

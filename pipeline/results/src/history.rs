@@ -101,7 +101,7 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: RunRecord, snapshot: &Sn
         // The name must be synced to the disk as well as the lines.
         store.write(&path, &[])?;
     }
-    heal(store, pipeline, &path)?;
+    repair(store, pipeline, &path)?;
     if store.is_copy() {
         // An object is written as a whole.
         let before =
@@ -116,7 +116,7 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: RunRecord, snapshot: &Sn
 }
 
 /// Rewrites a history without its damaged lines, which are never read. The damaged file is set aside.
-fn heal(store: &Store, pipeline: &str, path: &Path) -> Result<(), Fault> {
+fn repair(store: &Store, pipeline: &str, path: &Path) -> Result<(), Fault> {
     let before = paths::read_regular(path).unwrap_or_default();
     if is_whole(&before) {
         return Ok(());

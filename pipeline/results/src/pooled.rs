@@ -327,19 +327,19 @@ fn repeated(graph: &PlanGraph, t: usize) -> Option<String> {
     several.sort_unstable();
     let first: Vec<Vec<(&str, &Literal)>> =
         several.first()?.iter().map(|i| node.axis_columns(&plan.instance(t, *i), &plan.spec)).collect();
-    let (mut idle, mut fixed) = (vec![], vec![]);
+    let (mut without_value, mut fixed) = (vec![], vec![]);
     for (at, (axis, value)) in first.first()?.iter().enumerate() {
         let same = first.iter().all(|point| point.get(at).is_some_and(|(_, other)| other == value));
-        if same { fixed.push(format!("{axis} = {value}")) } else { idle.push(format!("`{axis}`")) }
+        if same { fixed.push(format!("{axis} = {value}")) } else { without_value.push(format!("`{axis}`")) }
     }
-    let (points, idle) = (first.len(), idle.join(", "));
+    let (points, without_value) = (first.len(), without_value.join(", "));
     let place = if fixed.is_empty() { String::new() } else { format!(" at {}", fixed.join(", ")) };
     let more = match several.len() - 1 {
         0 => String::new(),
         n => format!(", and at {n} more combinations of the other axes"),
     };
     Some(format!(
-        "`{}`: {idle} has no effect{place}{more}; the {points} points that differ only in {idle} are computed once",
+        "`{}`: {without_value} has no effect{place}{more}; the {points} points that differ only in {without_value} are computed once",
         node.name
     ))
 }

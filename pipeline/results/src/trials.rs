@@ -32,7 +32,7 @@ pub fn trials(plan: &Plan, trials: &[SearchTrialScore]) -> String {
         );
     }
     let mut failed: Vec<usize> =
-        trials.iter().filter(|t| t.fate(search) == RungOutcome::Failed).map(|t| t.row.trial).collect();
+        trials.iter().filter(|t| t.rung_outcome(search) == RungOutcome::Failed).map(|t| t.row.trial).collect();
     failed.dedup();
     if !failed.is_empty() {
         let named: Vec<String> = failed.iter().take(NAMED).map(usize::to_string).collect();

@@ -113,18 +113,18 @@ fn runtime() -> Result<Runtime, Fault> {
 }
 
 /// Completes when the process receives a stop signal.
-async fn told_to_stop() {
+async fn stop_signal() {
     use tokio::signal::unix::{SignalKind, signal};
-    let told = |kind: SignalKind| async move {
+    let received = |kind: SignalKind| async move {
         match signal(kind) {
-            Ok(mut told) => told.recv().await,
+            Ok(mut stream) => stream.recv().await,
             // The process is then ended by the signal.
             Err(_) => std::future::pending().await,
         }
     };
     tokio::select! {
-        _ = told(SignalKind::interrupt()) => {}
-        _ = told(SignalKind::terminate()) => {}
+        _ = received(SignalKind::interrupt()) => {}
+        _ = received(SignalKind::terminate()) => {}
     }
 }
 

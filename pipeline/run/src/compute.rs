@@ -54,7 +54,7 @@ impl PendingUnits {
 }
 
 /// Computes a task of the table `table`, and writes its pack. Units that an interrupt skips have no answer.
-pub fn compute(worker: &UnitWorker, table: usize, task: &Task, told: &OutcomeCallback) -> Receipt {
+pub fn compute(worker: &UnitWorker, table: usize, task: &Task, on_outcome: &OutcomeCallback) -> Receipt {
     let pending: Vec<&TaskUnit> = task.units.iter().filter(|u| !u.have).collect();
     let cut = match worker.cut(table) {
         Ok(cut) => cut,
@@ -68,7 +68,7 @@ pub fn compute(worker: &UnitWorker, table: usize, task: &Task, told: &OutcomeCal
     let usable = |line: LineId, unit: PlanUnit| !without.get(&unit).is_some_and(|lines| lines.contains(&line));
     let say = |unit: PlanUnit, made: &UnitResult, computed: UnitOutcome| {
         let outcome = if made.rows.is_ok() { computed } else { UnitOutcome::Failed };
-        told(unit, outcome, made.rows.as_ref().err());
+        on_outcome(unit, outcome, made.rows.as_ref().err());
     };
     let done = |made: &[UnitResult]| made.iter().for_each(|m| say(m.unit, m, UnitOutcome::Computed));
     let all = PendingUnits::new(pending.iter().map(|u| (u.unit(table), u.key)).collect());
@@ -93,7 +93,8 @@ pub fn compute(worker: &UnitWorker, table: usize, task: &Task, told: &OutcomeCal
 
 /// Pack of a task whose units all have results or lasting failures.
 pub fn pack_of(cut: &TableAssembler, table: usize, part: bool, units: &[&TaskUnit]) -> HashKey {
-    let packed = |u: &&TaskUnit| PackedUnit { key: u.key, dress: cut.dress(u.unit(table)), rows: 0 };
+    let packed =
+        |u: &&TaskUnit| PackedUnit { key: u.key, passthrough_hash: cut.passthrough_hash(u.unit(table)), rows: 0 };
     name_of(cut, part, &units.iter().map(packed).collect::<Vec<_>>())
 }
 
@@ -118,19 +119,19 @@ fn write(
     let (mut units, mut packed, mut written) = (vec![], vec![], vec![]);
     for of_task in &task.units {
         let (unit, key) = (of_task.unit(table), of_task.key);
-        let dress = cut.dress(unit);
+        let passthrough_hash = cut.passthrough_hash(unit);
         let new = if of_task.have {
             let remarks = if unit.line.is_none() { store.remarks(key)? } else { Remarks::default() };
             match store.find(key).map(|place| place.rows) {
                 Some(None) => {
                     let Some(fault) = store.failed(key)? else { continue };
-                    NewUnit { key, dress, rows: Err(fault), remarks }
+                    NewUnit { key, passthrough_hash, rows: Err(fault), remarks }
                 }
                 Some(Some(_)) | None => {
                     let it = worker.instance(unit);
                     let names: Vec<&str> = it.yields.columns.iter().map(|c| c.name.as_str()).collect();
                     let rows = cut.rows(unit, &store.get(key, &names)?, &mut held)?;
-                    NewUnit { key, dress, rows: Ok(rows), remarks }
+                    NewUnit { key, passthrough_hash, rows: Ok(rows), remarks }
                 }
             }
         } else {
@@ -141,14 +142,14 @@ fn write(
                     let whole = cut.rows(unit, rows, &mut held)?;
                     // The pack holds the rows now; one schema per unit would use much of the memory of a sweep.
                     *rows = nothing.clone();
-                    NewUnit { key, dress, rows: Ok(whole), remarks }
+                    NewUnit { key, passthrough_hash, rows: Ok(whole), remarks }
                 }
                 Err(fault) if !fault.owner.is_lasting() => continue,
-                Err(fault) => NewUnit { key, dress, rows: Err(fault.clone()), remarks },
+                Err(fault) => NewUnit { key, passthrough_hash, rows: Err(fault.clone()), remarks },
             }
         };
         written.push(unit);
-        packed.push(PackedUnit { key, dress, rows: 0 });
+        packed.push(PackedUnit { key, passthrough_hash, rows: 0 });
         units.push(new);
     }
     if units.is_empty() {

@@ -106,7 +106,7 @@ impl<'a> TableAssembler<'a> {
     }
 
     /// Hash of the columns of a unit's rows that its stage did not make.
-    pub fn dress(&self, unit: PlanUnit) -> u64 {
+    pub fn passthrough_hash(&self, unit: PlanUnit) -> u64 {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
         let mut parts: Vec<String> = vec![];
@@ -174,7 +174,7 @@ impl<'a> TableAssembler<'a> {
 
     /// Name of a pack of these units.
     pub fn id(&self, units: &[PackedUnit]) -> HashKey {
-        let spelt = units.iter().flat_map(|u| [u.key.to_string(), format!("{:x}", u.dress)]);
+        let spelt = units.iter().flat_map(|u| [u.key.to_string(), format!("{:x}", u.passthrough_hash)]);
         HashKey::from_parts([self.kind.to_string()].into_iter().chain(spelt))
     }
 

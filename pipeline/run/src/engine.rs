@@ -26,16 +26,16 @@ pub struct TaskWave<'a> {
     #[cfg_attr(not(feature = "cluster"), allow(dead_code))]
     pub unit_s: f64,
     /// Callback for the outcome of each unit.
-    pub told: &'a OutcomeCallback<'a>,
+    pub on_outcome: &'a OutcomeCallback<'a>,
 }
 
 impl TaskWave<'_> {
     /// Reports the outcomes of a task.
-    pub fn tell(&self, task: &Task, receipt: &Receipt) {
+    pub fn report_outcomes(&self, task: &Task, receipt: &Receipt) {
         for answer in &receipt.units {
             let unit = task.units.iter().find(|u| (u.point, u.line) == (answer.point, answer.line));
             let unit = unit.map(|u| u.unit(self.table));
-            unit.into_iter().for_each(|unit| (self.told)(unit, answer.outcome, answer.fault.as_ref()));
+            unit.into_iter().for_each(|unit| (self.on_outcome)(unit, answer.outcome, answer.fault.as_ref()));
         }
     }
 }
@@ -50,7 +50,7 @@ pub struct EngineCapacity {
 }
 
 /// Maximum overhead of the division into tasks, as a fraction of the work.
-const MOST_BESIDE: f64 = 0.05;
+const MAX_OVERHEAD: f64 = 0.05;
 /// Maximum number of units of a task, all of which are lost with their worker.
 const MOST_UNITS: usize = 4096;
 
@@ -60,7 +60,7 @@ impl EngineCapacity {
     /// exceeds its work.
     pub fn units(self, units: usize, unit_s: f64) -> usize {
         let of = |task_s: f64| (task_s / unit_s.max(1e-9)).ceil().clamp(1.0, MOST_UNITS as f64) as usize;
-        let enough = of(self.task_s / MOST_BESIDE);
+        let enough = of(self.task_s / MAX_OVERHEAD);
         match self.at_once {
             0 => enough,
             n => enough.min(units.div_ceil(n).max(of(self.task_s))),
@@ -100,7 +100,7 @@ impl TaskEngine for LocalEngine {
         wave.tasks
             .par_iter()
             .with_max_len(1)
-            .map(|task| Some(compute(wave.worker, wave.table, task, wave.told)))
+            .map(|task| Some(compute(wave.worker, wave.table, task, wave.on_outcome)))
             .collect()
     }
 }
@@ -123,14 +123,17 @@ mod tests {
             for at_once in [0, 1, 2, 64] {
                 for units in [1usize, 10, 1000, 1_000_000] {
                     let n = EngineCapacity { task_s, at_once }.units(units, unit_s);
-                    let beside = |n: usize| task_s / (n as f64 * unit_s);
-                    let few = at_once > 0 && n >= units.div_ceil(at_once) && beside(n) <= 1.0 + 1e-9;
+                    let relative_overhead = |n: usize| task_s / (n as f64 * unit_s);
+                    let few = at_once > 0 && n >= units.div_ceil(at_once) && relative_overhead(n) <= 1.0 + 1e-9;
                     assert!(
-                        beside(n) <= MOST_BESIDE || few || n == MOST_UNITS,
+                        relative_overhead(n) <= MAX_OVERHEAD || few || n == MOST_UNITS,
                         "{task_s} {unit_s} {at_once} {units}: {n}"
                     );
                     // The task is not larger than needed.
-                    assert!(n == 1 || beside(n - 1) > MOST_BESIDE, "{task_s} {unit_s} {at_once} {units}: {n}");
+                    assert!(
+                        n == 1 || relative_overhead(n - 1) > MAX_OVERHEAD,
+                        "{task_s} {unit_s} {at_once} {units}: {n}"
+                    );
                 }
             }
         }

@@ -162,12 +162,12 @@ pub enum Event<'a> {
 /// Observer of events.
 pub trait Listener: Sync {
     /// Receives an event, on the thread where it occurred.
-    fn hear(&self, event: &Event);
+    fn on_event(&self, event: &Event);
 }
 
 /// Listener that ignores all events.
 pub struct SilentListener;
 
 impl Listener for SilentListener {
-    fn hear(&self, _: &Event) {}
+    fn on_event(&self, _: &Event) {}
 }

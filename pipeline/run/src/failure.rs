@@ -32,27 +32,27 @@ pub fn of_metrics(plan: &Plan, warnings: Vec<Warning>) -> (Vec<Failure>, Vec<War
 }
 
 /// Failures as reported: one message for a mistake in several lines of a file, with the number of lines.
-pub fn said_once(failures: &[Failure]) -> Vec<(&Failure, usize)> {
+pub fn deduplicated(failures: &[Failure]) -> Vec<(&Failure, usize)> {
     let shape = |f: &Failure| f.fault.what.chars().filter(|c| !c.is_ascii_digit() && !".,-e".contains(*c)).collect();
     let mistake = |f: &Failure| -> Option<(String, String, String)> {
         // Only faults of a source are merged; stages fail separately.
         let file = f.fault.place.file.clone()?;
         Some((file, f.fault.place.column.clone()?, shape(f)))
     };
-    let mut said: Vec<(&Failure, usize)> = vec![];
+    let mut merged: Vec<(&Failure, usize)> = vec![];
     let mut at: HashMap<(String, String, String), usize> = HashMap::new();
     for failure in failures {
         let Some(mistake) = mistake(failure) else {
-            said.push((failure, 1));
+            merged.push((failure, 1));
             continue;
         };
-        match at.get(&mistake).and_then(|i| said.get_mut(*i)) {
+        match at.get(&mistake).and_then(|i| merged.get_mut(*i)) {
             Some((_, lines)) => *lines += 1,
             None => {
-                at.insert(mistake, said.len());
-                said.push((failure, 1));
+                at.insert(mistake, merged.len());
+                merged.push((failure, 1));
             }
         }
     }
-    said
+    merged
 }

@@ -71,12 +71,13 @@ pub fn cover(
     strict: bool,
 ) -> PackCover {
     let at: HashMap<(HashKey, u64), usize> =
-        wanted.iter().enumerate().filter_map(|(i, w)| w.as_ref().map(|w| ((w.key, w.dress), i))).collect();
+        wanted.iter().enumerate().filter_map(|(i, w)| w.as_ref().map(|w| ((w.key, w.passthrough_hash), i))).collect();
     // A single chunk is always one pack, so that the bytes of small tables do not depend on earlier runs.
     let strict = strict || layout.chunks.len() <= 1;
     let mut found: Vec<(bool, usize, usize, HashKey, Vec<usize>)> = vec![];
     for pack in catalogue.packs().filter(|p| p.kind == kind) {
-        let places: Option<Vec<usize>> = pack.units.iter().map(|u| at.get(&(u.key, u.dress)).copied()).collect();
+        let places: Option<Vec<usize>> =
+            pack.units.iter().map(|u| at.get(&(u.key, u.passthrough_hash)).copied()).collect();
         let Some(places) = places.filter(|p| !p.is_empty()) else { continue };
         let (first, last) = (places[0], places[places.len() - 1]);
         let chunk = layout.chunks.get(layout.chunks.partition_point(|c| c.end <= first));
@@ -113,7 +114,7 @@ mod tests {
     use store::StorePack;
 
     fn packed(name: usize) -> PackedUnit {
-        PackedUnit { key: HashKey::from_parts([name.to_string()]), dress: name as u64, rows: 5 }
+        PackedUnit { key: HashKey::from_parts([name.to_string()]), passthrough_hash: name as u64, rows: 5 }
     }
 
     fn catalogue(packs: &[&[usize]]) -> PackCatalogue {
@@ -135,7 +136,7 @@ mod tests {
         let found = cover(&catalogue, HashKey::from_parts(["kind"]), &layout, &wanted, strict);
         let first = |id: &HashKey| {
             let units = &catalogue.by_id(*id).unwrap().units;
-            units.first().map_or(99, |u| u.dress as usize)
+            units.first().map_or(99, |u| u.passthrough_hash as usize)
         };
         (found.packs.iter().map(first).collect(), found.covered.iter().filter(|c| **c).count())
     }

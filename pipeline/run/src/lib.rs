@@ -37,7 +37,7 @@ use schemas::Fault;
 pub use again::{TableComparison, again};
 pub use engine::{EngineCapacity, LocalEngine, TaskEngine, TaskWave};
 pub use events::{Event, Listener, OutcomeCounts, SilentListener, UnitOutcome};
-pub use failure::{Failure, said_once};
+pub use failure::{Failure, deduplicated};
 pub use interrupt::{INTERRUPTED, STARTED};
 pub use list::{TaskList, list};
 pub use processes::ProcessEngine;
@@ -47,7 +47,7 @@ pub use task::{Receipt, Task, TaskUnit, UnitAnswer};
 /// Checks of the records of runs and costs, for the verification of a store.
 pub const RECORD_CHECKS: RecordChecks = RecordChecks { runs: history::is_whole, costs: cost::is_whole };
 
-pub use trials::{SourceReadCallback, foreseen, settled};
+pub use trials::{SourceReadCallback, plan_all_trials, settled};
 
 use cut::TableAssembler;
 use layout::TableLayout;
@@ -136,7 +136,7 @@ impl Default for RunOptions<'_> {
 }
 
 /// Maximum number of restarts of a run after it finds damage in the store.
-const HEALINGS: usize = 5;
+const MAX_REPAIRS: usize = 5;
 
 /// Runs `plan` in `store`, on rayon's current thread pool. Damaged files are quarantined and recomputed. For a search,
 /// runs only the trials of the plan; [`search()`] runs it to its end.
@@ -164,11 +164,11 @@ fn run_locked(
 ) -> Result<RunSummary, SpecFaults> {
     let rows = plan.spec.search.as_ref().map(|search| SearchState::new(search).rows()).unwrap_or_default();
     let pass = PlanPass { last: true, rows: &rows, known: None, relay: None };
-    let summary = healed(plan, store, options, publisher, listener, &pass)?;
+    let summary = run_with_repair(plan, store, options, publisher, listener, &pass)?;
     if let Some(search) = plan.spec.search.as_ref().filter(|_| !summary.trials.is_empty()) {
-        listener.hear(&Event::Trials { search, scored: &summary.trials, best: best(&summary.trials) });
+        listener.on_event(&Event::Trials { search, scored: &summary.trials, best: best(&summary.trials) });
     }
-    listener.hear(&Event::Finished { summary: &summary });
+    listener.on_event(&Event::Finished { summary: &summary });
     Ok(summary)
 }
 
@@ -177,7 +177,7 @@ fn as_planned(plan: &Plan, store: &Store, until: Option<usize>, listener: &dyn L
     let publisher = store.publisher(&plan.spec.name, false).map_err(|f| plan.spec.faults(vec![f]))?;
     let pass = PlanPass { last: true, rows: &[], known: Some(&[]), relay: None };
     let options = RunOptions { until, ..RunOptions::default() };
-    Ok(healed(plan, store, options, &publisher, listener, &pass)?.interrupted)
+    Ok(run_with_repair(plan, store, options, &publisher, listener, &pass)?.interrupted)
 }
 
 /// Purpose of a pass over a plan.
@@ -193,7 +193,7 @@ struct PlanPass<'a> {
 }
 
 /// Pass, repeated while it finds damaged parts of the store.
-fn healed(
+fn run_with_repair(
     plan: &Plan,
     store: &Store,
     options: RunOptions<'_>,
@@ -201,17 +201,18 @@ fn healed(
     listener: &dyn Listener,
     pass: &PlanPass,
 ) -> Result<RunSummary, SpecFaults> {
-    let mut healings = 0;
+    let mut passes = 0;
     let mut summary = loop {
         let before = store.damaged().len();
-        let summary = once(plan, store, options, publisher, listener, pass)?;
-        healings += 1;
-        if summary.interrupted || store.damaged().len() == before || healings > HEALINGS {
+        let summary = run_pass(plan, store, options, publisher, listener, pass)?;
+        passes += 1;
+        if summary.interrupted || store.damaged().len() == before || passes > MAX_REPAIRS {
             break summary;
         }
     };
-    let healed = |what| format!("{what}; it was moved to {} and recomputed", store.root().join("damaged").display());
-    summary.notes.extend(store.damaged().into_iter().map(healed));
+    let recomputed =
+        |what| format!("{what}; it was moved to {} and recomputed", store.root().join("damaged").display());
+    summary.notes.extend(store.damaged().into_iter().map(recomputed));
     if let Err(fault) = store.write_index() {
         summary.failures.push(unpublished(fault));
     }
@@ -226,7 +227,7 @@ fn unpublished(fault: Fault) -> Failure {
 }
 
 /// Single pass over an intact store.
-fn once(
+fn run_pass(
     plan: &Plan,
     store: &Store,
     options: RunOptions<'_>,
@@ -235,7 +236,7 @@ fn once(
     pass: &PlanPass,
 ) -> Result<RunSummary, SpecFaults> {
     let (damaged, begun) = (store.damaged().len(), Instant::now());
-    let tick = |table: &str, step: &ReadProgress| listener.hear(&Event::Reading { table, step });
+    let tick = |table: &str, step: &ReadProgress| listener.on_event(&Event::Reading { table, step });
     let graph = PlanGraph::new(plan, store, &tick)?;
     trials::check(&graph).map_err(|f| plan.spec.faults(vec![f]))?;
     STARTED.store(true, Ordering::SeqCst);
@@ -243,7 +244,7 @@ fn once(
     let units: usize = (0..plan.tables.len()).filter(|t| asked.is(*t)).map(|t| graph.unit_count(t)).sum();
     let run = run_id(&graph);
     let pipeline = &plan.spec.name;
-    listener.hear(&Event::Started { pipeline, units, run: &run, notes: &plan.notes, graph: &graph });
+    listener.on_event(&Event::Started { pipeline, units, run: &run, notes: &plan.notes, graph: &graph });
     let recorded = if options.engine.is_local() { None } else { Some(recorded(&graph, store)?) };
     let worker = UnitWorker::new(&graph, store, listener);
     let mut runner = PlanRunner::new(&worker, listener, options, recorded);
@@ -268,7 +269,7 @@ fn once(
         let seconds = started.elapsed().as_secs_f64();
         watch.done(before, count, packs.last().map_or(&[], Vec::as_slice));
         runner.seconds.push((count.computed, seconds));
-        listener.hear(&Event::Table { table: &node.name, count, seconds });
+        listener.on_event(&Event::Table { table: &node.name, count, seconds });
         tables.push((node.name.clone(), count));
     }
     store.drop_attempts(|key| store.find(key).is_some(), None);
@@ -289,7 +290,7 @@ fn once(
         }
     }
     if pass.last {
-        failures.extend(trials::vain(plan, &trials));
+        failures.extend(trials::no_trial_succeeded(plan, &trials));
     }
     let (mut warnings, mut pooled) = (vec![], vec![]);
     if pass.last && !interrupted && store.damaged().len() == damaged {
@@ -306,7 +307,7 @@ fn once(
             let before = if asked.left.is_empty() { None } else { pooled::written(plan, store)? };
             let left = before.into_iter().flatten().filter(|p| asked.left.contains(&p.table));
             let published: Vec<PooledMetric> = pooled.iter().cloned().chain(left).collect();
-            plan.tables.iter().for_each(|node| listener.hear(&Event::Publishing { table: &node.name }));
+            plan.tables.iter().for_each(|node| listener.on_event(&Event::Publishing { table: &node.name }));
             let left = &asked.left;
             let publication =
                 publish::Publication { graph: &graph, store, run: &run, packs: &packs, left, there: &there };

@@ -44,7 +44,7 @@ pub fn list(
     trials::check(&graph).map_err(fail)?;
     let worker = UnitWorker::new(&graph, store, &SilentListener);
     let mut runner = PlanRunner::new(&worker, &SilentListener, options, None);
-    runner.abroad = true;
+    runner.is_remote = true;
     let (mut tasks, mut units, mut count) = (vec![], vec![], OutcomeCounts::default());
     for (t, node) in plan.tables.iter().enumerate() {
         let Some(sheet) = runner.sheet(t, &mut count) else { continue };
@@ -54,7 +54,7 @@ pub fn list(
         let cover = runner.cover(&sheet);
         let pace = EngineCapacity { task_s: TASK_S, at_once: 0 };
         let most = most.unwrap_or_else(|| pace.units(sheet.pending(), runner.unit_s(&sheet)));
-        let found = runner.tasks_abroad(&sheet, &cover, most, None);
+        let found = runner.tasks_for_workers(&sheet, &cover, most, None);
         let of_table: usize = found.iter().map(|h| h.task.units.len()).sum();
         if of_table > 0 {
             units.push((node.name.clone(), of_table));

@@ -63,7 +63,7 @@ impl TaskEngine for ProcessEngine {
                 if let Some(why) = receipt.refused {
                     receipt = failed(task, &Fault::machine(format!("the worker rejected the task: {why}")));
                 }
-                wave.tell(task, &receipt);
+                wave.report_outcomes(task, &receipt);
                 if let Ok(mut place) = place.lock() {
                     *place = Some(receipt);
                 }

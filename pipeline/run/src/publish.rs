@@ -53,13 +53,13 @@ impl Publication<'_> {
     ) -> Result<(), Fault> {
         let (graph, store) = (self.graph, self.store);
         let plan = graph.plan;
-        let mut beside = vec![
+        let mut reserved_tables = vec![
             self::failures(plan, store, failures)?,
             self::warnings(plan, store, warnings)?,
             quality::table(graph, store)?,
         ];
-        beside.extend(self::pooled(plan, store, pooled)?);
-        beside.extend(self::trials(plan, store, trials)?);
+        reserved_tables.extend(self::pooled(plan, store, pooled)?);
+        reserved_tables.extend(self::trials(plan, store, trials)?);
         let (mut tables, mut kept) = (vec![], vec![]);
         for (t, (node, packs)) in plan.tables.iter().zip(self.packs).enumerate() {
             if self.left.contains(&t) {
@@ -75,12 +75,12 @@ impl Publication<'_> {
             if packs.is_empty() {
                 let file = store.temporary();
                 store.write_table(&file, &RecordBatch::new_empty(cut.schema.clone()), &[])?;
-                beside.push(ExtraTable { name: node.name.clone(), file });
+                reserved_tables.push(ExtraTable { name: node.name.clone(), file });
             } else {
                 tables.push(TableFiles { name: node.name.clone(), packs, units });
             }
         }
-        store.publish(publisher, self.run, &tables, &beside, &self.rests_on(), &kept).map(|_| ())
+        store.publish(publisher, self.run, &tables, &reserved_tables, &self.rests_on(), &kept).map(|_| ())
     }
 
     /// All packs that the tables reference, including those of the sources.
@@ -111,7 +111,7 @@ fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<ExtraTab
         ("stage", text(&|f| Some(f.table.clone())), "the table that failed"),
         ("error", text(&|f| Some(f.fault.to_string())), "the error"),
     ];
-    beside(plan, store, "failures", &points, columns)
+    write_reserved_table(plan, store, "failures", &points, columns)
 }
 
 /// Writes the warnings, even if there are none.
@@ -133,7 +133,7 @@ fn warnings(plan: &Plan, store: &Store, warnings: &[Warning]) -> Result<ExtraTab
         ("text", text(&|w| Some(w.text.clone())), "the message"),
         ("cause", text(&|w| w.cause.clone()), "the likely cause; null if unknown"),
     ];
-    beside(plan, store, "warnings", &points, columns)
+    write_reserved_table(plan, store, "warnings", &points, columns)
 }
 
 /// Writes the pooled scores, even if there are none. Writes nothing for a plan without a table of scores.
@@ -169,7 +169,7 @@ fn pooled(plan: &Plan, store: &Store, pooled: &[PooledMetric]) -> Result<Option<
     ];
     let columns = pooled::COLUMNS.iter().zip(columns).map(|((name, about), array)| (*name, array, *about)).collect();
     let points: Vec<SweepPoint> = pooled.iter().map(|p| plan.instance(p.table, p.instance).point()).collect();
-    beside(plan, store, pooled::TABLE, &points.iter().collect::<Vec<_>>(), columns).map(Some)
+    write_reserved_table(plan, store, pooled::TABLE, &points.iter().collect::<Vec<_>>(), columns).map(Some)
 }
 
 /// Writes the trials of a search, one row per trial and rung. Writes nothing for a spec without a search.
@@ -206,7 +206,7 @@ fn trials(plan: &Plan, store: &Store, trials: &[SearchTrialScore]) -> Result<Opt
     arrays.push(whole(&|t| t.lines));
     let word = |name: &str, about: &str| field(name, DataType::Utf8, "", Role::Key, about);
     fields.push(word("state", "state of the trial: done, promoted (to the next rung), pruned or failed"));
-    arrays.push(text(&|t| Some(t.fate(search).as_str().to_owned())));
+    arrays.push(text(&|t| Some(t.rung_outcome(search).as_str().to_owned())));
     fields.push(word("error", "the reason for a missing goal"));
     arrays.push(text(&|t| t.error.clone()));
     let batch =
@@ -227,7 +227,7 @@ fn one_array(cells: &[ArrayRef], kind: &DataType) -> Result<ArrayRef, Fault> {
 
 /// Writes a reserved table: the axes of the whole sweep (null where a row has no value), then `columns`, each with
 /// name, values and meaning. An axis takes precedence over a column of the same name.
-fn beside(
+fn write_reserved_table(
     plan: &Plan,
     store: &Store,
     name: &str,

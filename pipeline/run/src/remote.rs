@@ -338,18 +338,18 @@ mod tests {
 
     #[test]
     fn unit_only_late_work_is_reported_and_only_once() {
-        let told = std::sync::Mutex::new(0);
-        let late = || *told.lock().unwrap() += 1;
+        let expired = std::sync::Mutex::new(0);
+        let late = || *expired.lock().unwrap() += 1;
         assert_eq!(in_time(None, || 1, late), 1);
         assert_eq!(in_time(Some(Duration::from_secs(600)), || 2, late), 2);
-        assert_eq!(*told.lock().unwrap(), 0);
+        assert_eq!(*expired.lock().unwrap(), 0);
         let slow = || {
-            while *told.lock().unwrap() == 0 {
+            while *expired.lock().unwrap() == 0 {
                 thread::sleep(Duration::from_millis(1));
             }
             3
         };
         assert_eq!(in_time(Some(Duration::from_millis(5)), slow, late), 3);
-        assert_eq!(*told.lock().unwrap(), 1);
+        assert_eq!(*expired.lock().unwrap(), 1);
     }
 }

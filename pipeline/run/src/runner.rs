@@ -30,7 +30,7 @@ pub(super) struct PlanRunner<'a> {
     /// Plan in the store, if the engine needs one.
     pub(super) recorded: Option<HashKey>,
     /// Whether other processes compute units.
-    pub(super) abroad: bool,
+    pub(super) is_remote: bool,
     /// Attempts at units without an answer.
     pub(super) attempts: HashMap<HashKey, UnitAttempts>,
     /// Expected times of units, loaded on first use.
@@ -60,7 +60,7 @@ impl<'a> PlanRunner<'a> {
             engine: options.engine,
             worker,
             recorded,
-            abroad: !options.engine.is_local(),
+            is_remote: !options.engine.is_local(),
             attempts: store.attempts(),
             rates: OnceCell::new(),
             states: UnitStates::new(graph),
@@ -85,12 +85,12 @@ impl<'a> PlanRunner<'a> {
     /// Records and reports the outcome of a unit.
     pub(super) fn note(&mut self, unit: PlanUnit, state: UnitState, outcome: UnitOutcome, fault: Option<&Fault>) {
         self.states.set(unit, state);
-        tell(self.listener, self.graph, unit, outcome, fault);
+        emit_outcome(self.listener, self.graph, unit, outcome, fault);
     }
 
     /// Reports a failure and records it.
     pub(super) fn fail(&mut self, unit: PlanUnit, fault: Fault) {
-        tell(self.listener, self.graph, unit, UnitOutcome::Failed, Some(&fault));
+        emit_outcome(self.listener, self.graph, unit, UnitOutcome::Failed, Some(&fault));
         self.record(unit, fault);
     }
 
@@ -105,7 +105,7 @@ impl<'a> PlanRunner<'a> {
     }
 
     /// Lists the lines that a reused result skipped.
-    pub(super) fn went_on_without(&mut self, unit: PlanUnit, key: HashKey) {
+    pub(super) fn report_skipped_lines(&mut self, unit: PlanUnit, key: HashKey) {
         if unit.line.is_some() {
             return;
         }
@@ -127,7 +127,7 @@ impl<'a> PlanRunner<'a> {
 
     /// Whether a unit is not retried. In this process, a unit is retried unless it killed its workers.
     pub(super) fn is_given_up(&self, tries: &UnitAttempts) -> bool {
-        let counted = if self.abroad { tries.all() } else { tries.lost };
+        let counted = if self.is_remote { tries.all() } else { tries.lost };
         counted > self.options.retries
     }
 
@@ -241,7 +241,7 @@ pub(super) enum UnitLookup {
 }
 
 /// Reports the outcome of a unit.
-pub(super) fn tell(
+pub(super) fn emit_outcome(
     listener: &dyn Listener,
     graph: &PlanGraph,
     unit: PlanUnit,
@@ -251,5 +251,5 @@ pub(super) fn tell(
     let node = &graph.plan.tables[unit.table];
     let line = unit.line.map(|l| &graph.lines[l]);
     let point = &graph.plan.instance(unit.table, unit.instance).point();
-    listener.hear(&Event::Unit { table: &node.name, point, line, outcome, fault });
+    listener.on_event(&Event::Unit { table: &node.name, point, line, outcome, fault });
 }

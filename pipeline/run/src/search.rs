@@ -17,8 +17,8 @@ use schemas::{Fault, FaultOwner, StageEntry, keys::HashKey};
 use store::{PipelineLock, Store};
 
 use super::{
-    Event, Failure, Listener, OutcomeCounts, PlanPass, RunOptions, RunSummary, UnitOutcome, healed, run_locked,
-    trials::in_order,
+    Event, Failure, Listener, OutcomeCounts, PlanPass, RunOptions, RunSummary, UnitOutcome, run_locked,
+    run_with_repair, trials::in_order,
 };
 
 /// Runs `plan` in a process that has the lock of its pipeline; a search is run with all trials that follow from the
@@ -47,29 +47,29 @@ pub fn search(
         let plan = Plan::new(spec.with_trials(&rows), catalogue)?;
         // The bytes of the inputs are read only once per search.
         spec.verify_inputs = false;
-        listener.hear(&Event::Searching { rows: &rows, trials: search.trials, best: course.best() });
+        listener.on_event(&Event::Searching { rows: &rows, trials: search.trials, best: course.best() });
         let pass = PlanPass { last: false, rows: &rows, known: None, relay: Some(&relay) };
         let one = RunOptions { compact: false, ..options };
-        let mut summary = healed(&plan, store, one, publisher, &relay, &pass)?;
+        let mut summary = run_with_repair(&plan, store, one, publisher, &relay, &pass)?;
         let refused = summary.failures.iter().any(|f| f.fault.owner == FaultOwner::Machine);
         if summary.interrupted || refused {
             if !summary.interrupted {
                 summary.failures.push(stopped(course.done().len()));
             }
             summary.trials.clear();
-            listener.hear(&Event::Finished { summary: &summary });
+            listener.on_event(&Event::Finished { summary: &summary });
             return Ok((plan, summary));
         }
-        course.tell(std::mem::take(&mut summary.trials));
+        course.record_scores(std::mem::take(&mut summary.trials));
         let scored = course.done().get(course.done().len().saturating_sub(rows.len())..).unwrap_or_default();
-        listener.hear(&Event::Trials { search, scored, best: course.best() });
+        listener.on_event(&Event::Trials { search, scored, best: course.best() });
     }
     let plan = Plan::new(spec.with_trials(&course.rows()), catalogue)?;
     let known = in_order(course.done().to_vec());
     relay.last();
     let pass = PlanPass { last: true, rows: &[], known: Some(&known), relay: Some(&relay) };
-    let summary = healed(&plan, store, RunOptions { compact: true, ..options }, publisher, &relay, &pass)?;
-    listener.hear(&Event::Finished { summary: &summary });
+    let summary = run_with_repair(&plan, store, RunOptions { compact: true, ..options }, publisher, &relay, &pass)?;
+    listener.on_event(&Event::Finished { summary: &summary });
     Ok((plan, summary))
 }
 
@@ -84,7 +84,7 @@ fn stopped(done: usize) -> Failure {
 /// Listener that merges the events of several passes into those of one run.
 pub struct EventRelay<'a> {
     listener: &'a dyn Listener,
-    told: Mutex<EventRelayState>,
+    state: Mutex<EventRelayState>,
 }
 
 #[derive(Default)]
@@ -104,51 +104,51 @@ struct TableTotals {
 
 impl<'a> EventRelay<'a> {
     fn new(listener: &'a dyn Listener) -> EventRelay<'a> {
-        EventRelay { listener, told: Mutex::default() }
+        EventRelay { listener, state: Mutex::default() }
     }
 
-    fn told(&self) -> MutexGuard<'_, EventRelayState> {
-        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+    fn state(&self) -> MutexGuard<'_, EventRelayState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Marks the next pass as the last one.
     fn last(&self) {
-        self.told().last = true;
+        self.state().last = true;
     }
 
     /// Outcomes of each of these tables over all passes, and their time, s.
     pub fn sums<'t>(&self, tables: impl Iterator<Item = &'t str>) -> Vec<(OutcomeCounts, f64)> {
-        let told = self.told();
-        let spent = |name: &str| told.tables.get(name).copied().unwrap_or_default();
+        let state = self.state();
+        let spent = |name: &str| state.tables.get(name).copied().unwrap_or_default();
         tables.map(spent).map(|s| (s.count, s.seconds)).collect()
     }
 }
 
 impl Listener for EventRelay<'_> {
-    fn hear(&self, event: &Event) {
+    fn on_event(&self, event: &Event) {
         match event {
             Event::Reading { .. } => {
-                let started = self.told().started;
+                let started = self.state().started;
                 if !started {
-                    self.listener.hear(event);
+                    self.listener.on_event(event);
                 }
             }
             Event::Started { .. } => {
-                let started = std::mem::replace(&mut self.told().started, true);
+                let started = std::mem::replace(&mut self.state().started, true);
                 if !started {
-                    self.listener.hear(event);
+                    self.listener.on_event(event);
                 }
             }
             Event::Unit { table, point, line, outcome, .. } => {
                 let place = line.iter().flat_map(|(flight, line)| [flight.clone(), line.clone()]);
                 let point = point.iter().flat_map(|(name, value)| [name.clone(), value.to_string()]);
                 let new = {
-                    let mut told = self.told();
-                    let new = told
+                    let mut state = self.state();
+                    let new = state
                         .units
                         .insert(HashKey::from_parts([(*table).to_owned()].into_iter().chain(point).chain(place)));
                     if new {
-                        let count = &mut told.tables.entry((*table).to_owned()).or_default().count;
+                        let count = &mut state.tables.entry((*table).to_owned()).or_default().count;
                         match outcome {
                             UnitOutcome::Computed => count.computed += 1,
                             UnitOutcome::Reused => count.reused += 1,
@@ -159,19 +159,19 @@ impl Listener for EventRelay<'_> {
                     new
                 };
                 if new {
-                    self.listener.hear(event);
+                    self.listener.on_event(event);
                 }
             }
             Event::Table { table, seconds, .. } => {
                 let (last, spent) = {
-                    let mut told = self.told();
-                    let last = told.last;
-                    let spent = told.tables.entry((*table).to_owned()).or_default();
+                    let mut state = self.state();
+                    let last = state.last;
+                    let spent = state.tables.entry((*table).to_owned()).or_default();
                     spent.seconds += seconds;
                     (last, *spent)
                 };
                 if last {
-                    self.listener.hear(&Event::Table { table, count: spent.count, seconds: spent.seconds });
+                    self.listener.on_event(&Event::Table { table, count: spent.count, seconds: spent.seconds });
                 }
             }
             Event::Computing { .. }
@@ -180,7 +180,7 @@ impl Listener for EventRelay<'_> {
             | Event::Searching { .. }
             | Event::Trials { .. }
             | Event::Publishing { .. }
-            | Event::Finished { .. } => self.listener.hear(event),
+            | Event::Finished { .. } => self.listener.on_event(event),
         }
     }
 }

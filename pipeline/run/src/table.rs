@@ -14,7 +14,7 @@ use super::{
     cut::TableAssembler,
     engine::{LocalEngine, TaskEngine, TaskWave},
     layout::{PackCover, TableLayout, cover, scattered},
-    runner::{PlanRunner, UnitLookup, tell},
+    runner::{PlanRunner, UnitLookup, emit_outcome},
     task::{Task, TaskUnit},
     unpublished,
 };
@@ -92,7 +92,7 @@ impl<'a> PlanRunner<'a> {
         let t = sheet.table;
         let mut before = self.cover(sheet);
         let table = &self.graph.plan.tables[t].name;
-        self.listener.hear(&Event::Computing { table, units: sheet.pending() });
+        self.listener.on_event(&Event::Computing { table, units: sheet.pending() });
         if sheet.pending() == 0 && !sheet.lacks(&before) {
             return before.packs;
         }
@@ -103,7 +103,7 @@ impl<'a> PlanRunner<'a> {
             }
             let unit_s = self.unit_s(sheet);
             let most = engine.pace().units(sheet.pending(), unit_s);
-            let tasks = self.tasks_abroad(sheet, &before, most, self.recorded);
+            let tasks = self.tasks_for_workers(sheet, &before, most, self.recorded);
             self.wave(engine, sheet, tasks, unit_s, count);
             before = self.cover(sheet);
         }
@@ -176,7 +176,7 @@ impl<'a> PlanRunner<'a> {
 
     /// Lists the remaining work in tasks of at most `most` units. A chunk that is computed as a whole becomes a file of
     /// the table. Other tasks make parts, which the driver lays out.
-    pub(super) fn tasks_abroad(
+    pub(super) fn tasks_for_workers(
         &self,
         sheet: &TableProgress,
         cover: &PackCover,
@@ -270,9 +270,10 @@ impl<'a> PlanRunner<'a> {
         }
         let (tasks, places): (Vec<Task>, Vec<Vec<usize>>) = tasks.into_iter().map(|h| (h.task, h.at)).unzip();
         let (listener, graph) = (self.listener, self.graph);
-        let told =
-            |unit: PlanUnit, outcome: UnitOutcome, fault: Option<&Fault>| tell(listener, graph, unit, outcome, fault);
-        let wave = TaskWave { worker: self.worker, table: sheet.table, tasks: &tasks, unit_s, told: &told };
+        let on_outcome = |unit: PlanUnit, outcome: UnitOutcome, fault: Option<&Fault>| {
+            emit_outcome(listener, graph, unit, outcome, fault)
+        };
+        let wave = TaskWave { worker: self.worker, table: sheet.table, tasks: &tasks, unit_s, on_outcome: &on_outcome };
         let receipts = engine.run(&wave);
         if !engine.is_local() {
             // The results are in packs that other processes wrote.
@@ -296,7 +297,7 @@ impl<'a> PlanRunner<'a> {
             let (LayoutUnit::Pending(key), unit) = (sheet.known[i], sheet.layout.units[i]) else { continue };
             let Some((outcome, fault)) = of_key.get(&key).cloned() else { continue };
             let outcome = if outcome == UnitOutcome::Computed { UnitOutcome::Reused } else { outcome };
-            told(unit, outcome, fault.as_ref());
+            on_outcome(unit, outcome, fault.as_ref());
             self.answered(sheet, i, key, outcome, fault, count);
         }
     }
@@ -312,7 +313,8 @@ impl<'a> PlanRunner<'a> {
         count: &mut OutcomeCounts,
     ) {
         let unit = sheet.layout.units[i];
-        let packed = |rows| LayoutUnit::There(PackedUnit { key, dress: sheet.cut.dress(unit), rows });
+        let packed =
+            |rows| LayoutUnit::There(PackedUnit { key, passthrough_hash: sheet.cut.passthrough_hash(unit), rows });
         let fault = match (outcome, fault) {
             (UnitOutcome::Computed | UnitOutcome::Reused, None) => None,
             (_, Some(fault)) => Some(fault),
@@ -322,12 +324,12 @@ impl<'a> PlanRunner<'a> {
             *(if outcome == UnitOutcome::Computed { &mut count.computed } else { &mut count.reused }) += 1;
             sheet.known[i] = packed(0);
             self.states.set(unit, UnitState::Done);
-            return self.went_on_without(unit, key);
+            return self.report_skipped_lines(unit, key);
         };
         count.failed += 1;
         if fault.owner.is_lasting() {
             sheet.known[i] = packed(FAILED);
-            self.went_on_without(unit, key);
+            self.report_skipped_lines(unit, key);
         } else {
             sheet.known[i] = LayoutUnit::Nothing;
         }
@@ -356,14 +358,14 @@ impl<'a> PlanRunner<'a> {
             UnitLookup::Have(key) => {
                 count.reused += 1;
                 self.note(unit, UnitState::Done, UnitOutcome::Reused, None);
-                self.went_on_without(unit, key);
-                LayoutUnit::There(PackedUnit { key, dress: cut.dress(unit), rows: 0 })
+                self.report_skipped_lines(unit, key);
+                LayoutUnit::There(PackedUnit { key, passthrough_hash: cut.passthrough_hash(unit), rows: 0 })
             }
             UnitLookup::Failed(key, fault) => {
                 count.failed += 1;
-                self.went_on_without(unit, key);
+                self.report_skipped_lines(unit, key);
                 self.fail(unit, fault);
-                LayoutUnit::There(PackedUnit { key, dress: cut.dress(unit), rows: FAILED })
+                LayoutUnit::There(PackedUnit { key, passthrough_hash: cut.passthrough_hash(unit), rows: FAILED })
             }
             UnitLookup::Fault(fault) => {
                 count.failed += 1;

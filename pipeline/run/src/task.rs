@@ -250,13 +250,13 @@ mod tests {
             let fault = Task::parse(&text[..at]).unwrap_err();
             assert!(fault.what.contains("the line is truncated"), "{at}: {fault}");
         }
-        let said = |text: &str| Task::parse(text).unwrap_err().what;
-        assert!(said(r#"{"event":"started"}"#).contains("other JSON"));
-        assert!(said("[1, 2]").contains("other JSON") && said("17").contains("other JSON"));
-        assert!(said("fit 7").contains("not JSON"));
-        assert!(said(&text.replace(r#"{"task":1"#, r#"{"task":2"#)).contains("form 2"));
-        assert!(said(&text.replace(r#""point":3"#, r#""point":-3"#)).contains("incomplete"));
-        assert!(said(&text.replace(r#""point":3"#, r#""punkt":3"#)).contains("punkt"));
-        assert!(said(&text.replace(&HashKey::from_parts(["a"]).to_string(), "xyz")).contains("not a key"));
+        let parse_fault = |text: &str| Task::parse(text).unwrap_err().what;
+        assert!(parse_fault(r#"{"event":"started"}"#).contains("other JSON"));
+        assert!(parse_fault("[1, 2]").contains("other JSON") && parse_fault("17").contains("other JSON"));
+        assert!(parse_fault("fit 7").contains("not JSON"));
+        assert!(parse_fault(&text.replace(r#"{"task":1"#, r#"{"task":2"#)).contains("form 2"));
+        assert!(parse_fault(&text.replace(r#""point":3"#, r#""point":-3"#)).contains("incomplete"));
+        assert!(parse_fault(&text.replace(r#""point":3"#, r#""punkt":3"#)).contains("punkt"));
+        assert!(parse_fault(&text.replace(&HashKey::from_parts(["a"]).to_string(), "xyz")).contains("not a key"));
     }
 }

@@ -79,7 +79,7 @@ pub fn check(graph: &PlanGraph) -> Result<(), Fault> {
 }
 
 /// Failure of a search in which no trial has a goal.
-pub fn vain(plan: &Plan, trials: &[SearchTrialScore]) -> Option<Failure> {
+pub fn no_trial_succeeded(plan: &Plan, trials: &[SearchTrialScore]) -> Option<Failure> {
     let search = plan.spec.search.as_ref()?;
     let why = trials.first()?.error.clone().unwrap_or_default();
     let what = format!("the goal `{}.{}` has no value in any of {} trials", search.table, search.metric, trials.len());
@@ -123,11 +123,11 @@ fn one(
     let mut pairs: Vec<(f64, f64, Vec<f64>)> = vec![];
     let mut error = None;
     for unit in units {
-        match fate(graph, store, *unit)? {
+        match stored_state(graph, store, *unit)? {
             StoredUnitState::There => pairs.extend(values(graph, store, goal, *unit)?),
             StoredUnitState::Unknown if !all => return Ok(None),
-            fate @ (StoredUnitState::Failed(_) | StoredUnitState::Unknown) => {
-                let why = match fate {
+            state @ (StoredUnitState::Failed(_) | StoredUnitState::Unknown) => {
+                let why = match state {
                     StoredUnitState::Failed(Some(fault)) => fault.to_string(),
                     StoredUnitState::Failed(None) | StoredUnitState::Unknown | StoredUnitState::There => {
                         "it could not be computed".to_owned()
@@ -170,7 +170,7 @@ fn values(
 }
 
 /// Stored state of a unit. For a unit that is not in the store, the state follows from its inputs.
-fn fate(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<StoredUnitState, Fault> {
+fn stored_state(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<StoredUnitState, Fault> {
     let key = match graph.key(unit) {
         Ok(key) => key,
         Err(fault) => return Ok(StoredUnitState::Failed(Some(Box::new(fault)))),
@@ -190,7 +190,7 @@ fn fate(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<StoredUnitSt
         }
         TableRef::Stage(table, instance) => {
             let line = (graph.plan.tables[table].entry.grain == Grain::Line).then_some(line);
-            fate(graph, store, PlanUnit { table, instance, line })
+            stored_state(graph, store, PlanUnit { table, instance, line })
         }
         TableRef::Map(_) => Ok(StoredUnitState::There),
     };
@@ -199,15 +199,17 @@ fn fate(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<StoredUnitSt
             _ if kind.is_record() => StoredUnitState::Unknown,
             (true, Some(line)) => of_line(r, line)?,
             (false, _) => match r {
-                TableRef::Stage(table, instance) => fate(graph, store, PlanUnit { table, instance, line: None })?,
+                TableRef::Stage(table, instance) => {
+                    stored_state(graph, store, PlanUnit { table, instance, line: None })?
+                }
                 TableRef::Map(_) | TableRef::Flights(_) => StoredUnitState::There,
             },
             (true, None) => {
                 // A fit skips failed lines, unless all failed.
                 let lines = graph.lines_of(unit.table, unit.instance);
-                let mut fates = lines.iter().map(|line| of_line(r, *line)).collect::<Result<Vec<_>, Fault>>()?;
-                let failed = !fates.is_empty() && fates.iter().all(|f| matches!(f, StoredUnitState::Failed(_)));
-                if failed { fates.swap_remove(0) } else { StoredUnitState::Unknown }
+                let mut states = lines.iter().map(|line| of_line(r, *line)).collect::<Result<Vec<_>, Fault>>()?;
+                let failed = !states.is_empty() && states.iter().all(|f| matches!(f, StoredUnitState::Failed(_)));
+                if failed { states.swap_remove(0) } else { StoredUnitState::Unknown }
             }
         };
         if let StoredUnitState::Failed(why) = found {
@@ -240,7 +242,7 @@ pub fn settled(
 ///
 /// # Errors
 /// Same as [`settled`].
-pub fn foreseen(
+pub fn plan_all_trials(
     plan: Plan,
     catalogue: &[StageEntry],
     store: &Store,
@@ -250,8 +252,8 @@ pub fn foreseen(
     let Some(mut course) = followed(&search, &plan, catalogue, store, tick)? else { return Ok((plan, 0)) };
     let known = course.rows().len();
     while !course.next().is_empty() {
-        let scored = course.next().iter().map(made_up).collect();
-        course.tell(scored);
+        let scored = course.next().iter().map(invented_score).collect();
+        course.record_scores(scored);
     }
     let rows = course.rows();
     let assumed = rows.len() - known;
@@ -259,7 +261,7 @@ pub fn foreseen(
 }
 
 /// Row with an invented score that favours no value of an axis: multiples of the golden ratio are spread evenly.
-fn made_up(row: &SearchTrial) -> SearchTrialScore {
+fn invented_score(row: &SearchTrial) -> SearchTrialScore {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     let cost = Some((row.trial as f64 * GOLDEN).fract());
     SearchTrialScore { row: row.clone(), goal: cost, cost, lines: 1, error: None, promoted: false }
@@ -283,7 +285,7 @@ fn followed<'a>(
         let graph = PlanGraph::new(&next, store, tick)?;
         let found = scored(&graph, store, &rows, false).map_err(|f| plan.spec.faults(vec![f]))?;
         match found {
-            Some(found) => course.tell(found),
+            Some(found) => course.record_scores(found),
             None => break,
         }
     }

@@ -89,7 +89,7 @@ impl<'a> UnitWorker<'a> {
     /// Reports that the run waits for `what`, or that it resumes.
     #[cfg(feature = "cluster")]
     pub fn waits(&self, what: Option<&str>) {
-        self.listener.hear(&Event::Waiting { what });
+        self.listener.on_event(&Event::Waiting { what });
     }
 
     /// Granularity of the stage of a table.

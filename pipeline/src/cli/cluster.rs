@@ -105,7 +105,9 @@ or there is no key. pipeline/CLUSTER.md describes all failures.";
 fn log() {
     let mut log = env_logger::Builder::new();
     log.filter_level(LevelFilter::Warn).parse_env("RUST_LOG");
-    log.format(|to, said| writeln!(to, "{}: {}: {}", said.level().as_str().to_lowercase(), said.target(), said.args()));
+    log.format(|to, record| {
+        writeln!(to, "{}: {}: {}", record.level().as_str().to_lowercase(), record.target(), record.args())
+    });
     // An existing logger is kept.
     let _ = log.try_init();
 }
@@ -170,7 +172,7 @@ pub fn worker(args: &WorkerArgs) -> Result<(), ExitReason> {
     ballista::await_scheduler(&at, &config.trust, |why| note(&format!("waiting for the scheduler at {at}: {why}")))?;
     note(&format!("{} registered with the scheduler at {at}", super::counted(config.cores, "core")));
     match ballista::work(&config, Box::new(task::print))? {
-        WorkerExit::Told => Ok(()),
+        WorkerExit::Requested => Ok(()),
         WorkerExit::Alone => {
             note(&format!("the connection to the scheduler at {at} is lost; restarting the worker"));
             sleep(AGAIN_AFTER);

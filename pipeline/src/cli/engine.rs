@@ -154,8 +154,8 @@ mod tests {
             "ballista://x:1?a=b",
             "ballista://x:1#a",
         ] {
-            let said = named(wrong).unwrap_err();
-            assert!(said.contains("ballista://HOST:PORT"), "{wrong}: {said}");
+            let message = named(wrong).unwrap_err();
+            assert!(message.contains("ballista://HOST:PORT"), "{wrong}: {message}");
         }
     }
 }

@@ -29,7 +29,7 @@ impl JsonEvents {
 }
 
 impl Listener for JsonEvents {
-    fn hear(&self, event: &Event) {
+    fn on_event(&self, event: &Event) {
         // A closed reader does not stop the run; a full disk sets its exit status.
         match event {
             // One object per trial.
@@ -170,7 +170,7 @@ fn trial(search: &SearchSpec, one: &SearchTrialScore, best: Option<&SearchTrialS
         "rung": one.row.rung,
         "axes": axes,
         "goal": one.goal,
-        "state": one.fate(search).as_str(),
+        "state": one.rung_outcome(search).as_str(),
         "error": one.error,
         "best": best_json(best),
     })

@@ -81,7 +81,7 @@ pub fn run(memory: usize, folder: &Path, unfinished: impl Fn(u32) -> Option<Path
     CHILD_PID.store(0, Ordering::SeqCst);
     match ended.code() {
         Some(0) => return Ok(()),
-        Some(code) if code != PANICKED => return Err(ExitReason::Told(u8::try_from(code).unwrap_or(1))),
+        Some(code) if code != PANICKED => return Err(ExitReason::Printed(u8::try_from(code).unwrap_or(1))),
         _ => {}
     }
     if let Some(file) = unfinished(child.id()) {

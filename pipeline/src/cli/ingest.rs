@@ -153,7 +153,7 @@ pub fn run(args: &IngestArgs) -> Result<(), ExitReason> {
     drop(unfinished);
     // The folder is kept if another process uses it.
     let _ = fs::remove_dir(&hidden);
-    told(args, &works, &results, &divided)
+    print_outcome(args, &works, &results, &divided)
 }
 
 /// Makes a folder for unfinished files, and locks it for this process.
@@ -254,7 +254,7 @@ fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<V
 }
 
 /// Prints the outcome.
-fn told(
+fn print_outcome(
     args: &IngestArgs,
     works: &[IngestItem],
     results: &[Result<ExportOutcome, Fault>],
@@ -360,7 +360,7 @@ fn summary(work: &IngestItem, exported: &ExportOutcome) -> String {
 }
 
 /// Whether a figure is shown on the terminal: irregularities, and the properties of magnetometers.
-fn is_told(measure: &QualityMeasure) -> bool {
+fn is_reported(measure: &QualityMeasure) -> bool {
     match measure.check {
         QualityFigure::Rate | QualityFigure::Jitter | QualityFigure::Midnight => false,
         // Estimates of position have a step at each fix.
@@ -396,7 +396,7 @@ fn quality(works: &[IngestItem], results: &[Result<ExportOutcome, Fault>]) -> St
         let Ok(exported) = result else { continue };
         let table = if work.table().is_empty() { &work.name } else { work.table() };
         for line in &exported.lines {
-            for m in line.measures.iter().filter(|m| is_told(m)) {
+            for m in line.measures.iter().filter(|m| is_reported(m)) {
                 rows.push(vec![
                     format!("  {table}"),
                     line.flight.clone(),

@@ -15,7 +15,7 @@ use store::attempts;
 use super::temporary;
 
 /// The message on an interrupted run.
-pub const SAID: &str = "interrupted; finished results are stored, run the same command again to resume";
+pub const MESSAGE: &str = "interrupted; finished results are stored, run the same command again to resume";
 
 /// The exit status of an interrupted run.
 pub const STATUS: u8 = 130;
@@ -34,17 +34,17 @@ pub fn leave() {
 /// for one file, it ends the process at once. The store is always consistent, and keeps the files that were read.
 pub fn listen() {
     // If no handler can be set, an interrupt ends the process at once.
-    let _ = ctrlc::set_handler(|| stop(STATUS, SAID));
+    let _ = ctrlc::set_handler(|| stop(STATUS, MESSAGE));
 }
 
 /// Ends a run after the units in progress, or at once with `status` while sources are read.
-pub fn stop(status: u8, said: &str) {
+pub fn stop(status: u8, message: &str) {
     INTERRUPTED.store(true, Ordering::SeqCst);
     if !STARTED.load(Ordering::SeqCst) {
         // The lock is held to the end, so that another stopping thread waits for this action.
         let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
         last.take().into_iter().for_each(|last| last(status));
-        let _ = writeln!(std::io::stderr(), "{said}");
+        let _ = writeln!(std::io::stderr(), "{message}");
         exit(i32::from(status));
     }
 }
@@ -79,7 +79,7 @@ pub fn withdraw() {
         INTERRUPTED.store(true, Ordering::SeqCst);
         attempts::withdraw();
         if !STARTED.load(Ordering::SeqCst) {
-            let _ = writeln!(std::io::stderr(), "{SAID}");
+            let _ = writeln!(std::io::stderr(), "{MESSAGE}");
             exit(i32::from(STATUS));
         }
     });

@@ -140,8 +140,8 @@ fn written(
 ) -> Result<Option<PathBuf>, ExitReason> {
     let of_one = logs.first().filter(|first| logs.iter().all(|log| log.input == first.input));
     let stem = of_one.and_then(|log| log.input.file_stem()).map_or("lines".into(), |stem| stem.to_string_lossy());
-    let beside = || to.map(|to| to.join("_lines").join(format!("{stem}.csv")));
-    let Some(path) = args.write_lines.clone().or_else(beside) else { return Ok(None) };
+    let default_path = || to.map(|to| to.join("_lines").join(format!("{stem}.csv")));
+    let Some(path) = args.write_lines.clone().or_else(default_path) else { return Ok(None) };
     let text = find_lines::csv(flights);
     // The existing table may have been edited.
     let other = fs::read(&path).is_ok_and(|known| known != text.as_bytes());
@@ -183,11 +183,11 @@ fn drawn(args: &LineArgs, flights: &[(String, LineDetection)]) -> Result<Vec<Pat
     let form = PictureFormat::from_path(path)?;
     let mut taken: BTreeSet<PathBuf> = BTreeSet::new();
     for (flight, found) in flights {
-        let mut to = if flights.len() > 1 { beside(path, &plain(flight)) } else { path.clone() };
+        let mut to = if flights.len() > 1 { with_flight(path, &plain(flight)) } else { path.clone() };
         let mut number = 1;
         while !taken.insert(to.clone()) {
             number += 1;
-            to = beside(path, &format!("{}-{number}", plain(flight)));
+            to = with_flight(path, &format!("{}-{number}", plain(flight)));
         }
         let title = format!("Flight {flight}: {}", super::counted(found.lines.len(), "line"));
         let bytes = match form {
@@ -205,7 +205,7 @@ fn plain(flight: &str) -> String {
 }
 
 /// Inserts the flight into a path: `lines.svg` becomes `lines-1003.svg`.
-fn beside(path: &Path, flight: &str) -> PathBuf {
+fn with_flight(path: &Path, flight: &str) -> PathBuf {
     let (stem, ending) = (path.file_stem().unwrap_or_default(), path.extension().unwrap_or_default());
     path.with_file_name(format!("{}-{flight}.{}", stem.to_string_lossy(), ending.to_string_lossy()))
 }

@@ -17,7 +17,7 @@ use clap::{Args, Subcommand};
 use datasets::{AnomalyGrid, MapOptions, check_output, read_grid, write_grid};
 use schemas::{Fault, VerbatimText, plausible::PlausibilityCheck};
 
-use super::{ExitReason, note, say, tell, threads};
+use super::{ExitReason, note, print_to_stderr, say, threads};
 
 /// Anomaly maps.
 #[derive(Subcommand)]
@@ -155,7 +155,7 @@ fn of_file(path: &Path, fault: Fault) -> ExitReason {
 }
 
 fn warn(text: &str) {
-    tell(&format!("warning: {text}"));
+    print_to_stderr(&format!("warning: {text}"));
 }
 
 /// Runs the command. With `quiet`, it prints only errors and warnings.

@@ -44,7 +44,7 @@ use say::err;
 use schemas::{Fault, StageEntry, render};
 use store::{Store, pulled};
 
-use ::run::{Event, Listener, SourceReadCallback, cost, foreseen, settled};
+use ::run::{Event, Listener, SourceReadCallback, cost, plan_all_trials, settled};
 
 /// Batch pipeline for aeromagnetic compensation and magnetic navigation. A TOML spec declares tables and stages. A run
 /// computes the results that are missing from the store. Each result is a Parquet data set.
@@ -244,7 +244,7 @@ enum ExitReason {
     /// Interrupted.
     Interrupted,
     /// Ended with this exit status; the message is already printed.
-    Told(u8),
+    Printed(u8),
 }
 
 impl From<SpecFaults> for ExitReason {
@@ -324,7 +324,7 @@ pub fn main(catalogue: &[StageEntry]) -> ExitCode {
     match done {
         Ok(()) => ended(0),
         Err(ExitReason::Failed(text)) => {
-            tell(&text);
+            print_to_stderr(&text);
             ended(1)
         }
         Err(ExitReason::Wrong(text)) => {
@@ -339,9 +339,9 @@ pub fn main(catalogue: &[StageEntry]) -> ExitCode {
             err!("{}", schedule::STOPPED);
             ended(schedule::OUT_OF_TIME)
         }
-        Err(ExitReason::Told(status)) => ended(status),
+        Err(ExitReason::Printed(status)) => ended(status),
         Err(ExitReason::Interrupted) => {
-            err!("{}", interrupt::SAID);
+            err!("{}", interrupt::MESSAGE);
             ended(interrupt::STATUS)
         }
     }
@@ -376,12 +376,12 @@ fn is_quiet() -> bool {
 /// A note on standard error.
 fn note(text: &str) {
     if !is_quiet() {
-        tell(&format!("note: {text}"));
+        print_to_stderr(&format!("note: {text}"));
     }
 }
 
 /// Writes a line to standard error, unless it is empty.
-fn tell(text: &str) {
+fn print_to_stderr(text: &str) {
     if !text.is_empty() {
         err!("{text}");
     }
@@ -423,7 +423,7 @@ fn explain(catalogue: &[StageEntry], args: &ExplainArgs) -> Result<(), ExitReaso
     if !args.cost {
         return with_graph(catalogue, &args.spec, |graph, store| Ok(::report::explain(graph, store)));
     }
-    with_plan(catalogue, &args.spec, foreseen, |graph, store, assumed| {
+    with_plan(catalogue, &args.spec, plan_all_trials, |graph, store, assumed| {
         let mut cost = cost::estimate(graph, store, args.threads.unwrap_or_else(threads::cores))?;
         cost.assumed = assumed;
         Ok(match args.format {
@@ -454,7 +454,7 @@ fn with_plan<T>(
     let plan = plan(catalogue, args)?;
     let store = open(&plan.spec)?;
     let progress = ProgressDisplay::new(false);
-    let tick = |table: &str, step: &ReadProgress| progress.hear(&Event::Reading { table, step });
+    let tick = |table: &str, step: &ReadProgress| progress.on_event(&Event::Reading { table, step });
     let (plan, more) = trials(plan, catalogue, &store, &tick)?;
     let graph = PlanGraph::new(&plan, &store, &tick)?;
     drop(progress);

@@ -233,7 +233,7 @@ fn spelt(time: Duration) -> String {
 }
 
 impl Listener for ProgressDisplay {
-    fn hear(&self, event: &Event) {
+    fn on_event(&self, event: &Event) {
         match event {
             Event::Reading { table, step } => {
                 let file = step.file.file_name().unwrap_or_default().to_string_lossy();
@@ -305,8 +305,8 @@ mod tests {
         let mut state = ProgressState { interval: seconds(10), next: seconds(10), ..ProgressState::default() };
         assert_eq!(state.due(seconds(10)), None, "there is nothing to say yet");
         state.stage(seconds(10), "gridding");
-        let told: Vec<u64> = (10..=75).filter(|s| state.due(seconds(*s)).is_some()).collect();
-        assert_eq!(told, [20, 30, 40, 50, 60, 70]);
+        let due_s: Vec<u64> = (10..=75).filter(|s| state.due(seconds(*s)).is_some()).collect();
+        assert_eq!(due_s, [20, 30, 40, 50, 60, 70]);
         assert_eq!(state.due(seconds(85)).unwrap(), "1:25 gridding");
     }
 
@@ -351,10 +351,10 @@ mod tests {
         let text = || progress.0.as_ref().map(|s| s.shared.lock().text(Duration::ZERO)).unwrap_or_default();
         let file = std::path::Path::new("flights/osborne.synth.toml");
         let step = ReadProgress { simulated: true, lines: 3, of_lines: Some(9), ..ReadProgress::of_file(file, 0, 1) };
-        progress.hear(&Event::Reading { table: "flights", step: &step });
+        progress.on_event(&Event::Reading { table: "flights", step: &step });
         assert_eq!(text(), "simulating flights, osborne.synth.toml: 3 of 9 lines");
         let step = ReadProgress { lines: 12, ..ReadProgress::of_file(std::path::Path::new("a/1003.csv"), 1, 4) };
-        progress.hear(&Event::Reading { table: "flights", step: &step });
+        progress.on_event(&Event::Reading { table: "flights", step: &step });
         assert_eq!(text(), "reading flights, 1003.csv, line 12: 1 of 4 files");
     }
 
@@ -363,8 +363,8 @@ mod tests {
         let progress = ProgressDisplay::lines(seconds(60), Kept::default());
         let text = || progress.0.as_ref().map(|s| s.shared.lock().text(Duration::ZERO)).unwrap_or_default();
         let row = |trial, rung| SearchTrial { trial, generation: 1, rung, values: vec![] };
-        progress.hear(&Event::Searching { rows: &[row(1, 1), row(2, 1)], trials: 8, best: None });
-        progress.hear(&Event::Computing { table: "clean", units: 3 });
+        progress.on_event(&Event::Searching { rows: &[row(1, 1), row(2, 1)], trials: 8, best: None });
+        progress.on_event(&Event::Computing { table: "clean", units: 3 });
         assert_eq!(text(), "trials 1 to 2 of 8: computing clean: 0 of 3");
         let best = SearchTrialScore {
             row: row(2, 1),
@@ -374,11 +374,11 @@ mod tests {
             error: None,
             promoted: true,
         };
-        progress.hear(&Event::Searching { rows: &[row(2, 2)], trials: 8, best: Some(&best) });
-        progress.hear(&Event::Computing { table: "terms", units: 0 });
+        progress.on_event(&Event::Searching { rows: &[row(2, 2)], trials: 8, best: Some(&best) });
+        progress.on_event(&Event::Computing { table: "terms", units: 0 });
         assert_eq!(text(), "1 trial of 8 at rung 2, best 3.250 (trial 2): computing terms");
-        progress.hear(&Event::Searching { rows: &[row(8, 1)], trials: 8, best: Some(&best) });
-        progress.hear(&Event::Publishing { table: "clean" });
+        progress.on_event(&Event::Searching { rows: &[row(8, 1)], trials: 8, best: Some(&best) });
+        progress.on_event(&Event::Publishing { table: "clean" });
         assert_eq!(text(), "trial 8 of 8, best 3.250 (trial 2): publishing clean");
     }
 

@@ -8,10 +8,10 @@ use results::{score_table, scores, warnings};
 use schemas::{Fault, StageEntry};
 
 use super::{
-    ExitReason, QUIET, SpecArgs, counted, engine, events, interrupt, note, progress::ProgressDisplay, say, schedule,
-    tell, tend, threads,
+    ExitReason, QUIET, SpecArgs, counted, engine, events, interrupt, note, print_to_stderr, progress::ProgressDisplay,
+    say, schedule, tend, threads,
 };
-pub use run::{Event, Listener, RunOptions, RunSummary, TaskEngine, again, said_once, search};
+pub use run::{Event, Listener, RunOptions, RunSummary, TaskEngine, again, deduplicated, search};
 
 /// Subject and options of a run.
 #[derive(Args)]
@@ -127,17 +127,17 @@ fn ran(
     let limit = args.schedule.limit();
     let run = |listener: &dyn Listener| -> Result<(Plan, RunSummary), SpecFaults> {
         let but_the_end = schedule::FinishFilter(listener);
-        let heard: &dyn Listener = if named.force.is_some() { &but_the_end } else { listener };
+        let shown_listener: &dyn Listener = if named.force.is_some() { &but_the_end } else { listener };
         let (plan, mut summary) =
-            search(plan, catalogue, &store, &publisher, options, &schedule::ListenerPair(watch, heard))?;
+            search(plan, catalogue, &store, &publisher, options, &schedule::ListenerPair(watch, shown_listener))?;
         if let Some(table) = named.force {
             if !summary.interrupted {
                 match again(&plan, &store, table, &schedule::ProgressFilter(listener))? {
-                    Some(found) => schedule::told_again(&mut summary, found),
+                    Some(found) => schedule::report_comparison(&mut summary, found),
                     None => summary.interrupted = true,
                 }
             }
-            listener.hear(&Event::Finished { summary: &summary });
+            listener.on_event(&Event::Finished { summary: &summary });
         }
         Ok((plan, summary))
     };
@@ -158,9 +158,9 @@ fn ran(
 /// The summary of a run without `--json`.
 fn conclude(plan: &Plan, summary: &RunSummary, quiet: bool) -> Result<(), ExitReason> {
     let table = format!("{}.warnings", plan.spec.name);
-    let warned = warnings::told(&summary.warnings, &table);
+    let warned = warnings::summary_lines(&summary.warnings, &table);
     if quiet {
-        warned.last().into_iter().for_each(|line| tell(&format!("warning: {line}")));
+        warned.last().into_iter().for_each(|line| print_to_stderr(&format!("warning: {line}")));
         return Ok(());
     }
     for text in summary.notes.iter().chain(&unused(summary.unused)) {
@@ -169,11 +169,11 @@ fn conclude(plan: &Plan, summary: &RunSummary, quiet: bool) -> Result<(), ExitRe
     say(table_of(summary))?;
     if summary.quality > 0 {
         let (findings, lines) = (counted(summary.quality, "finding"), counted(summary.quality_lines, "line"));
-        tell(&format!("data quality: {findings} in {lines}; see the table `{}.quality`", plan.spec.name));
+        print_to_stderr(&format!("data quality: {findings} in {lines}; see the table `{}.quality`", plan.spec.name));
     }
     say(scores_of(summary))?;
     say(results::trials(plan, &summary.trials))?;
-    warned.iter().for_each(|line| tell(&format!("warning: {line}")));
+    warned.iter().for_each(|line| print_to_stderr(&format!("warning: {line}")));
     Ok(())
 }
 
@@ -212,8 +212,8 @@ fn ending(summary: &RunSummary, json: bool) -> Result<(), ExitReason> {
     }
     const SHOWN: usize = 20;
     let mut text = format!("{} failed:", summary.failures.len());
-    let said = said_once(&summary.failures);
-    for (f, lines) in said.iter().take(SHOWN) {
+    let merged = deduplicated(&summary.failures);
+    for (f, lines) in merged.iter().take(SHOWN) {
         let point: Vec<String> = f.point.iter().map(|(k, v)| format!("{k}={v}")).collect();
         let line = f
             .line
@@ -226,8 +226,8 @@ fn ending(summary: &RunSummary, json: bool) -> Result<(), ExitReason> {
             text.push_str(&format!(" (and in {} of the file)", counted(lines - 1, "more line")));
         }
     }
-    if said.len() > SHOWN {
-        text.push_str(&format!("\n  and {} more", said.len() - SHOWN));
+    if merged.len() > SHOWN {
+        text.push_str(&format!("\n  and {} more", merged.len() - SHOWN));
     }
     let differ: usize = summary.compared.iter().map(|c| c.differ.len()).sum();
     if differ < summary.failures.len() {

@@ -110,7 +110,7 @@ pub fn tasks(catalogue: &[StageEntry], args: &TasksArgs) -> Result<(), ExitReaso
     let plan = plan(catalogue, &args.spec)?;
     let store = open(&plan.spec)?;
     let progress = ProgressDisplay::new(args.quiet);
-    let tick = |table: &str, step: &ReadProgress| progress.hear(&Event::Reading { table, step });
+    let tick = |table: &str, step: &ReadProgress| progress.on_event(&Event::Reading { table, step });
     let mut plan = run::settled(plan, catalogue, &store, &tick)?;
     plan.spec.verify_inputs = args.verify_inputs;
     let options = run::RunOptions { retries: args.retries, ..run::RunOptions::default() };

@@ -102,8 +102,8 @@ fn creators(about: &ReleaseMetadata) -> Value {
 
 /// Notice about the restricted columns in a set.
 pub fn conditions(set: &ReleaseSet) -> String {
-    let said = set.dictionary.restricted.iter().map(|h| format!("{}.{}: {}", h.table, h.column, protect::why(h)));
-    format!("Restricted columns are included. {}.", said.collect::<Vec<_>>().join("; "))
+    let reasons = set.dictionary.restricted.iter().map(|h| format!("{}.{}: {}", h.table, h.column, protect::why(h)));
+    format!("Restricted columns are included. {}.", reasons.collect::<Vec<_>>().join("; "))
 }
 
 /// Files of a table, and the set of them if there are several.

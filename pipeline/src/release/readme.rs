@@ -153,7 +153,7 @@ fn again(set: &ReleaseSet) -> String {
     let lock = &set.lock;
     let sets: String = lock.set.iter().map(|s| format!(" --set '{}'", s.replace('\'', "'\\''"))).collect();
     let tables: Vec<&str> = set.dictionary.tables.iter().map(|t| t.name.as_str()).collect();
-    let told = if set.dictionary.restricted.is_empty() { "" } else { " --include-restricted" };
+    let restricted_flag = if set.dictionary.restricted.is_empty() { "" } else { " --include-restricted" };
     let mut text = format!(
         "\n## Verification and recomputation\n\n```sh\nsha256sum -c {}                # or, including all documents \
          and every column:\nmagline verify .\n```\n\n",
@@ -180,7 +180,7 @@ fn again(set: &ReleaseSet) -> String {
     let _ = writeln!(
         text,
         "\nWith these inputs, the following commands give the same bytes:\n\n```sh\nmagline run '{0}' --set \
-         store=/tmp/store{sets}\nmagline publish '{0}' {1} --to /tmp/again --set store=/tmp/store{sets}{told}\n```",
+         store=/tmp/store{sets}\nmagline publish '{0}' {1} --to /tmp/again --set store=/tmp/store{sets}{restricted_flag}\n```",
         lock.spec,
         tables.join(" ")
     );

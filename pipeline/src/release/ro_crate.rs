@@ -265,8 +265,8 @@ fn provenance(set: &ReleaseSet) -> Vec<Value> {
         }));
     }
     if !set.dictionary.restricted.is_empty() {
-        let said: Vec<String> = set.dictionary.restricted.iter().map(protect::chain).collect();
-        found.push(json!({ "@id": "#restricted", "@type": "CreativeWork", "name": "restricted columns", "text": said.join("; ") }));
+        let chains: Vec<String> = set.dictionary.restricted.iter().map(protect::chain).collect();
+        found.push(json!({ "@id": "#restricted", "@type": "CreativeWork", "name": "restricted columns", "text": chains.join("; ") }));
     }
     debug_assert!(lock.spec.starts_with(inputs::FOLDER));
     found

@@ -229,15 +229,15 @@ fn check_file(
     let bare = |c: &super::set::ReleaseColumn| {
         (c.name.clone(), c.kind.clone(), c.unit.clone(), c.role.clone(), c.description.clone())
     };
-    let (own, told) = (parquet::columns(&schema), &table.columns);
-    if own.len() != told.len() {
-        return Err(format!("it has {} columns, but {} in {DICTIONARY}", own.len(), told.len()));
+    let (own, expected) = (parquet::columns(&schema), &table.columns);
+    if own.len() != expected.len() {
+        return Err(format!("it has {} columns, but {} in {DICTIONARY}", own.len(), expected.len()));
     }
-    if let Some((own, told)) =
-        own.iter().zip(told).find(|(own, told)| bare(own) != bare(told) || own.terms != told.terms)
+    if let Some((own, expected)) =
+        own.iter().zip(expected).find(|(own, expected)| bare(own) != bare(expected) || own.terms != expected.terms)
     {
         let shown = |c: &super::set::ReleaseColumn| format!("`{}`, {} [{}], role {}", c.name, c.kind, c.unit, c.role);
-        return Err(format!("it has the column {}, but {DICTIONARY} has {}", shown(own), shown(told)));
+        return Err(format!("it has the column {}, but {DICTIONARY} has {}", shown(own), shown(expected)));
     }
     if rows != file.rows {
         return Err(format!("it has {rows} rows, but {} in {DICTIONARY}", file.rows));

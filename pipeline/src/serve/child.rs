@@ -30,7 +30,7 @@ use crate::{confine, deep};
 const MOST_THREADS: usize = 8;
 const FILE_THREADS: usize = 4;
 /// Memory of a query that its operators do not count, such as batches in transit, bytes.
-pub const BESIDE: usize = 96 << 20;
+pub const UNCOUNTED_BYTES: usize = 96 << 20;
 
 /// Request to a process.
 #[derive(Serialize, Deserialize)]

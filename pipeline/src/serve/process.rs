@@ -26,7 +26,7 @@ use tonic::Status;
 
 use super::{
     ServerSettings,
-    child::{BESIDE, QueryChunk, QueryFailure, QueryHeader, QueryRequest},
+    child::{QueryChunk, QueryFailure, QueryHeader, QueryRequest, UNCOUNTED_BYTES},
     spool::{SpoolReader, SpoolWriter},
 };
 use crate::confine;
@@ -143,11 +143,11 @@ impl QueryProcessPool {
         let permit = self.place(deadline).await?;
         let spool = SpoolWriter::default();
         let reader = spool.reader();
-        let (tell, head) = oneshot::channel();
+        let (head_sender, head) = oneshot::channel();
         let (this, number) = (self.clone(), self.0.next.fetch_add(1, Ordering::Relaxed));
         let (own, question) = (spool.clone(), self.question(asked, rows));
         self.0.runtime.spawn_blocking(move || {
-            let end = this.computed(number, &question, &own, tell);
+            let end = this.computed(number, &question, &own, head_sender);
             // Other queries may run while a slow client reads.
             drop(permit);
             own.end(end);
@@ -182,7 +182,7 @@ impl QueryProcessPool {
             store: self.0.store.clone(),
             spill: self.0.spill.clone(),
             memory,
-            most: memory + BESIDE,
+            most: memory + UNCOUNTED_BYTES,
             query: asked.query,
             parameters: asked.parameters,
             pins: asked.pins,
@@ -196,14 +196,14 @@ impl QueryProcessPool {
         number: u64,
         question: &QueryRequest,
         spool: &SpoolWriter,
-        tell: oneshot::Sender<QueryHeader>,
+        head_sender: oneshot::Sender<QueryHeader>,
     ) -> Result<(), Status> {
         let machine = |e: std::io::Error| Status::internal(format!("cannot start the process of a query: {e}"));
         let mut command = confine::command(&self.0.program);
         command.arg(COMMAND).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().map_err(machine)?;
         self.running().insert(number, QueryProcess { process: child.id(), bytes: 0, ended: None });
-        let read = self.read(&mut child, question, spool, tell);
+        let read = self.read(&mut child, question, spool, head_sender);
         // From here on no signal is sent to it: its number may belong to another process after the wait.
         let ended = self.running().remove(&number).and_then(|running| running.ended);
         let _ = child.kill();
@@ -222,15 +222,15 @@ impl QueryProcessPool {
         child: &mut Child,
         question: &QueryRequest,
         spool: &SpoolWriter,
-        tell: oneshot::Sender<QueryHeader>,
+        head_sender: oneshot::Sender<QueryHeader>,
     ) -> Option<Result<(), Status>> {
         let (mut to, from) = (child.stdin.take()?, child.stdout.take()?);
         to.write_all(&serde_json::to_vec(question).ok()?).ok()?;
         drop(to);
-        let (mut from, mut tell) = (BufReader::new(from), Some(tell));
+        let (mut from, mut head_sender) = (BufReader::new(from), Some(head_sender));
         loop {
             match QueryChunk::read(&mut from)? {
-                QueryChunk::Head(head) => drop(tell.take().map(|tell| tell.send(head))),
+                QueryChunk::Head(head) => drop(head_sender.take().map(|head_sender| head_sender.send(head))),
                 QueryChunk::Rows(rows) => match spool.put(rows, &self.0.spill) {
                     Ok(true) => {}
                     Ok(false) => return Some(Err(Status::cancelled("the client has disconnected"))),
@@ -271,10 +271,10 @@ impl QueryProcessPool {
         let own = one.bytes;
         let all: usize = running.values().map(|r| r.bytes).sum();
         let count = running.len();
-        let most = self.0.memory + count * (BESIDE + OWN);
+        let most = self.0.memory + count * (UNCOUNTED_BYTES + OWN);
         let is_largest = running.values().all(|r| r.bytes <= own);
         drop(running);
-        if own > self.0.memory + BESIDE + OWN || (all > most && is_largest) {
+        if own > self.0.memory + UNCOUNTED_BYTES + OWN || (all > most && is_largest) {
             self.end_one(number, self.too_much(self.0.memory));
         }
     }

@@ -120,7 +120,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 /// Status that reports a fault to a client.
-pub fn told(fault: &Fault) -> Status {
+pub fn fault_status(fault: &Fault) -> Status {
     let text = fault.to_string();
     if fault.owner.is_lasting() { Status::invalid_argument(text) } else { Status::internal(text) }
 }
@@ -161,7 +161,7 @@ impl QueryRegistry {
     pub async fn session(&self) -> Result<Arc<SqlSession>, Status> {
         let tables = self.tables.clone();
         let done = self.runtime.spawn_blocking(move || tables.session()).await;
-        done.map_err(|_| Status::internal("the store is unreadable"))?.map_err(|fault| told(&fault))
+        done.map_err(|_| Status::internal("the store is unreadable"))?.map_err(|fault| fault_status(&fault))
     }
 
     /// Plans `query` with its parameters, if it has any.
@@ -252,7 +252,7 @@ impl QueryRegistry {
     /// # Errors
     /// Fails with the names of the parameters.
     pub fn bound(&self, planned: &PlannedQuery) -> Result<(), Status> {
-        parameters::valued(&planned.parameters).map_err(|fault| told(&fault))
+        parameters::valued(&planned.parameters).map_err(|fault| fault_status(&fault))
     }
 
     /// Answers a plan: the chunks as they are computed, then their end. An answer that stops earlier is an error.

@@ -30,7 +30,7 @@ use tonic::{Request, Response, Status, Streaming};
 use super::{
     auth::Token,
     keys, parameters,
-    queries::{PlannedQuery, QueryRegistry, told},
+    queries::{PlannedQuery, QueryRegistry, fault_status},
 };
 
 /// Catalogue of all pipelines in queries: `datafusion.PIPELINE.TABLE`.
@@ -155,7 +155,7 @@ impl StoreQueryService {
             let mut schema = Arc::new(Schema::empty());
             if with_columns {
                 let provider = session.context().table_provider(TableReference::partial(pipeline, table)).await;
-                schema = provider.map_err(|e| told(&session.fault(&e, "")))?.schema();
+                schema = provider.map_err(|e| fault_status(&session.fault(&e, "")))?.schema();
             }
             found.push((pipeline.to_owned(), table.to_owned(), schema));
         }
@@ -251,7 +251,7 @@ impl FlightSqlService for StoreQueryService {
         query: ActionCreatePreparedStatementRequest,
         _: Request<Action>,
     ) -> Result<ActionCreatePreparedStatementResult, Status> {
-        let query = parameters::numbered(&query.query).map_err(|fault| told(&fault))?;
+        let query = parameters::numbered(&query.query).map_err(|fault| fault_status(&fault))?;
         let planned = self.queries.plan(query.clone(), None).await?;
         Ok(ActionCreatePreparedStatementResult {
             prepared_statement_handle: self.queries.prepare(query).into(),

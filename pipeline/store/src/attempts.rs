@@ -21,10 +21,9 @@ use buckets::each;
 use schemas::{Fault, keys::HashKey, paths};
 
 use super::{
-    Store,
+    Store, io_fault,
     remote::{RemoteStore, is_object_old},
     tend::is_old,
-    trouble,
     unfinished::kernel,
 };
 use crate::clock;
@@ -132,8 +131,8 @@ pub struct UnitAttempts {
 
 impl UnitAttempts {
     /// Adds one attempt with the text recorded for the unit.
-    fn add(&mut self, said: &str) {
-        match said.strip_prefix(WHY) {
+    fn add(&mut self, message: &str) {
+        match message.strip_prefix(WHY) {
             Some(why) => {
                 self.failed += 1;
                 self.why = Some(why.to_owned());
@@ -155,15 +154,15 @@ fn units(text: &str) -> impl Iterator<Item = (HashKey, &str)> {
 
 /// Unit of a line with its recorded reason; `None` for a truncated line.
 fn unit(line: &str) -> Option<(HashKey, &str)> {
-    let (key, said) = line.split_once(' ').unwrap_or((line, ""));
-    Some((HashKey::parse(key)?, said))
+    let (key, message) = line.split_once(' ').unwrap_or((line, ""));
+    Some((HashKey::parse(key)?, message))
 }
 
 /// Attempts at each unit, from the texts of the records.
 fn counted(texts: &[String]) -> HashMap<HashKey, UnitAttempts> {
     let mut found: HashMap<HashKey, UnitAttempts> = HashMap::new();
-    for (key, said) in texts.iter().flat_map(|text| units(text)) {
-        found.entry(key).or_default().add(said);
+    for (key, message) in texts.iter().flat_map(|text| units(text)) {
+        found.entry(key).or_default().add(message);
     }
     found
 }
@@ -260,7 +259,7 @@ impl Store {
             Ok(()) => Ok(attempt),
             Err(e) => {
                 attempt.end(self, &HashMap::new());
-                Err(trouble("write", &file, &e))
+                Err(io_fault("write", &file, &e))
             }
         }
     }

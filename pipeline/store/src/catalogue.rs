@@ -34,7 +34,7 @@ pub struct PackedUnit {
     /// Key of the result.
     pub key: HashKey,
     /// Hash of the unit's other columns in the pack: axis values, identifiers, passed-through columns.
-    pub dress: u64,
+    pub passthrough_hash: u64,
     /// Number of rows, or [`FAILED`].
     pub rows: u32,
 }
@@ -263,7 +263,7 @@ impl PackCatalogue {
             bytes.extend((pack.units.len() as u64).to_le_bytes());
             for unit in &pack.units {
                 bytes.extend(unit.key.as_ref());
-                bytes.extend(unit.dress.to_le_bytes());
+                bytes.extend(unit.passthrough_hash.to_le_bytes());
                 bytes.extend(unit.rows.to_le_bytes());
             }
         }
@@ -306,7 +306,7 @@ pub fn parse(bytes: &[u8]) -> Option<Vec<StorePack>> {
             let key = HashKey::from_bytes(take(&mut rest)?);
             Some(PackedUnit {
                 key,
-                dress: u64::from_le_bytes(take(&mut rest)?),
+                passthrough_hash: u64::from_le_bytes(take(&mut rest)?),
                 rows: u32::from_le_bytes(take(&mut rest)?),
             })
         });
@@ -331,9 +331,13 @@ pub fn units_of(text: Option<&str>) -> Result<(HashKey, Vec<PackedUnit>), StoreF
         let (kind, lines) = text.split_once('\n')?;
         let unit = |line: &str| {
             let (key, rest) = line.split_once(' ')?;
-            let (dress, rows) = rest.split_once(' ')?;
+            let (passthrough_hash, rows) = rest.split_once(' ')?;
             let rows = if rows == "failed" { FAILED } else { rows.parse().ok()? };
-            Some(PackedUnit { key: HashKey::parse(key)?, dress: u64::from_str_radix(dress, 16).ok()?, rows })
+            Some(PackedUnit {
+                key: HashKey::parse(key)?,
+                passthrough_hash: u64::from_str_radix(passthrough_hash, 16).ok()?,
+                rows,
+            })
         };
         Some((HashKey::parse(kind)?, lines.lines().map(unit).collect::<Option<Vec<_>>>()?))
     };
@@ -342,9 +346,9 @@ pub fn units_of(text: Option<&str>) -> Result<(HashKey, Vec<PackedUnit>), StoreF
 
 /// Text of the units in a pack's footer.
 pub fn spell(kind: HashKey, units: &[PackedUnit]) -> String {
-    let line = |PackedUnit { key, dress, rows }: &PackedUnit| match *rows {
-        FAILED => format!("{key} {dress:016x} failed\n"),
-        rows => format!("{key} {dress:016x} {rows}\n"),
+    let line = |PackedUnit { key, passthrough_hash, rows }: &PackedUnit| match *rows {
+        FAILED => format!("{key} {passthrough_hash:016x} failed\n"),
+        rows => format!("{key} {passthrough_hash:016x} {rows}\n"),
     };
     format!("{kind}\n") + &units.iter().map(line).collect::<String>()
 }

@@ -124,7 +124,7 @@ pub struct NewUnit {
     /// Its key.
     pub key: HashKey,
     /// Hash of the other columns: see [`PackedUnit`].
-    pub dress: u64,
+    pub passthrough_hash: u64,
     /// Rows in the schema of the pack, or the fault of the computation.
     pub rows: Result<RecordBatch, Fault>,
     /// Notes attached to the result: skipped lines and warnings.
@@ -149,7 +149,7 @@ pub fn pipeline_name(name: &str) -> Result<(), Fault> {
     paths::check_name(name).map_err(|why| Fault::new(format!("`{name}` is not a valid name of a pipeline")).help(why))
 }
 
-fn trouble(doing: &str, path: &Path, e: &dyn std::fmt::Display) -> Fault {
+fn io_fault(doing: &str, path: &Path, e: &dyn std::fmt::Display) -> Fault {
     Fault::machine(format!("cannot {doing} {}: {e}", path.display()))
 }
 
@@ -186,7 +186,7 @@ impl Store {
     }
 
     fn opened(root: &Path, packs: fn(&Path) -> Result<PackReader, Fault>) -> Result<Store, Fault> {
-        let fail = |e: io::Error| trouble("open the store", root, &e);
+        let fail = |e: io::Error| io_fault("open the store", root, &e);
         fs::create_dir_all(root).map_err(fail)?;
         let mark = root.join("STORE");
         let marked = match paths::read_regular(&mark) {
@@ -237,12 +237,12 @@ impl Store {
         match self.shared.try_lock() {
             Ok(()) => Ok(Some(ExclusiveStoreLock(&self.shared))),
             Err(fs::TryLockError::WouldBlock) => {
-                self.shared.lock_shared().map_err(|e| trouble("lock", &self.root, &e))?;
+                self.shared.lock_shared().map_err(|e| io_fault("lock", &self.root, &e))?;
                 Ok(None)
             }
             // Without locks, other processes cannot be detected.
             Err(fs::TryLockError::Error(e)) if e.kind() == io::ErrorKind::Unsupported => Ok(None),
-            Err(fs::TryLockError::Error(e)) => Err(trouble("lock", &self.root, &e)),
+            Err(fs::TryLockError::Error(e)) => Err(io_fault("lock", &self.root, &e)),
         }
     }
 
@@ -285,7 +285,7 @@ impl Store {
     /// # Errors
     /// Fails when the file system reports an error.
     pub fn settle(&self, from: &Path, to: &Path) -> Result<(), Fault> {
-        let fail = |e: io::Error| trouble("write", to, &e);
+        let fail = |e: io::Error| io_fault("write", to, &e);
         if let (Some(remote), Some(key)) = (self.remote(), to.strip_prefix(&self.root).ok().and_then(RemoteStore::key))
         {
             remote.bucket().put_file(&key, from)?;
@@ -308,7 +308,7 @@ impl Store {
     pub fn write(&self, to: &Path, bytes: &[u8]) -> Result<(), Fault> {
         let tmp = self.temporary();
         let written = File::create(&tmp).and_then(|mut f| f.write_all(bytes).and_then(|()| f.sync_all()));
-        written.map_err(|e| trouble("write", &tmp, &e))?;
+        written.map_err(|e| io_fault("write", &tmp, &e))?;
         self.settle(&tmp, to)
     }
 
@@ -338,7 +338,7 @@ impl Store {
         let Some((_, first)) = batches.first() else { return Ok(()) };
         let unit = |(key, batch): &(HashKey, RecordBatch)| NewUnit {
             key: *key,
-            dress: 0,
+            passthrough_hash: 0,
             rows: Ok(batch.clone()),
             remarks: Remarks::default(),
         };
@@ -363,7 +363,7 @@ impl Store {
         let rows_of = |unit: &NewUnit| unit.rows.as_ref().map_or(Ok(FAILED), |b| u32::try_from(b.num_rows()));
         let listed = units.iter().map(|u| {
             let rows = rows_of(u).map_err(|_| Fault::data("more than 4,294,967,294 rows"))?;
-            Ok(PackedUnit { key: u.key, dress: u.dress, rows })
+            Ok(PackedUnit { key: u.key, passthrough_hash: u.passthrough_hash, rows })
         });
         let listed: Vec<PackedUnit> = listed.collect::<Result<_, Fault>>()?;
         let notes: Vec<UnitNote> = units.iter().enumerate().filter_map(|(i, u)| note(i, u)).collect();
@@ -387,7 +387,7 @@ impl Store {
         sealed::write(&tmp, schema, &about, groups)?;
         let to = self.objects.file(id);
         self.settle(&tmp, &to)?;
-        let about = fs::metadata(&to).map_err(|e| trouble("read", &to, &e))?;
+        let about = fs::metadata(&to).map_err(|e| io_fault("read", &to, &e))?;
         let (size, modified_ns) = stamp(&about);
         // The modification time of a copy has no meaning.
         let modified_ns = if self.remote().is_some() { 0 } else { modified_ns };

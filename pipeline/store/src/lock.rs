@@ -26,9 +26,9 @@ use schemas::{Fault, keys::HashKey, paths};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Store, own_file, pipeline_name,
+    Store, io_fault, own_file, pipeline_name,
     remote::{RemoteLease, RemoteStore},
-    shown, trouble,
+    shown,
 };
 use crate::clock;
 
@@ -132,7 +132,7 @@ pub struct ForeignLock {
 
 impl ForeignLock {
     /// Message for the user.
-    pub fn told(&self, pipeline: &str, root: &Path) -> String {
+    pub fn message(&self, pipeline: &str, root: &Path) -> String {
         let by = self.holder.as_ref().map(|h| format!(": {h}")).unwrap_or_default();
         let sign = self.silent.map(|s| format!(" (lease last renewed {} s ago)", s.as_secs())).unwrap_or_default();
         format!("another run of `{pipeline}` holds the lock in {}{by}{sign}", shown(root))
@@ -353,7 +353,7 @@ impl Store {
         pipeline_name(pipeline)?;
         let folder = self.root().join("locks");
         let path = folder.join(format!("{pipeline}.lock"));
-        let fail = |e: &dyn fmt::Display| trouble("lock", &path, e);
+        let fail = |e: &dyn fmt::Display| io_fault("lock", &path, e);
         // The file is not truncated, because only the lock matters.
         let options = File::options().write(true).create(true).truncate(false).clone();
         let lock = own_file(self.root(), &path, &options).map_err(|e| fail(&e))?;
@@ -445,7 +445,7 @@ impl Store {
                 LockOutcome::Mine(publisher) => return Ok(publisher),
                 LockOutcome::Held(_) if wait => sleep(self.look_again()),
                 LockOutcome::Held(held) => {
-                    let fault = Fault::machine(held.told(pipeline, self.root()));
+                    let fault = Fault::machine(held.message(pipeline, self.root()));
                     return Err(fault.help("wait for it with --wait, or name another store"));
                 }
             }
@@ -507,10 +507,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path()).unwrap();
         foreign(folder.path(), 7, Duration::from_secs(60));
-        let told = held(store.lock("p").unwrap());
-        assert_eq!(told.holder.as_ref().unwrap().host, "elsewhere");
-        assert!((59..=70).contains(&told.silent.unwrap().as_secs()));
-        assert!(told.told("p", folder.path()).contains("on elsewhere, since"));
+        let held_lock = held(store.lock("p").unwrap());
+        assert_eq!(held_lock.holder.as_ref().unwrap().host, "elsewhere");
+        assert!((59..=70).contains(&held_lock.silent.unwrap().as_secs()));
+        assert!(held_lock.message("p", folder.path()).contains("on elsewhere, since"));
         foreign(folder.path(), 7, GONE_AFTER + Duration::from_secs(1));
         let taken = mine(store.lock("p").unwrap());
         assert_eq!(taken.number, 8);

@@ -8,7 +8,7 @@ use std::{
 
 use schemas::{Fault, keys::HashKey};
 
-use super::{Store, catalogue, make_folder, trouble};
+use super::{Store, catalogue, io_fault, make_folder};
 
 /// Stored facts about sources, which are read once.
 const SHARED: [&str; 2] = ["sources", "quality"];
@@ -27,10 +27,10 @@ impl Store {
         for id in ids {
             let file = catalogue::path(to, id);
             self.at_hand(id)?;
-            link(&self.file(id), &file).map_err(|e| trouble("write", &file, &e))?;
+            link(&self.file(id), &file).map_err(|e| io_fault("write", &file, &e))?;
         }
         for part in SHARED {
-            links(&self.root().join(part), &to.join(part)).map_err(|e| trouble("write", &to.join(part), &e))?;
+            links(&self.root().join(part), &to.join(part)).map_err(|e| io_fault("write", &to.join(part), &e))?;
         }
         Store::open(to)
     }

@@ -242,17 +242,17 @@ impl PackReader {
     }
 
     /// Fault for an unreadable pack; a damaged or missing one is removed from the catalogue.
-    fn fault(&self, id: HashKey, trouble: &StoreFileFault) -> Fault {
+    fn fault(&self, id: HashKey, reason: &StoreFileFault) -> Fault {
         let path = self.file(id);
-        match trouble {
+        match reason {
             StoreFileFault::Damaged(why) => self.set_aside(id, why),
             StoreFileFault::Gone => {
                 self.catalogue_mut().remove(id);
-                locked(&self.damaged).push(format!("{}: {trouble}", path.display()));
+                locked(&self.damaged).push(format!("{}: {reason}", path.display()));
             }
             StoreFileFault::Machine(_) => {}
         }
-        Fault::machine(format!("cannot read {}: {trouble}", path.display()))
+        Fault::machine(format!("cannot read {}: {reason}", path.display()))
             .help("run the spec again to recompute damaged results")
     }
 

@@ -4,7 +4,7 @@ use std::{fs, io, path::PathBuf, time::Duration};
 
 use schemas::{Fault, keys::HashKey, paths};
 
-use super::{Store, shown, tend::is_old, trouble};
+use super::{Store, io_fault, shown, tend::is_old};
 
 /// Folder of the plans in a store.
 const FOLDER: &str = "plans";
@@ -49,7 +49,7 @@ impl Store {
                 let what = format!("the store {} does not contain the plan {key}", shown(self.root()));
                 Fault::new(what).help(HELP)
             }
-            _ => trouble("read", &file, &e),
+            _ => io_fault("read", &file, &e),
         })?;
         if name_of(&bytes) != key {
             return Err(Fault::new(format!("the plan {} is damaged", file.display())).help(HELP));

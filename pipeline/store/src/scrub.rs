@@ -9,10 +9,9 @@ use std::{
 use schemas::{Fault, keys::HashKey, paths};
 
 use super::{
-    COSTS, LAYOUT, PackReader, Store, catalogue, checkpoints, lock, note, pipeline_name, plans,
+    COSTS, LAYOUT, PackReader, Store, catalogue, checkpoints, io_fault, lock, note, pipeline_name, plans,
     sealed::{StoreFileFault, verify},
     tend::folders_of,
-    trouble,
     version::{Version, newest, versions},
 };
 
@@ -118,7 +117,7 @@ fn read(
         found.bytes += fs::metadata(&file).map_or(0, |m| m.len());
         match verify(&file) {
             Ok(()) => {}
-            Err(StoreFileFault::Machine(why)) => return Err(trouble("read", &file, &why)),
+            Err(StoreFileFault::Machine(why)) => return Err(io_fault("read", &file, &why)),
             Err(other) => {
                 if let Some(id) = pack {
                     objects.set_aside(id, &other.to_string());
@@ -140,7 +139,7 @@ fn small(root: &Path, checks: RecordChecks, found: &mut ScrubReport) -> Result<(
                 found.damaged.insert(file, e.to_string());
                 return Ok(());
             }
-            Err(e) => return Err(trouble("read", &file, &e)),
+            Err(e) => return Err(io_fault("read", &file, &e)),
         };
         let name = file.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_owned();
         found.files += 1;

@@ -70,15 +70,15 @@ impl StoreFileFault {
 
 /// Fault of a file. Changes the time of a damaged file, so that a reader that checks size and time, such as a run,
 /// verifies the whole file.
-fn doubted(path: &Path, trouble: StoreFileFault) -> StoreFileFault {
-    if matches!(trouble, StoreFileFault::Damaged(_)) {
+fn doubted(path: &Path, fault: StoreFileFault) -> StoreFileFault {
+    if matches!(fault, StoreFileFault::Damaged(_)) {
         // A read-only store and the target of a link stay unchanged.
         let is_link = fs::symlink_metadata(path).is_ok_and(|about| about.is_symlink());
         if !is_link {
             let _ = File::options().append(true).open(path).and_then(|file| file.set_modified(SystemTime::now()));
         }
     }
-    trouble
+    fault
 }
 
 impl Display for StoreFileFault {

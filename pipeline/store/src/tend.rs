@@ -10,7 +10,7 @@ use std::{
 use schemas::{Fault, keys::HashKey};
 
 use super::{
-    Store, catalogue, pipeline_name, trouble,
+    Store, catalogue, io_fault, pipeline_name,
     version::{Version, current, newest, versions},
 };
 
@@ -52,7 +52,7 @@ pub fn list(root: &Path) -> Result<Vec<StoreTableEntry>, Fault> {
             for file in &table.files {
                 let path = version.folder.join(&file.name);
                 version.at_hand(table)?;
-                let sealed = super::SealedFile::open(&path).map_err(|e| trouble("read", &path, &e))?;
+                let sealed = super::SealedFile::open(&path).map_err(|e| io_fault("read", &path, &e))?;
                 rows += sealed.starts().last().copied().unwrap_or(0) as u64;
             }
             found.push(StoreTableEntry {
@@ -146,7 +146,7 @@ pub fn collect(store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
                 continue;
             }
             done.versions.push(format!("{name}/{number}"));
-            if !what.dry && !drop_version(&folder).map_err(|e| trouble("remove", &folder, &e))? {
+            if !what.dry && !drop_version(&folder).map_err(|e| io_fault("remove", &folder, &e))? {
                 done.foreign.push(folder);
             }
         }
@@ -155,7 +155,7 @@ pub fn collect(store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
         if is_old(&file.path(), what.older_than) {
             done.damaged += 1;
             if !what.dry {
-                fs::remove_file(file.path()).map_err(|e| trouble("remove", &file.path(), &e))?;
+                fs::remove_file(file.path()).map_err(|e| io_fault("remove", &file.path(), &e))?;
             }
         }
     }
@@ -180,7 +180,7 @@ pub fn collect(store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
         done.packs += 1;
         done.bytes += size;
         if !what.dry {
-            fs::remove_file(&file).map_err(|e| trouble("remove", &file, &e))?;
+            fs::remove_file(&file).map_err(|e| io_fault("remove", &file, &e))?;
             store.catalogue_mut().remove(id);
         }
     }
@@ -252,10 +252,10 @@ pub fn remove(store: &Store, pipeline: &str, table: Option<&str>) -> Result<(), 
             remote.unpublish(pipeline)?;
         }
         let link = root.join("tables").join(pipeline);
-        fs::remove_file(&link).map_err(|e| trouble("remove", &link, &e))?;
+        fs::remove_file(&link).map_err(|e| io_fault("remove", &link, &e))?;
         let plan = root.join("plans").join(format!("{pipeline}.json"));
         return match fs::remove_file(&plan) {
-            Err(e) if e.kind() != io::ErrorKind::NotFound => Err(trouble("remove", &plan, &e)),
+            Err(e) if e.kind() != io::ErrorKind::NotFound => Err(io_fault("remove", &plan, &e)),
             _ => Ok(()),
         };
     };

@@ -25,7 +25,7 @@ fn batch(rows: usize, from: f64) -> RecordBatch {
 
 fn unit(name: &str, rows: Result<RecordBatch, Fault>, left_out: Vec<Fault>) -> NewUnit {
     let remarks = Remarks { warnings: left_out.iter().map(|fault| fault.what.clone()).collect(), left_out };
-    NewUnit { key: HashKey::from_parts([name]), dress: 7, rows, remarks }
+    NewUnit { key: HashKey::from_parts([name]), passthrough_hash: 7, rows, remarks }
 }
 
 fn all(file: &Path) -> Result<Vec<RecordBatch>, StoreFileFault> {

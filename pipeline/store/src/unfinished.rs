@@ -167,13 +167,13 @@ mod tests {
             folder
         };
         let killed = folder(&format!("{}-4000000-0", kernel()));
-        let (abroad, older) = (folder("node7-0123abcd-4711-0"), folder("4711-0"));
+        let (remote, older) = (folder("node7-0123abcd-4711-0"), folder("4711-0"));
         sweep(tmp.path());
         assert!(alive.exists() && !killed.exists(), "of this kernel the lock decides");
-        assert!(abroad.join("0").exists() && older.exists(), "a free lock says nothing of another kernel");
+        assert!(remote.join("0").exists() && older.exists(), "a free lock says nothing of another kernel");
         let long_ago = SystemTime::now() - ABANDONED - Duration::from_secs(60);
-        File::open(&abroad).unwrap().set_modified(long_ago).unwrap();
+        File::open(&remote).unwrap().set_modified(long_ago).unwrap();
         sweep(tmp.path());
-        assert!(alive.exists() && !abroad.exists() && older.exists());
+        assert!(alive.exists() && !remote.exists() && older.exists());
     }
 }

@@ -22,10 +22,10 @@ use serde::{Deserialize, Serialize};
 use super::{
     PipelineLock, Store,
     catalogue::stamp,
-    make_folder,
+    io_fault, make_folder,
     remote::RemoteStore,
     sealed::{self, SealedFile},
-    sync_folder, trouble,
+    sync_folder,
 };
 
 /// Files of a table: packs, in the order of its rows.
@@ -234,7 +234,7 @@ fn bring(folder: &Path) -> Result<(), Fault> {
 pub fn published(folder: &Path, columns: &[&str]) -> Result<Option<RecordBatch>, Fault> {
     let mut batches = vec![];
     for file in parts(folder)? {
-        let fail = |e: &dyn std::fmt::Display| trouble("read", &file, e);
+        let fail = |e: &dyn std::fmt::Display| io_fault("read", &file, e);
         let sealed = SealedFile::open(&file).map_err(|e| fail(&e))?;
         let at = columns.iter().map(|c| sealed.schema().index_of(c)).collect::<Result<Vec<_>, _>>();
         let at = at.map_err(|e| fail(&e))?;
@@ -247,7 +247,7 @@ pub fn published(folder: &Path, columns: &[&str]) -> Result<Option<RecordBatch>,
         }
     }
     let Some(first) = batches.first() else { return Ok(None) };
-    let whole = concat_batches(&first.schema(), &batches).map_err(|e| trouble("read", folder, &e))?;
+    let whole = concat_batches(&first.schema(), &batches).map_err(|e| io_fault("read", folder, &e))?;
     Ok(Some(whole))
 }
 
@@ -275,7 +275,7 @@ impl Store {
         publisher: &PipelineLock,
         run: &str,
         tables: &[TableFiles],
-        beside: &[ExtraTable],
+        reserved_tables: &[ExtraTable],
         rests_on: &[HashKey],
         kept: &[String],
     ) -> Result<bool, Fault> {
@@ -301,7 +301,7 @@ impl Store {
             }
             manifest.tables.push(listed);
         }
-        for one in beside {
+        for one in reserved_tables {
             let plain = described(&one.file, "", None)?;
             let hash = plain.hash.clone().unwrap_or_default();
             let name = format!("tables/{}/part-00000-{}.parquet", one.name, hash.get(..8).unwrap_or_default());
@@ -384,7 +384,7 @@ impl Store {
         let tables = self.root().join("tables");
         let link = self.temporary();
         let target = format!("../versions/{pipeline}/{number}/tables");
-        unix::fs::symlink(target, &link).map_err(|e| trouble("write", &link, &e))?;
+        unix::fs::symlink(target, &link).map_err(|e| io_fault("write", &link, &e))?;
         self.settle(&link, &tables.join(pipeline))
     }
 
@@ -396,7 +396,7 @@ impl Store {
         from: &[(PathBuf, String)],
         before: Option<&Version>,
     ) -> Result<(), Fault> {
-        let fail = |e: io::Error| trouble("write", folder, &e);
+        let fail = |e: io::Error| io_fault("write", folder, &e);
         make_folder(&folder.join("units")).map_err(fail)?;
         for table in &manifest.tables {
             make_folder(&folder.join("tables").join(&table.name)).map_err(fail)?;
@@ -405,7 +405,7 @@ impl Store {
             if self.remote().is_some() && is_pack(manifest, name) && !file.exists() {
                 continue;
             }
-            link(file, &folder.join(name)).map_err(|e| trouble("write", &folder.join(name), &e))?;
+            link(file, &folder.join(name)).map_err(|e| io_fault("write", &folder.join(name), &e))?;
         }
         if let Some(before) = before.filter(|_| self.remote().is_none()) {
             carry(before, folder, manifest).map_err(fail)?;
@@ -441,7 +441,7 @@ pub(super) fn link(from: &Path, to: &Path) -> io::Result<()> {
 
 /// Entry of a file.
 fn described(file: &Path, name: &str, pack: Option<String>) -> Result<ManifestFile, Fault> {
-    let fail = |e: io::Error| trouble("read", file, &e);
+    let fail = |e: io::Error| io_fault("read", file, &e);
     let (size, modified_ns) = stamp(&fs::metadata(file).map_err(fail)?);
     let hash = match &pack {
         Some(_) => None,

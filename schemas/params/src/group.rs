@@ -417,8 +417,8 @@ macro_rules! params {
                     unit: $unit,
                     default: {
                         let default: Option<$pt> = $crate::first([$(Some(<$pt>::from($def)),)? None]).flatten();
-                        let said: Option<&str> = $crate::first([$(Some($absent),)? None]).flatten();
-                        default.as_ref().filter(|_| said.is_none()).map($crate::ParamValue::canonical)
+                        let absent_text: Option<&str> = $crate::first([$(Some($absent),)? None]).flatten();
+                        default.as_ref().filter(|_| absent_text.is_none()).map($crate::ParamValue::canonical)
                     },
                     absent: $crate::first([
                         $(Some($absent),)?
@@ -515,9 +515,9 @@ mod tests {
     fn unit_all_faults_are_reported_with_positions() {
         let text = "[ins]\ngrad = 1\nbias_m = -1\n[[lines]]\nbias_m = \"x\"\n";
         let faults = read(text).unwrap_err();
-        let said: Vec<&str> = faults.iter().map(|f| f.what.as_str()).collect();
+        let messages: Vec<&str> = faults.iter().map(|f| f.what.as_str()).collect();
         assert_eq!(
-            said,
+            messages,
             [
                 "`bias_m` must be 0 or above, not -1",
                 "`ins` has no parameter `grad`",

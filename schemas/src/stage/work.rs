@@ -14,7 +14,7 @@ pub trait CheckpointMonitor: Sync {
 
     /// Reports the progress of a point in a few words and returns whether to continue. An interrupted run stops with a
     /// fault of the machine.
-    fn goes_on(&self, point: usize, progress: &str) -> ControlFlow<()>;
+    fn report_progress(&self, point: usize, progress: &str) -> ControlFlow<()>;
 }
 
 /// Monitor without saved state, progress reports or interruption.
@@ -27,7 +27,7 @@ impl CheckpointMonitor for NullMonitor {
 
     fn keep(&self, _: usize, _: &[u8]) {}
 
-    fn goes_on(&self, _: usize, _: &str) -> ControlFlow<()> {
+    fn report_progress(&self, _: usize, _: &str) -> ControlFlow<()> {
         ControlFlow::Continue(())
     }
 }

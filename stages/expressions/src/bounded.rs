@@ -137,8 +137,8 @@ mod tests {
             "length(array_to_string(string_to_array(line, NULL), 'aaaaaaaaaa'))",
             "array_length(make_array(a, a))",
         ] {
-            let said = read(sql).unwrap_err();
-            assert!(said.contains("may exceed the memory"), "{sql}: {said}");
+            let message = read(sql).unwrap_err();
+            assert!(message.contains("may exceed the memory"), "{sql}: {message}");
         }
         let many = vec!["line"; 40].join(" || ");
         assert!(read(&format!("length({many})")).unwrap_err().contains("concatenations"));

@@ -389,14 +389,16 @@ mod tests {
 
     #[test]
     fn unit_functions_of_more_than_one_row_are_rejected_by_name() {
-        let said = |sql: &str| Expression::new(sql, &shape(), "`x`").unwrap_err().to_string();
-        assert!(said("a * random()").contains("`random()` gives a different value each time"));
-        assert!(said("a - avg(a)").contains("`x` is evaluated row by row"));
-        assert!(said("a - (select 1)").contains("`x` cannot contain a query"));
-        assert!(said("aa + 1").contains("there is no column `aa`"));
-        assert!(said("a +").contains("`x` cannot be read"));
-        assert!(said(&format!("a {}", "+ 1 ".repeat(9_000))).contains("nested"));
-        assert!(said(&format!("{}a{}", "least(".repeat(30), ", 1)".repeat(30))).contains("are nested in each other"));
+        let fault_text = |sql: &str| Expression::new(sql, &shape(), "`x`").unwrap_err().to_string();
+        assert!(fault_text("a * random()").contains("`random()` gives a different value each time"));
+        assert!(fault_text("a - avg(a)").contains("`x` is evaluated row by row"));
+        assert!(fault_text("a - (select 1)").contains("`x` cannot contain a query"));
+        assert!(fault_text("aa + 1").contains("there is no column `aa`"));
+        assert!(fault_text("a +").contains("`x` cannot be read"));
+        assert!(fault_text(&format!("a {}", "+ 1 ".repeat(9_000))).contains("nested"));
+        assert!(
+            fault_text(&format!("{}a{}", "least(".repeat(30), ", 1)".repeat(30))).contains("are nested in each other")
+        );
         assert_eq!(Expression::new("line", &shape(), "`x`").unwrap().data_type, DataType::Utf8);
         assert!(Expression::new("a", &shape(), "`x`").unwrap().mask(&batch()).is_err());
     }

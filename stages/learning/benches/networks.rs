@@ -83,8 +83,8 @@ fn timed(shape: &NetworkShape, samples: &NetworkSamples<'_>, threads: usize) -> 
 /// Processor time of all threads, s; NaN if the system does not report it.
 fn processors() -> f64 {
     let of = |task: std::fs::DirEntry| -> Option<f64> {
-        let told = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
-        told.split_whitespace().next()?.parse().ok()
+        let schedstat = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
+        schedstat.split_whitespace().next()?.parse().ok()
     };
     std::fs::read_dir("/proc/self/task").map_or(f64::NAN, |tasks| tasks.flatten().filter_map(of).sum::<f64>() * 1e-9)
 }

@@ -144,16 +144,16 @@ fn unit_terms_equal_those_of_a_matrix() {
 
 #[test]
 fn gold_invalid_features_are_reported_with_their_parameter() {
-    let said = |stage: &Features| {
+    let fault_texts = |stage: &Features| {
         let faults = stage.yields(&[&table()]).unwrap_err();
         faults.iter().map(|f| format!("{f} [{}]", f.param.clone().unwrap_or_default())).collect::<Vec<_>>().join("\n")
     };
-    assert!(said(&features(&["mag_1_c"])).contains("`mag_1_c` is a truth column"));
-    assert!(said(&features(&["mag_1_c_dot"])).contains("`mag_1_c` is a truth column"), "nor what is made of it");
-    assert!(said(&features(&["cur_fan_dot"])).contains("there is no column `cur_fan`"));
-    assert!(said(&Features { vector: None, ..features(&["ETL_cur_strb"]) }).contains("set `vector`"));
-    assert!(said(&Features { mag: None, ..features(&["small_1"]) }).contains("requires `mag`"));
-    assert!(said(&features(&["baro", "baro"])).contains("duplicate feature `baro`"));
-    assert!(said(&Features { groups: vec![4], ..features(&["baro"]) }).contains("no group 4"));
-    assert!(said(&features(&[])).contains("`features` is empty"));
+    assert!(fault_texts(&features(&["mag_1_c"])).contains("`mag_1_c` is a truth column"));
+    assert!(fault_texts(&features(&["mag_1_c_dot"])).contains("`mag_1_c` is a truth column"), "nor what is made of it");
+    assert!(fault_texts(&features(&["cur_fan_dot"])).contains("there is no column `cur_fan`"));
+    assert!(fault_texts(&Features { vector: None, ..features(&["ETL_cur_strb"]) }).contains("set `vector`"));
+    assert!(fault_texts(&Features { mag: None, ..features(&["small_1"]) }).contains("requires `mag`"));
+    assert!(fault_texts(&features(&["baro", "baro"])).contains("duplicate feature `baro`"));
+    assert!(fault_texts(&Features { groups: vec![4], ..features(&["baro"]) }).contains("no group 4"));
+    assert!(fault_texts(&features(&[])).contains("`features` is empty"));
 }

@@ -67,13 +67,13 @@ impl FitModel for BoostedTrees {
         let begun = work.kept().and_then(|bytes| trees_from_bytes(&bytes)).unwrap_or_default();
         let (mut stopped, mut kept, known) = (None, None::<Instant>, begun.len());
         let mut each = |trees: &[RegressionTree], train: f64, validation: f64| {
-            let goes_on = work.goes_on(&self.progress(trees.len(), train, validation));
+            let flow = work.report_progress(&self.progress(trees.len(), train, validation));
             let due = kept.is_none_or(|last| last.elapsed().as_secs_f64() > KEPT_EVERY_S);
-            if trees.len() > known && (due || goes_on.is_err()) {
+            if trees.len() > known && (due || flow.is_err()) {
                 kept = Some(Instant::now());
                 work.keep(&trees_to_bytes(trees));
             }
-            match goes_on {
+            match flow {
                 Ok(()) => ControlFlow::Continue(()),
                 Err(fault) => {
                     stopped = Some(fault);
@@ -195,13 +195,17 @@ mod tests {
 
     #[test]
     fn unit_invalid_settings_are_reported_with_their_parameter() {
-        let told = |keys: &[_]| match stage("boosted_trees", keys) {
+        let fault_of = |keys: &[_]| match stage("boosted_trees", keys) {
             Ok(_) => worked(&bent(), "boosted_trees", keys, &NullMonitor).err().unwrap(),
             Err(mut faults) => faults.remove(0),
         };
-        assert_eq!(told(&[words("inputs", &["d"])]).param.as_deref(), Some("inputs"));
-        assert_eq!(told(&[words("validation", &["1.7"])]).param.as_deref(), Some("validation"));
-        assert!(told(&[whole("leaf_samples", 300)]).what.contains("600"), "{}", told(&[whole("leaf_samples", 300)]));
-        assert!(told(&[number("shrinkage", 2.0)]).what.contains("shrinkage"));
+        assert_eq!(fault_of(&[words("inputs", &["d"])]).param.as_deref(), Some("inputs"));
+        assert_eq!(fault_of(&[words("validation", &["1.7"])]).param.as_deref(), Some("validation"));
+        assert!(
+            fault_of(&[whole("leaf_samples", 300)]).what.contains("600"),
+            "{}",
+            fault_of(&[whole("leaf_samples", 300)])
+        );
+        assert!(fault_of(&[number("shrinkage", 2.0)]).what.contains("shrinkage"));
     }
 }

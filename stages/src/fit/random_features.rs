@@ -49,7 +49,7 @@ impl FitModel for RandomFeatures {
         let mut at = samples.places(self.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
         let (scaling, constant, x) = scaling(samples, &lines, &mut at, None)?;
         let y = samples.target(&lines);
-        work.goes_on(&format!("{} random features of {} samples", self.random_features, y.len()))?;
+        work.report_progress(&format!("{} random features of {} samples", self.random_features, y.len()))?;
         let kernel = RandomFeatureSettings {
             features: self.random_features,
             length: self.length_scale,

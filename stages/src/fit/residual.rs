@@ -19,7 +19,7 @@ use crate::model_columns::RESIDUAL;
 pub fn residual_noise(parts: &[&FitLineSummary], point: &FitPoint, solved: &FitSolution) -> [f64; RESIDUAL.len()] {
     let (fit, names) = match &solved.left {
         ResidualSource::By(fit, names) => (fit, names),
-        ResidualSource::Series(lines) => return told(lines),
+        ResidualSource::Series(lines) => return noise_columns(lines),
     };
     let at = (point.matrix.clone(), point.targets());
     let one = |part: &&FitLineSummary| {
@@ -35,10 +35,10 @@ pub fn residual_noise(parts: &[&FitLineSummary], point: &FitPoint, solved: &FitS
             w.wide.residual(&point.target, &point.matrix.features, terms, coefficients)
         })
     };
-    told(&parts.iter().filter_map(one).collect::<Vec<_>>())
+    noise_columns(&parts.iter().filter_map(one).collect::<Vec<_>>())
 }
 
-fn told(lines: &[BlockMeans]) -> [f64; RESIDUAL.len()] {
+fn noise_columns(lines: &[BlockMeans]) -> [f64; RESIDUAL.len()] {
     match noise(lines) {
         Ok(LineNoiseModel { white_nt, lasting }) => [white_nt, lasting.sigma, lasting.tau_s],
         Err(_) => [f64::NAN; RESIDUAL.len()],

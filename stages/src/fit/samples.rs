@@ -140,12 +140,12 @@ impl PointMonitor<'_> {
         self.work.keep(self.point, state);
     }
 
-    /// See [`CheckpointMonitor::goes_on`].
+    /// See [`CheckpointMonitor::report_progress`].
     ///
     /// # Errors
     /// If the run is interrupted.
-    pub fn goes_on(&self, progress: &str) -> Result<(), Fault> {
+    pub fn report_progress(&self, progress: &str) -> Result<(), Fault> {
         let stopped = || Fault::machine("interrupted").help("run the same command again to resume");
-        if self.work.goes_on(self.point, progress).is_break() { Err(stopped()) } else { Ok(()) }
+        if self.work.report_progress(self.point, progress).is_break() { Err(stopped()) } else { Ok(()) }
     }
 }

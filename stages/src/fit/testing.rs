@@ -121,13 +121,13 @@ pub fn stage(model: &str, keys: &[(String, Literal)]) -> Result<AnyStage, Vec<Fa
 pub struct InterruptMonitor {
     after: usize,
     kept: Mutex<Option<Vec<u8>>>,
-    told: Mutex<usize>,
+    reports: Mutex<usize>,
 }
 
 impl InterruptMonitor {
     /// Monitor that stops after `after` reports and starts from a stored state.
     pub fn after(after: usize, kept: Option<Vec<u8>>) -> Self {
-        Self { after, kept: Mutex::new(kept), told: Mutex::default() }
+        Self { after, kept: Mutex::new(kept), reports: Mutex::default() }
     }
 
     /// The last saved state.
@@ -136,8 +136,8 @@ impl InterruptMonitor {
     }
 
     /// Number of progress reports.
-    pub fn told(&self) -> usize {
-        *self.told.lock().unwrap()
+    pub fn reports(&self) -> usize {
+        *self.reports.lock().unwrap()
     }
 }
 
@@ -150,10 +150,10 @@ impl CheckpointMonitor for InterruptMonitor {
         *self.kept.lock().unwrap() = Some(state.to_vec());
     }
 
-    fn goes_on(&self, _: usize, _: &str) -> ControlFlow<()> {
-        let mut told = self.told.lock().unwrap();
-        *told += 1;
-        if *told >= self.after { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    fn report_progress(&self, _: usize, _: &str) -> ControlFlow<()> {
+        let mut reports = self.reports.lock().unwrap();
+        *reports += 1;
+        if *reports >= self.after { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 }
 

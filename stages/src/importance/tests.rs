@@ -2,7 +2,7 @@
 use arrow_array::{Array, cast::AsArray, types::Float64Type};
 
 use super::*;
-use crate::testing::{batch, line as line_of, said, sampled, table};
+use crate::testing::{batch, fault_texts, line as line_of, sampled, table};
 
 fn importance(method: ImportanceMethod) -> Importance {
     Importance {
@@ -112,7 +112,7 @@ fn unit_invalid_inputs_are_reported_with_their_parameter() {
     };
     let stage = Importance { groups: vec!["a".into(), "a".into()], ..importance(ImportanceMethod::Pearson) };
     let lines = table(&[("tt", "s"), ("mag_4_uc", "s")], None);
-    let faults = said(stage.yields(&[&lines, &fitted]).unwrap_err());
+    let faults = fault_texts(stage.yields(&[&lines, &fitted]).unwrap_err());
     assert!(["[target]", "`tl`", "duplicate group `a`"].iter().all(|part| faults.contains(part)), "{faults}");
     assert!(stage.idle("block_s").is_some() && stage.idle("groups").is_none());
 }

@@ -89,14 +89,15 @@ fn mapped(stage: &MapGrid, parts: &[&MapGridLine]) -> Result<StageOutput, Fault>
     survey.extra.doy = read("doy");
     survey.extra.tt_s = read("tt");
     let far = if stage.keep_outliers { vec![] } else { points::without_far(&mut survey) };
-    let mut warnings: Vec<String> = far.first().map(|first| told(far.len(), *first, &survey)).into_iter().collect();
+    let mut warnings: Vec<String> =
+        far.first().map(|first| outlier_warning(far.len(), *first, &survey)).into_iter().collect();
     let unknown_height = survey.height_m.iter().all(|h| h.is_nan());
     warnings.extend(unknown_height.then(|| super::NO_HEIGHTS.to_owned()));
     Ok(StageOutput { columns: columns(&stage.apply(&mut survey, &|_, _, _| ())?)?, warnings })
 }
 
 /// Warning about omitted points that are far from all others.
-fn told(far: usize, first: usize, survey: &SurveyPointSet) -> String {
+fn outlier_warning(far: usize, first: usize, survey: &SurveyPointSet) -> String {
     let many = if far == 1 { "1 point is".to_owned() } else { format!("{far} points are") };
     let line = survey.line.get(first).and_then(|line| survey.lines.get(*line as usize));
     let line = line.map_or(String::new(), |line| format!(" of line {line}"));

@@ -165,18 +165,18 @@ fn gold_invalid_surveys_are_rejected_with_the_reason() {
         };
         all.iter().map(replaced).collect::<Vec<LineInput>>()
     };
-    for (name, says) in
+    for (name, expected) in
         [("anomaly", "900 without a finite"), ("alt", "900 without a finite"), ("lat", "no point has a position")]
     {
         assert!(
-            refused(&[spacing(200.0)], &nothing(name)).contains(says),
+            refused(&[spacing(200.0)], &nothing(name)).contains(expected),
             "{}",
             refused(&[spacing(200.0)], &nothing(name))
         );
     }
     let one = line_of(1, ["lat", "lon", "alt", "anomaly"].map(|name| (name, vec![45.0])).into());
-    let said = refused(&[spacing(200.0)], &[one]);
-    assert!(said.contains("1 on lines with too few points"), "{said}");
-    let said = refused(&[spacing(200.0)], &all[..1]);
-    assert!(said.contains("no node of the map is within `mask_m`"), "{said}");
+    let message = refused(&[spacing(200.0)], &[one]);
+    assert!(message.contains("1 on lines with too few points"), "{message}");
+    let message = refused(&[spacing(200.0)], &all[..1]);
+    assert!(message.contains("no node of the map is within `mask_m`"), "{message}");
 }

@@ -244,19 +244,21 @@ fn unit_contradictions_between_tables_are_reported_before_the_run() {
     assert_eq!(made.reads, [vec!["tt", "year", "doy", "mag_1_uc"], vec!["alt", "tt", "year", "doy"]]);
     let alt = &made.columns[4].from;
     assert!(alt.contains(&(0, "tt".into())) && alt.contains(&(1, "tt".into())) && alt.contains(&(1, "alt".into())));
-    let said = |stage: Resample, inputs: &[&Table]| {
+    let fault_texts = |stage: Resample, inputs: &[&Table]| {
         let faults = stage.yields(inputs).unwrap_err();
         faults.iter().map(|f| format!("{f} [{}]", f.param.clone().unwrap_or_default())).collect::<Vec<_>>().join("; ")
     };
-    let twice = said(resample(), &[&mag, &mag]);
+    let twice = fault_texts(resample(), &[&mag, &mag]);
     assert!(
         twice.contains("both input 1 and input 2 have a column `mag_1_uc`") && twice.ends_with("[input]"),
         "{twice}"
     );
     let lag_s = |name: &str| [(name.to_owned(), 0.1)].into();
-    assert!(said(Resample { lag_s: lag_s("mag_1_cu"), ..resample() }, &[&mag]).contains("did you mean `mag_1_uc`?"));
-    assert!(said(Resample { lag_s: lag_s("tt"), ..resample() }, &[&mag]).contains("has no lag"));
+    assert!(
+        fault_texts(Resample { lag_s: lag_s("mag_1_cu"), ..resample() }, &[&mag]).contains("did you mean `mag_1_uc`?")
+    );
+    assert!(fault_texts(Resample { lag_s: lag_s("tt"), ..resample() }, &[&mag]).contains("has no lag"));
     let short = Resample { input_lag_s: Some(vec![0.1]), max_gap_s: vec![1.0; 3], ..resample() };
-    let short = said(short, &[&mag, &gps]);
+    let short = fault_texts(short, &[&mag, &gps]);
     assert!(short.contains("[max_gap_s]") && short.contains("[input_lag_s]"), "{short}");
 }

@@ -66,14 +66,17 @@ fn gradient_along_track(line: &ScoreLine) -> Result<SampleStatistic, Fault> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::score::testing::{FLOWN, seconds, value};
+    use crate::score::testing::{TRUE_POSITION, seconds, value};
 
     #[test]
     fn law_a_northward_slope_has_no_gradient_along_an_eastward_track() {
         let (still, along) = (|| seconds(10, |_| 50.0), || seconds(10, |t| 50.0 + 0.001 * t));
         let table = |lat, lon| {
             let slope = [("map_grad_n", seconds(10, |_| 0.03)), ("map_grad_e", seconds(10, |_| 0.0))];
-            [[(FLOWN[0], lat), (FLOWN[1], lon), ("map_anomaly", still())].into_iter().chain(slope).collect::<Vec<_>>()]
+            [[(TRUE_POSITION[0], lat), (TRUE_POSITION[1], lon), ("map_anomaly", still())]
+                .into_iter()
+                .chain(slope)
+                .collect::<Vec<_>>()]
         };
         let (north, east) = (table(along(), still()), table(still(), along()));
         assert!((value(&MAP_GRADIENT_ALONG_TRACK, &north).value - 0.03).abs() < 1e-15);

@@ -63,7 +63,7 @@ mod tests {
     use crate::score::{
         Score,
         source::ScoreSourceIndex,
-        testing::{FLOWN, line, only, score, seconds, shapes, track},
+        testing::{TRUE_POSITION, line, only, score, seconds, shapes, track},
     };
 
     #[test]
@@ -112,7 +112,7 @@ mod tests {
         let (lat, lon) = (seconds(400, |t| 50.0 + 1e-6 * t), seconds(400, |t| 8.0 + 1e-4 * (t % 100.0)));
         let wave = |f: f64| seconds(400, move |t| 10.0 * (f * t).cos());
         let field = |f: f64| wave(f).iter().map(|w| 52_000.0 + w).collect::<Vec<f64>>();
-        let flown = vec![
+        let truth = vec![
             ("mag_c", field(1.1)),
             ("mag_aircraft", wave(1.3)),
             ("mag_1_c", field(0.2)),
@@ -125,8 +125,8 @@ mod tests {
             ("map_anomaly", wave(0.3)),
             ("map_grad_n", wave(0.4)),
             ("map_grad_e", wave(0.5)),
-            (FLOWN[0], lat.clone()),
-            (FLOWN[1], lon.clone()),
+            (TRUE_POSITION[0], lat.clone()),
+            (TRUE_POSITION[1], lon.clone()),
             ("true alt", seconds(400, |t| 299.0 + (0.3 * t).sin())),
             ("true vn", seconds(400, |_| 50.0)),
             ("true ve", seconds(400, |t| 3.0 * (0.1 * t).sin())),
@@ -138,7 +138,7 @@ mod tests {
         track.extend([("map_height_error", wave(0.6)), ("residual", wave(0.7)), ("map_slope", wave(0.8))]);
         let velocity = [("vn", seconds(400, |_| 51.0)), ("ve", wave(0.1)), ("vd", wave(0.2))];
         track.extend(velocity);
-        line(&[flown, track])
+        line(&[truth, track])
     }
 
     /// The scores of `stage`, which receives only the columns that it declares.

@@ -164,7 +164,7 @@ fn at_crossings(line: &ScoreLine) -> Result<SampleStatistic, Fault> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::score::testing::{FLOWN, seconds, value};
+    use crate::score::testing::{TRUE_POSITION, seconds, value};
 
     const TURN: [f64; 4] = [1.0, -1.0, -1.0, 1.0];
 
@@ -205,7 +205,7 @@ mod tests {
     fn law_the_crossing_error_is_the_difference_of_repeated_signals() {
         let there = seconds(40, |t| 0.0001 * (t % 20.0));
         let mag = seconds(40, |t| if t < 20.0 { 52_000.0 } else { 52_004.0 });
-        let tables = [vec![("mag_c", mag), (FLOWN[0], there), (FLOWN[1], seconds(40, |_| 8.0))]];
+        let tables = [vec![("mag_c", mag), (TRUE_POSITION[0], there), (TRUE_POSITION[1], seconds(40, |_| 8.0))]];
         assert_eq!(value(&FIGURE_OF_MERIT_CROSSINGS, &tables), SampleStatistic { value: 4.0, n: 20 });
     }
 

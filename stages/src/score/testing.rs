@@ -13,7 +13,7 @@ use super::{Score, line::ScoreLine, metric::Scorer, metrics::SCORERS, source::Sc
 pub type ScoreTestColumns = Vec<(&'static str, Vec<f64>)>;
 
 /// True latitude and longitude. In the table their names have no prefix, and they have the role truth.
-pub const FLOWN: [&str; 2] = ["true lat", "true lon"];
+pub const TRUE_POSITION: [&str; 2] = ["true lat", "true lon"];
 
 /// Every metric, for `mag_c` against `mag_1_c`.
 pub fn score() -> Score {

@@ -276,13 +276,13 @@ mod tests {
     use numerics::random::NormalGenerator;
 
     use super::*;
-    use crate::score::testing::{FLOWN, ScoreTestColumns, seconds, track, value};
+    use crate::score::testing::{ScoreTestColumns, TRUE_POSITION, seconds, track, value};
 
     /// A flight along the equator. The INS error is half the track error: 0.001 deg north and 0.002 deg east.
     fn tables() -> [ScoreTestColumns; 2] {
         let truth = vec![
-            (FLOWN[0], seconds(10, |_| 0.0)),
-            (FLOWN[1], seconds(10, |t| 0.001 * t)),
+            (TRUE_POSITION[0], seconds(10, |_| 0.0)),
+            (TRUE_POSITION[1], seconds(10, |t| 0.001 * t)),
             ("ins_lat", seconds(10, |_| 0.0005)),
             ("ins_lon", seconds(10, |t| 0.001 * t + 0.001)),
         ];
@@ -352,7 +352,7 @@ mod tests {
 
     /// A track of `n` samples along the equator with these errors north in m and a standard deviation of 10 m each way.
     fn erring(n: u32, north_m: impl Fn(f64) -> f64) -> [ScoreTestColumns; 2] {
-        let truth = vec![(FLOWN[0], seconds(n, |_| 0.0)), (FLOWN[1], seconds(n, |t| 1e-5 * t))];
+        let truth = vec![(TRUE_POSITION[0], seconds(n, |_| 0.0)), (TRUE_POSITION[1], seconds(n, |t| 1e-5 * t))];
         [truth, track(seconds(n, |t| north_m(t) / 110_574.3), seconds(n, |t| 1e-5 * t))]
     }
 

@@ -23,7 +23,7 @@ fn stage(grade: InsGrade) -> SimulateIns {
 type Columns = Vec<(&'static str, Vec<f64>)>;
 
 /// A flight at these times at 70 m/s from 45 degrees north, 10 degrees west. It turns by a degree in `turn_s` seconds.
-fn flown(tt: &[f64], turn_s: f64) -> Columns {
+fn true_track(tt: &[f64], turn_s: f64) -> Columns {
     let (earth, mut lat, mut lon) = (EarthModel::Wgs84, 45.0_f64, -10.0_f64);
     let mut place = [(); 2].map(|()| Vec::with_capacity(tt.len()));
     for (k, t) in tt.iter().enumerate() {
@@ -66,7 +66,7 @@ fn law_the_drift_over_seeds_agrees_with_the_propagated_covariance() {
     const SEEDS: usize = 1600;
     for grade in [InsGrade::Magnav, InsGrade::Navigation, InsGrade::Tactical] {
         let stage = stage(grade);
-        let columns = flown(&at_hz(1.0, 600.0), 10.0);
+        let columns = true_track(&at_hz(1.0, 600.0), 10.0);
         let line = line("1003.02", &columns);
         let truth = TrueMotion::new(&line.inputs[0], 0.0).unwrap();
         let series = truth.series();
@@ -83,12 +83,12 @@ fn law_the_drift_over_seeds_agrees_with_the_propagated_covariance() {
         let states = [LAT, LON, VN, VE];
         let ends: Vec<[f64; 4]> = (0..SEEDS)
             .map(|seed| {
-                let said = run(&SimulateIns { seed, ..stage.clone() }, &line).unwrap();
+                let ins_columns = run(&SimulateIns { seed, ..stage.clone() }, &line).unwrap();
                 [
-                    (last(series.lat_deg) - last(&said[0])).to_radians(),
-                    (last(series.lon_deg) - last(&said[1])).to_radians(),
-                    last(series.vn_mps) - last(&said[3]),
-                    last(series.ve_mps) - last(&said[4]),
+                    (last(series.lat_deg) - last(&ins_columns[0])).to_radians(),
+                    (last(series.lon_deg) - last(&ins_columns[1])).to_radians(),
+                    last(series.vn_mps) - last(&ins_columns[3]),
+                    last(series.ve_mps) - last(&ins_columns[4]),
                 ]
             })
             .collect();
@@ -107,7 +107,7 @@ fn law_the_drift_over_seeds_agrees_with_the_propagated_covariance() {
 
 #[test]
 fn unit_a_seed_determines_the_ins_and_lines_differ() {
-    let (stage, columns) = (stage(InsGrade::Tactical), flown(&at_hz(10.0, 30.0), 10.0));
+    let (stage, columns) = (stage(InsGrade::Tactical), true_track(&at_hz(10.0, 30.0), 10.0));
     let of = |stage: &SimulateIns, name| run(stage, &line(name, &columns)).unwrap();
     let (first, again) = (of(&stage, "1003.02"), of(&stage, "1003.02"));
     let bits = |x: &[Vec<f64>]| x.iter().flatten().map(|x| x.to_bits()).collect::<Vec<_>>();
@@ -120,7 +120,7 @@ fn unit_a_seed_determines_the_ins_and_lines_differ() {
 #[test]
 fn law_an_ins_without_error_sources_equals_the_truth() {
     let tt: Vec<f64> = (0..300).map(|k| 5.0 + 0.2 * f64::from(k) + 0.05 * (1.3 * f64::from(k)).sin()).collect();
-    let columns = flown(&tt, 2.0);
+    let columns = true_track(&tt, 2.0);
     let none = InsErrors {
         init_position_sigma_m: 0.0,
         init_altitude_sigma_m: 0.0,
@@ -137,22 +137,26 @@ fn law_an_ins_without_error_sources_equals_the_truth() {
     };
     let exact = SimulateIns { ins: none.into(), ..stage(InsGrade::Magnav) };
     for method in [ErrorPropagation::ErrorModel, ErrorPropagation::Mechanisation] {
-        let said = run(&SimulateIns { method, ..exact.clone() }, &line("1", &columns)).unwrap();
-        let speed = |k: usize| said[3][k].hypot(said[4][k]);
+        let ins_columns = run(&SimulateIns { method, ..exact.clone() }, &line("1", &columns)).unwrap();
+        let speed = |k: usize| ins_columns[3][k].hypot(ins_columns[4][k]);
         (1..299).for_each(|k| {
             for axis in 0..3 {
                 // The height of the mechanisation is rounded to 1e-10 m, a degree of 45 to 1e-14.
-                assert!((said[axis][k] - columns[axis + 1].1[k]).abs() < 1e-9, "{axis} {k}");
+                assert!((ins_columns[axis][k] - columns[axis + 1].1[k]).abs() < 1e-9, "{axis} {k}");
             }
             // Steps are chords of a turn at 0.5 degrees per second, with the heading of their middle.
             assert!((speed(k) - 70.0).abs() < 0.01, "{k}: {}", speed(k));
-            let course = said[4][k].atan2(said[3][k]).to_degrees();
-            assert!((said[11][k] - course).abs() < 1e-9 && said[9][k].abs() < 1e-9, "level along the course");
-            assert!((said[8][k] + 9.8).abs() < 0.05, "{k}: {} m/s2 down", said[8][k]);
+            let course = ins_columns[4][k].atan2(ins_columns[3][k]).to_degrees();
+            assert!(
+                (ins_columns[11][k] - course).abs() < 1e-9 && ins_columns[9][k].abs() < 1e-9,
+                "level along the course"
+            );
+            assert!((ins_columns[8][k] + 9.8).abs() < 0.05, "{k}: {} m/s2 down", ins_columns[8][k]);
         });
         // A turn of rate ω requires the acceleration ω v to the side; ends excluded.
         let omega = 0.5f64.to_radians();
-        let across = |k: usize| (said[7][k] * said[3][k] - said[6][k] * said[4][k]) / speed(k);
+        let across =
+            |k: usize| (ins_columns[7][k] * ins_columns[3][k] - ins_columns[6][k] * ins_columns[4][k]) / speed(k);
         let mean = (20..280).map(across).sum::<f64>() / 260.0;
         // Coriolis adds 2 Ω sin φ v = 0.0072 m/s², opposite to the turn.
         assert!((mean - omega * 70.0 + 0.0072).abs() < 0.02, "{mean}");
@@ -162,7 +166,7 @@ fn law_an_ins_without_error_sources_equals_the_truth() {
 #[test]
 fn unit_smoothing_reduces_receiver_noise_in_the_specific_force() {
     let tt = at_hz(10.0, 120.0);
-    let mut noisy = flown(&tt, 10.0);
+    let mut noisy = true_track(&tt, 10.0);
     let clean = run(&stage(InsGrade::Navigation), &line("1", &noisy)).unwrap();
     let mut normals = NormalGenerator::new(8);
     let m = 1.0 / 111_000.0;
@@ -170,9 +174,9 @@ fn unit_smoothing_reduces_receiver_noise_in_the_specific_force() {
         column.iter_mut().for_each(|x| *x += 0.02 * m * normals.draw());
     }
     let rms = |smooth_s: f64| {
-        let said = run(&SimulateIns { smooth_s, ..stage(InsGrade::Navigation) }, &line("1", &noisy)).unwrap();
-        let square = |k: usize| (said[6][k] - clean[6][k]).powi(2);
-        let position = (said[0][600] - clean[0][600]).abs() / m;
+        let ins_columns = run(&SimulateIns { smooth_s, ..stage(InsGrade::Navigation) }, &line("1", &noisy)).unwrap();
+        let square = |k: usize| (ins_columns[6][k] - clean[6][k]).powi(2);
+        let position = (ins_columns[0][600] - clean[0][600]).abs() / m;
         assert!(position < 0.1, "{position} m off: the realisation is the same but for centimetres");
         ((50..1150).map(square).sum::<f64>() / 1100.0).sqrt()
     };
@@ -185,15 +189,20 @@ fn unit_smoothing_reduces_receiver_noise_in_the_specific_force() {
 #[test]
 fn unit_existing_columns_are_used_instead_of_derived_ones() {
     let tt = at_hz(10.0, 20.0);
-    let mut columns = flown(&tt, 1e9);
+    let mut columns = true_track(&tt, 1e9);
     let n = tt.len();
     columns.extend([("vn", vec![55.0; n]), ("ve", vec![-5.0; n]), ("vd", vec![0.5; n])]);
     columns.extend([("roll", vec![10.0; n]), ("pitch", vec![3.0; n]), ("yaw", vec![200.0; n])]);
-    let said = run(&SimulateIns { smooth_s: 5.0, ..stage(InsGrade::Navigation) }, &line("1", &columns)).unwrap();
+    let ins_columns = run(&SimulateIns { smooth_s: 5.0, ..stage(InsGrade::Navigation) }, &line("1", &columns)).unwrap();
     for (column, expected, within) in
         [(3, 55.0, 0.01), (4, -5.0, 0.01), (5, 0.5, 0.1), (9, 10.0, 1e-3), (10, 3.0, 1e-3), (11, -160.0, 1e-3)]
     {
-        assert!(said[column].iter().all(|x| (x - expected).abs() < within), "{}: {:?}", MADE[column], said[column][5]);
+        assert!(
+            ins_columns[column].iter().all(|x| (x - expected).abs() < within),
+            "{}: {:?}",
+            MADE[column],
+            ins_columns[column][5]
+        );
     }
 }
 
@@ -201,13 +210,13 @@ fn unit_existing_columns_are_used_instead_of_derived_ones() {
 fn unit_short_and_impossible_lines_are_handled() {
     let fine = stage(InsGrade::Navigation);
     for n in 2..6 {
-        let said =
-            run(&SimulateIns { smooth_s: 5.0, ..fine.clone() }, &line("1", &flown(&at_hz(10.0, 10.0)[..n], 10.0)));
-        assert!(said.unwrap().iter().all(|c| c.len() == n && c.iter().all(|x| x.is_finite())), "{n}");
+        let ins_columns =
+            run(&SimulateIns { smooth_s: 5.0, ..fine.clone() }, &line("1", &true_track(&at_hz(10.0, 10.0)[..n], 10.0)));
+        assert!(ins_columns.unwrap().iter().all(|c| c.len() == n && c.iter().all(|x| x.is_finite())), "{n}");
     }
     let fault = |columns: &Columns| run(&fine, &line("1", columns)).unwrap_err();
-    assert!(fault(&flown(&[5.0], 10.0)).what.contains("at least 2"));
-    let whole = flown(&at_hz(10.0, 5.0), 10.0);
+    assert!(fault(&true_track(&[5.0], 10.0)).what.contains("at least 2"));
+    let whole = true_track(&at_hz(10.0, 5.0), 10.0);
     let spoilt = |column: usize, row: usize, value: f64| {
         let mut columns = whole.clone();
         columns[column].1[row] = value;
@@ -217,7 +226,7 @@ fn unit_short_and_impossible_lines_are_handled() {
     assert_eq!(spoilt(2, 7, f64::NAN), (Some("lon".into()), Some(7)));
     assert_eq!(spoilt(1, 3, 91.0), (Some("lat".into()), Some(3)));
     assert_eq!(spoilt(0, 9, 40_000.8), (Some("tt".into()), Some(9)), "a time again");
-    let lost = run(&stage(InsGrade::Commercial), &line("1", &flown(&at_hz(1.0, 3600.0), 10.0))).unwrap_err();
+    let lost = run(&stage(InsGrade::Commercial), &line("1", &true_track(&at_hz(1.0, 3600.0), 10.0))).unwrap_err();
     assert!(lost.what.contains("1,000 km") && lost.help.unwrap().contains("ins_grade"));
 }
 
@@ -242,11 +251,11 @@ fn unit_an_existing_ins_is_kept_and_wrong_units_are_reported() {
     let made = keeping.yields(&[&rich]).unwrap();
     assert_eq!(made.reads, [["tt", "lat", "lon", "alt", "vn", "ve", "vd"]], "a roll without the rest is not read");
     let wrong = table(&[("lat", "rad"), ("lon", "deg"), ("vn", "m/s"), ("ve", "km/h"), ("vd", "m/s")]);
-    let said: Vec<String> = keeping.yields(&[&wrong]).unwrap_err().into_iter().map(|f| f.what).collect();
+    let messages: Vec<String> = keeping.yields(&[&wrong]).unwrap_err().into_iter().map(|f| f.what).collect();
     let expected = [
         "column `lat` is in rad, but deg is needed",
         "there is no column `alt`",
         "column `ve` is in km/h, but m/s is needed",
     ];
-    assert_eq!(said, expected);
+    assert_eq!(messages, expected);
 }

@@ -12,8 +12,8 @@ filter! {
 }
 
 impl NavigationFilter for DeadReckoning {
-    fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
-        let (ins, first_m) = (&flown.ins, flown.errors.sources.init_position_sigma_m);
+    fn navigate(&self, input: &FilterInput) -> Result<FilterTrack, Fault> {
+        let (ins, first_m) = (&input.ins, input.errors.sources.init_position_sigma_m);
         let sigma_m = |tt_s: &f64| first_m + self.drift_mps * (tt_s - ins.tt_s[0]);
         let sigmas_m: Vec<f64> = ins.tt_s.iter().map(sigma_m).collect();
         let all = |value: f64| vec![value; ins.len()];

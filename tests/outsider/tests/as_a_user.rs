@@ -216,13 +216,13 @@ fn user_a_custom_model_filter_and_metric_are_chosen_keyed_documented_and_reporte
     assert!(fs::read_to_string(folder.join("report.html")).unwrap().contains("final_error"));
 
     // A key of another model or filter, or an unknown metric, is rejected before the run.
-    for (set, said) in [
+    for (set, message) in [
         ("shrunk.lambda=0.1", "`lambda` belongs to `tolles_lawson`"),
         ("squares.shrinkage=0.1", "`shrinkage` belongs to `boosted_trees` and `uniform_shrinkage`"),
         ("track.drift_mp=0.1", "did you mean `drift_mps`"),
         ("scores.metrics=final_eror", "did you mean `final_error`"),
     ] {
         let (wrong, text) = theirs(folder, &["check", "spec.toml", "--set", set]);
-        assert!(wrong.status.code() == Some(2) && text.contains(said), "{set}: {text}");
+        assert!(wrong.status.code() == Some(2) && text.contains(message), "{set}: {text}");
     }
 }

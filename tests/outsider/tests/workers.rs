@@ -43,7 +43,7 @@ does  = "$does"
 on    = "1.02"
 "#;
 
-fn scene(trouble: &str) -> tempfile::TempDir {
+fn scene(failure: &str) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let file = fs::File::create(folder.path().join("flight.parquet")).unwrap();
     let lines = ["1.01", "1.02", "1.03"].map(|line| {
@@ -58,11 +58,11 @@ fn scene(trouble: &str) -> tempfile::TempDir {
     let mut writer = ArrowWriter::try_new(file, lines[0].schema(), None).unwrap();
     lines.iter().for_each(|line| writer.write(line).unwrap());
     writer.close().unwrap();
-    fs::write(folder.path().join("spec.toml"), SPEC.replace("TROUBLE", trouble)).unwrap();
+    fs::write(folder.path().join("spec.toml"), SPEC.replace("TROUBLE", failure)).unwrap();
     folder
 }
 
-fn troubled(folder: &Path, args: &[&str], input: &str) -> Output {
+fn run_magline(folder: &Path, args: &[&str], input: &str) -> Output {
     let mut child = Command::new(env!("CARGO_BIN_EXE_troubled"))
         .args(args)
         .current_dir(folder)
@@ -94,7 +94,7 @@ fn counts(output: &Output) -> [u64; 4] {
 }
 
 /// Result of each fault where a worker is a process.
-const TROUBLES: [(&str, &str); 4] = [
+const FAILURES: [(&str, &str); 4] = [
     ("fault", "trouble was asked for"),
     ("panic", "the stage panicked (trouble was asked for)"),
     ("abort", "its worker was lost 3 times"),
@@ -104,77 +104,77 @@ const TROUBLES: [(&str, &str); 4] = [
 #[cfg(feature = "cluster")]
 #[test]
 fn user_a_cluster_survives_any_failing_unit() {
-    for (trouble, said) in TROUBLES {
-        let folder = scene(trouble);
+    for (failure, expected) in FAILURES {
+        let folder = scene(failure);
         let cluster = cluster_support::Cluster::new(env!("CARGO_BIN_EXE_troubled"), folder.path(), 2);
         let engine = cluster.engine();
         let mut args = vec!["run", "spec.toml", "--engine", &engine, "--key-file", cluster_support::KEY_FILE, "--json"];
-        if trouble == "hang" {
+        if failure == "hang" {
             args.extend(["--unit-timeout", "3s"]);
         }
-        let run = troubled(folder.path(), &args, "");
-        assert_eq!(run.status.code(), Some(1), "{trouble}: {}", text(&run));
-        assert!(text(&run).contains(said), "{trouble}: {} {}", text(&run), cluster.said());
-        assert_eq!(counts(&run), [8, 0, 1, 0], "{trouble}: {}", text(&run));
+        let run = run_magline(folder.path(), &args, "");
+        assert_eq!(run.status.code(), Some(1), "{failure}: {}", text(&run));
+        assert!(text(&run).contains(expected), "{failure}: {} {}", text(&run), cluster.worker_stderr());
+        assert_eq!(counts(&run), [8, 0, 1, 0], "{failure}: {}", text(&run));
         // The workers survive and compute the next run, which limits its attempts.
-        let again = troubled(folder.path(), &args, "");
-        assert_eq!((again.status.code(), counts(&again)), (Some(1), [0, 8, 1, 0]), "{trouble}: {}", text(&again));
+        let again = run_magline(folder.path(), &args, "");
+        assert_eq!((again.status.code(), counts(&again)), (Some(1), [0, 8, 1, 0]), "{failure}: {}", text(&again));
     }
 }
 
 #[test]
 fn user_the_engine_of_processes_survives_any_failing_unit() {
-    for (trouble, said) in TROUBLES {
-        let folder = scene(trouble);
+    for (failure, expected) in FAILURES {
+        let folder = scene(failure);
         let mut args = vec!["run", "spec.toml", "--engine", "processes", "--threads", "2", "--json"];
-        if trouble == "hang" {
+        if failure == "hang" {
             args.extend(["--unit-timeout", "3s"]);
         }
-        let run = troubled(folder.path(), &args, "");
-        assert_eq!(run.status.code(), Some(1), "{trouble}: {}", text(&run));
-        assert!(text(&run).contains(said), "{trouble}: {}", text(&run));
+        let run = run_magline(folder.path(), &args, "");
+        assert_eq!(run.status.code(), Some(1), "{failure}: {}", text(&run));
+        assert!(text(&run).contains(expected), "{failure}: {}", text(&run));
         // Three lines at two points of the first table, and all but one of the second.
-        assert_eq!(counts(&run), [8, 0, 1, 0], "{trouble}: {}", text(&run));
+        assert_eq!(counts(&run), [8, 0, 1, 0], "{failure}: {}", text(&run));
         // All other units are published and reused.
-        let again = troubled(folder.path(), &args, "");
-        assert_eq!((again.status.code(), counts(&again)), (Some(1), [0, 8, 1, 0]), "{trouble}: {}", text(&again));
+        let again = run_magline(folder.path(), &args, "");
+        assert_eq!((again.status.code(), counts(&again)), (Some(1), [0, 8, 1, 0]), "{failure}: {}", text(&again));
     }
 }
 
 #[test]
 fn user_a_unit_that_kills_its_workers_fails_and_the_others_are_computed() {
-    for trouble in ["panic", "abort", "hang"] {
-        let folder = scene(trouble);
+    for failure in ["panic", "abort", "hang"] {
+        let folder = scene(failure);
         let (mut waves, mut deaths, mut computed) = (0, 0, 0);
         loop {
-            let listed = troubled(folder.path(), &["tasks", "spec.toml", "--quiet"], "");
+            let listed = run_magline(folder.path(), &["tasks", "spec.toml", "--quiet"], "");
             assert!(listed.status.success(), "{}", text(&listed));
             let tasks = String::from_utf8(listed.stdout).unwrap();
             if tasks.is_empty() {
                 break;
             }
             waves += 1;
-            assert!(waves < 12, "{trouble}: it never ends");
-            let limit: &[&str] = if trouble == "hang" { &["--unit-timeout", "4s"] } else { &[] };
-            let work = troubled(folder.path(), &[&["task"][..], limit].concat(), &tasks);
+            assert!(waves < 12, "{failure}: it never ends");
+            let limit: &[&str] = if failure == "hang" { &["--unit-timeout", "4s"] } else { &[] };
+            let work = run_magline(folder.path(), &[&["task"][..], limit].concat(), &tasks);
             deaths += usize::from(work.status.signal().is_some());
             let status = work.status.code().unwrap_or(1);
-            assert!(status == 0 || status == 1, "{trouble}: {}", text(&work));
+            assert!(status == 0 || status == 1, "{failure}: {}", text(&work));
             let receipts = String::from_utf8_lossy(&work.stdout).into_owned();
             computed += receipts.matches("\"outcome\":\"computed\"").count();
-            assert_eq!(receipts.contains("\"ended\":true"), trouble == "hang" && status == 1, "{receipts}");
+            assert_eq!(receipts.contains("\"ended\":true"), failure == "hang" && status == 1, "{receipts}");
         }
         // One wave for the first table and three attempts of the unit. On a busy machine other units may also exceed
         // the limit.
-        assert!(waves == 4 || trouble == "hang" && waves > 4, "{trouble}: {waves} waves");
-        assert_eq!(deaths, if trouble == "abort" { 3 } else { 0 }, "{trouble}");
-        let run = troubled(folder.path(), &["run", "spec.toml", "--json"], "");
-        let said = if trouble == "panic" { "the stage panicked (trouble" } else { "its worker was lost 3 times" };
-        assert!(run.status.code() == Some(1) && text(&run).contains(said), "{trouble}: {}", text(&run));
-        assert_eq!(counts(&run), [0, 8, 1, 0], "{trouble}: {}", text(&run));
-        assert!(trouble == "abort" || computed <= 8, "{computed}");
+        assert!(waves == 4 || failure == "hang" && waves > 4, "{failure}: {waves} waves");
+        assert_eq!(deaths, if failure == "abort" { 3 } else { 0 }, "{failure}");
+        let run = run_magline(folder.path(), &["run", "spec.toml", "--json"], "");
+        let expected = if failure == "panic" { "the stage panicked (trouble" } else { "its worker was lost 3 times" };
+        assert!(run.status.code() == Some(1) && text(&run).contains(expected), "{failure}: {}", text(&run));
+        assert_eq!(counts(&run), [0, 8, 1, 0], "{failure}: {}", text(&run));
+        assert!(failure == "abort" || computed <= 8, "{computed}");
         // A larger `--retries` permits further attempts.
-        let tasks = troubled(folder.path(), &["tasks", "spec.toml", "--quiet", "--retries", "3"], "");
+        let tasks = run_magline(folder.path(), &["tasks", "spec.toml", "--quiet", "--retries", "3"], "");
         assert_eq!(String::from_utf8(tasks.stdout).unwrap().lines().count(), 1);
     }
 }

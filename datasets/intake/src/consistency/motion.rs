@@ -36,28 +36,29 @@ pub struct MotionChord {
     pub row: usize,
     pub seconds: f64,
     pub moved: [f64; 2],
-    pub flown: [f64; 2],
+    pub integrated: [f64; 2],
 }
 
 /// Chords of at least `chord_s` of time, latitude and longitude; without velocities `flown` is zero.
 pub fn chords([tt, lat, lon]: [&[f64]; 3], velocity: Option<(&[f64], &[f64])>, chord_s: f64) -> Vec<MotionChord> {
     let mut found = vec![];
-    let (mut start, mut flown) = (0, [0.0; 2]);
+    let (mut start, mut integrated) = (0, [0.0; 2]);
     for i in 1..tt.len() {
         let dt = tt[i] - tt[i - 1];
         if let Some((vn, ve)) = velocity {
-            flown[0] += 0.5 * (vn[i] + vn[i - 1]) * dt;
-            flown[1] += 0.5 * (ve[i] + ve[i - 1]) * dt;
+            integrated[0] += 0.5 * (vn[i] + vn[i - 1]) * dt;
+            integrated[1] += 0.5 * (ve[i] + ve[i - 1]) * dt;
         }
-        let whole = lat[start].is_finite() && lon[start].is_finite() && flown[0].is_finite() && flown[1].is_finite();
+        let whole =
+            lat[start].is_finite() && lon[start].is_finite() && integrated[0].is_finite() && integrated[1].is_finite();
         if !(whole && dt > 0.0 && dt <= PAUSE_S) {
-            (start, flown) = (i, [0.0; 2]);
+            (start, integrated) = (i, [0.0; 2]);
         } else if tt[i] - tt[start] >= chord_s {
             let (north, east) = EarthModel::Wgs84.offset_ne_m((lat[start], lon[start]), (lat[i], lon[i]), 0.0);
             if north.is_finite() && east.is_finite() {
-                found.push(MotionChord { row: start, seconds: tt[i] - tt[start], moved: [north, east], flown });
+                found.push(MotionChord { row: start, seconds: tt[i] - tt[start], moved: [north, east], integrated });
             }
-            (start, flown) = (i, [0.0; 2]);
+            (start, integrated) = (i, [0.0; 2]);
         }
     }
     found
@@ -75,14 +76,14 @@ pub fn mean_speed(chords: &[MotionChord], displacement: fn(&MotionChord) -> [f64
 
 /// Disagreement of positions and velocities as a share of the distance; `turn` converts the velocities first.
 fn disagreement(chords: &[MotionChord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> f64 {
-    let (mut apart, mut moved, mut flown) = (0.0, 0.0, 0.0);
+    let (mut apart, mut moved, mut integrated) = (0.0, 0.0, 0.0);
     for chord in chords {
-        let f = turn(chord.flown);
+        let f = turn(chord.integrated);
         apart += length([chord.moved[0] - f[0], chord.moved[1] - f[1]]);
         moved += length(chord.moved);
-        flown += length(f);
+        integrated += length(f);
     }
-    apart / f64::max(moved, flown)
+    apart / f64::max(moved, integrated)
 }
 
 /// Fault of positions that do not move with the velocities. Compares the truth, then the INS. If only one of them has
@@ -118,10 +119,10 @@ fn motion(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)
         let span_s = tt.last()? - tt.first()?;
         all = over((span_s / (CHORDS + 2) as f64).clamp(SHORT_CHORD_S, CHORD_S));
     }
-    let (moved, flown) = (mean_speed(&all, |c| c.moved), mean_speed(&all, |c| c.flown));
-    let slow = if short { moved.min(flown) < SHORT_MOVING_MPS } else { moved.max(flown) < MOVING_MPS };
+    let (moved, integrated) = (mean_speed(&all, |c| c.moved), mean_speed(&all, |c| c.integrated));
+    let slow = if short { moved.min(integrated) < SHORT_MOVING_MPS } else { moved.max(integrated) < MOVING_MPS };
     // Velocities that are zero throughout are placeholders, which the check for constant sensors reports.
-    if all.len() < CHORDS || slow || flown == 0.0 || disagreement(&all, |f| f) < DISAGREE {
+    if all.len() < CHORDS || slow || integrated == 0.0 || disagreement(&all, |f| f) < DISAGREE {
         return None;
     }
     let mut causes = in_other_units(line, set, &all);
@@ -136,7 +137,7 @@ fn motion(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)
     let best = causes.into_iter().filter(|c| c.0 < AGREE).min_by(|a, b| a.0.total_cmp(&b.0));
     let help = match best {
         Some((_, help)) => help,
-        None if !short && moved.max(flown) > RATIO * moved.min(flown) => "correct the file".to_owned(),
+        None if !short && moved.max(integrated) > RATIO * moved.min(integrated) => "correct the file".to_owned(),
         None => return None,
     };
     let what = format!(
@@ -144,7 +145,7 @@ fn motion(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)
         shown(round(moved)),
         set.vn,
         set.ve,
-        shown(round(flown))
+        shown(round(integrated))
     );
     let row = all.first().map_or(0, |c| c.row);
     Some(line.contradiction((set.lat, row, lat[row], "deg"), all.len(), what, &help))
@@ -185,8 +186,9 @@ pub fn ground_speed(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
         let to_mps = convert(declared, "m/s")?;
         let all = chords([tt, lat, lon], Some((speed, &vec![0.0; speed.len()])), CHORD_S);
         let fit = |by: f64| {
-            let (moved, flown) = all.iter().fold((0.0, 0.0), |(m, f), c| (m + length(c.moved), f + by * c.flown[0]));
-            (moved - flown).abs() / f64::max(moved, flown)
+            let (moved, integrated) =
+                all.iter().fold((0.0, 0.0), |(m, f), c| (m + length(c.moved), f + by * c.integrated[0]));
+            (moved - integrated).abs() / f64::max(moved, integrated)
         };
         let moved = mean_speed(&all, |c| c.moved);
         if all.len() < CHORDS || moved < SHORT_MOVING_MPS || fit(to_mps) < DISAGREE {
@@ -217,7 +219,7 @@ pub fn vertical(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Fi
         set.alt,
         shown(round(mean_speed(&climbs, |c| c.moved))),
         set.vd,
-        shown(round(mean_speed(&climbs, |c| c.flown)))
+        shown(round(mean_speed(&climbs, |c| c.integrated)))
     );
     let help = format!("in {unit} `{}` agrees with the heights: {}", set.vd, line.origins.units(&[set.vd], unit));
     let row = climbs.first().map_or(0, |c| c.row);
@@ -228,20 +230,20 @@ pub fn vertical(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Fi
 /// vertical velocity.
 fn climbs(tt: &[f64], alt: &[f64], vd: &[f64]) -> Vec<MotionChord> {
     let mut found = vec![];
-    let (mut start, mut flown) = (0, 0.0);
+    let (mut start, mut integrated) = (0, 0.0);
     for i in 1..tt.len() {
         let dt = tt[i] - tt[i - 1];
-        flown -= 0.5 * (vd[i] + vd[i - 1]) * dt;
+        integrated -= 0.5 * (vd[i] + vd[i - 1]) * dt;
         let seconds = tt[i] - tt[start];
-        let whole = alt[start].is_finite() && flown.is_finite() && dt > 0.0 && dt <= PAUSE_S;
+        let whole = alt[start].is_finite() && integrated.is_finite() && dt > 0.0 && dt <= PAUSE_S;
         if whole && seconds >= CHORD_S {
             let moved = alt[i] - alt[start];
             if moved.abs() >= CLIMB_M {
-                found.push(MotionChord { row: start, seconds, moved: [moved, 0.0], flown: [flown, 0.0] });
+                found.push(MotionChord { row: start, seconds, moved: [moved, 0.0], integrated: [integrated, 0.0] });
             }
         }
         if !whole || seconds >= CHORD_S {
-            (start, flown) = (i, 0.0);
+            (start, integrated) = (i, 0.0);
         }
     }
     found

@@ -141,7 +141,7 @@ impl FlightSegments {
             return;
         }
         let angles = motion.angles_deg.iter().zip(&mut self.power_deg).zip(&mut leg.manoeuvres);
-        for ((angle, power), flown) in angles {
+        for ((angle, power), has_manoeuvre) in angles {
             let about = less_slow(&angle[inner.clone()]);
             let squares: Vec<f64> = about.iter().map(|x| x * x).collect();
             let rms: Vec<f64> =
@@ -156,7 +156,7 @@ impl FlightSegments {
             if loud < LEAST_RMS_DEG || loud < CONTRAST * quiet {
                 continue;
             }
-            *flown = true;
+            *has_manoeuvre = true;
             // The threshold is halfway between both levels, in decibels.
             let limit = (quiet.max(0.01 * loud) * loud).sqrt();
             let at = inner.clone().zip(&rms).filter(|(_, rms)| **rms > limit);

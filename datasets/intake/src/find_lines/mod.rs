@@ -100,7 +100,8 @@ pub fn csv(flights: &[(String, LineDetection)]) -> String {
         for line in &found.lines {
             let (from, to) = found.times_s(line);
             let shown = |x: Option<f64>| x.filter(|x| x.is_finite()).map(|x| format!("{x:.0}")).unwrap_or_default();
-            let words = ["roll", "pitch", "yaw"].into_iter().zip(line.manoeuvres).filter(|(_, flown)| *flown);
+            let words =
+                ["roll", "pitch", "yaw"].into_iter().zip(line.manoeuvres).filter(|(_, has_manoeuvre)| *has_manoeuvre);
             let manoeuvres: Vec<&str> = words.map(|(word, _)| word).collect();
             // Writing into a text cannot fail.
             let _ = writeln!(

@@ -122,13 +122,13 @@ struct TurnLoop {
 
 /// The lines of a flight, in the order of their times.
 pub fn lines(motion: &FlightMotion, parts: &FlightSegments) -> Vec<DetectedLine> {
-    let flown = SegmentedFlight { motion, parts };
+    let flight = SegmentedFlight { motion, parts };
     let mut found: Vec<DetectedLine> = vec![];
     let mut taken = vec![false; parts.legs.len()];
-    let least = flown.shortest();
+    let least = flight.shortest();
     let mut rest: Vec<Range<usize>> = vec![];
-    for group in flown.crossings() {
-        let (line, legs) = flown.over_one_place(&group);
+    for group in flight.crossings() {
+        let (line, legs) = flight.over_one_place(&group);
         taken.iter_mut().take(legs.end).skip(legs.start).for_each(|t| *t = true);
         // Long remainders of the first and the last leg are separate lines.
         let ends = legs.clone().next().into_iter().chain(legs.last());
@@ -138,24 +138,24 @@ pub fn lines(motion: &FlightMotion, parts: &FlightSegments) -> Vec<DetectedLine>
         }
         found.push(line);
     }
-    for legs in flown.boxes(&taken) {
-        found.push(flown.one(LinePattern::Box, legs.clone()));
+    for legs in flight.boxes(&taken) {
+        found.push(flight.one(LinePattern::Box, legs.clone()));
         taken.iter_mut().take(legs.end).skip(legs.start).for_each(|t| *t = true);
     }
     let within = |rows: &Range<usize>, lines: &[DetectedLine]| {
         lines.iter().any(|l| l.rows.start < rows.end && rows.start < l.rows.end)
     };
     let circles = parts.turns.iter().filter(|t| t.change_deg.abs() >= CIRCLE_DEG && !within(&t.rows, &found));
-    let circle = |rows: &Range<usize>| flown.line(LinePattern::Circle, rows.clone(), [false; 3]);
+    let circle = |rows: &Range<usize>| flight.line(LinePattern::Circle, rows.clone(), [false; 3]);
     let circles: Vec<DetectedLine> = circles.map(|t| circle(&t.rows)).collect();
     found.extend(circles);
-    let free = (0..parts.legs.len()).filter(|i| taken.get(*i) == Some(&false) && !flown.connects(*i));
+    let free = (0..parts.legs.len()).filter(|i| taken.get(*i) == Some(&false) && !flight.connects(*i));
     let legs = free.filter_map(|i| parts.legs.get(i));
     let mut straight: Vec<DetectedLine> =
-        legs.map(|leg| flown.line(LinePattern::Line, leg.rows.clone(), leg.manoeuvres)).collect();
-    straight.extend(rest.into_iter().map(|rows| flown.line(LinePattern::Line, rows, [false; 3])));
+        legs.map(|leg| flight.line(LinePattern::Line, leg.rows.clone(), leg.manoeuvres)).collect();
+    straight.extend(rest.into_iter().map(|rows| flight.line(LinePattern::Line, rows, [false; 3])));
     straight.retain(|line| line.rows.len() >= least);
-    flown.tie(&mut straight);
+    flight.tie(&mut straight);
     found.extend(straight);
     found.sort_by_key(|line| line.rows.start);
     name(&mut found);
@@ -225,12 +225,12 @@ impl SegmentedFlight<'_> {
         let mut groups: Vec<Vec<TurnLoop>> = vec![];
         for leg in 0..self.parts.legs.len() {
             let Some(found) = self.loop_after(leg) else { continue };
-            let goes_on = |last: &TurnLoop| {
+            let is_continued = |last: &TurnLoop| {
                 let off = (last.place.0 - found.place.0).hypot(last.place.1 - found.place.1);
                 last.next == Some(leg) && off <= SAME_PART * last.lead_m.min(found.lead_m) + SAME_M
             };
             match groups.last_mut() {
-                Some(group) if group.last().is_some_and(goes_on) => group.push(found),
+                Some(group) if group.last().is_some_and(is_continued) => group.push(found),
                 _ => groups.push(vec![found]),
             }
         }

@@ -15,7 +15,7 @@ use crate::{mapping::Mapping, open_log};
 type Times = BTreeMap<String, (f64, f64)>;
 
 /// Lines found in a simulated flight, and the simulator's times of the lines.
-fn flown(lines: &str) -> (LineDetection, Times) {
+fn detect_in_simulation(lines: &str) -> (LineDetection, Times) {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("s.synth.toml");
     let map = samples::path("osborne/osborne_anomaly_100m_at_500m.tif");
@@ -71,7 +71,7 @@ fn unit_simulated_calibrations_are_found_at_their_times() {
         line("6", "kind = 'figure_eight'\ncenter = [-22.0, 140.6]\nrounds = 3\nspeed_mps = 28.0"),
         line("7", "kind = 'cloverleaf'\ncenter = [-22.0, 140.6]\ncrossings = 9\ndirection = 'left'"),
     ];
-    let (found, known) = flown(&spec.concat());
+    let (found, known) = detect_in_simulation(&spec.concat());
     let expected = [
         LinePattern::Box,
         LinePattern::Cloverleaf,
@@ -100,7 +100,7 @@ fn unit_a_grid_has_the_same_lines_whole_and_split() {
             "kind = 'grid'\nsplit = {split}\norigin = [-22.0, 140.6]\nheading_deg = 20.0\nline_m = 9000.0\nspacing_m = 800.0\n\
              count = 5\ntie_spacing_m = 4000.0"
         );
-        flown(&line("G", &keys))
+        detect_in_simulation(&line("G", &keys))
     };
     // The simulator's lines of the split grid have the times of the whole grid without the turns.
     let ((found, whole), (_, known)) = (grid(false), grid(true));
@@ -124,7 +124,7 @@ fn unit_survey_legs_are_lines_and_plain_squares_are_no_boxes() {
     let square =
         "kind = 'free'\nwaypoints = [[-22.0, 140.6], [-21.9, 140.6], [-21.9, 140.7], [-22.0, 140.7], [-22.0, 140.58]]";
     let narrow = "kind = 'grid'\nsplit = false\norigin = [-22.0, 140.6]\nline_m = 3000.0\nspacing_m = 50.0\ncount = 6\nspeed_mps = 28.0";
-    let (found, known) = flown(&line("1", square));
+    let (found, known) = detect_in_simulation(&line("1", square));
     assert_eq!(kinds(&found), [LinePattern::Line; 4], "{:?}", found.spans());
     let headings: Vec<f64> = found.lines.iter().filter_map(|l| l.heading_deg).collect();
     for (heading, expected) in headings.iter().zip([0.0, 90.0, 180.0, 270.0]) {
@@ -133,7 +133,7 @@ fn unit_survey_legs_are_lines_and_plain_squares_are_no_boxes() {
     let (first, last) = (found.times_s(&found.lines[0]).0, found.times_s(&found.lines[3]).1);
     assert!(close((first, last), known["1"]));
     // Loops of 270 degrees from one line to a nearby next line are not cloverleafs.
-    let (found, _) = flown(&line("1", narrow));
+    let (found, _) = detect_in_simulation(&line("1", narrow));
     assert!(kinds(&found).iter().all(|k| *k == LinePattern::Line) && found.lines.len() >= 6, "{:?}", found.spans());
 }
 
@@ -244,8 +244,9 @@ fn unit_the_same_lines_are_found_anywhere_and_from_headings_alone() {
 
 #[test]
 fn unit_a_flight_without_lines_has_a_reason() {
-    let said = |channels: &FlightChannels| LineDetection::from_channels(channels).missing("7").unwrap().to_string();
-    assert!(said(&FlightChannels::default()).contains("neither positions nor headings"));
+    let fault_text =
+        |channels: &FlightChannels| LineDetection::from_channels(channels).missing("7").unwrap().to_string();
+    assert!(fault_text(&FlightChannels::default()).contains("neither positions nor headings"));
     let mut still = along(&[(0.0, 60.0)], (10.0, 10.0));
     still.position.lat_deg.fill(10.0);
     still.position.lon_deg.fill(10.0);
@@ -253,7 +254,7 @@ fn unit_a_flight_without_lines_has_a_reason() {
     let mut gone = along(&[(0.0, 60.0)], (10.0, 10.0));
     gone.position.lat_deg.fill(f64::NAN);
     gone.attitude = AttitudeChannel::default();
-    assert!(said(&gone).contains("neither positions nor headings"));
+    assert!(fault_text(&gone).contains("neither positions nor headings"));
     // A gap of the receiver divides a line.
     let mut gap = along(&[(0.0, 100.0)], (10.0, 10.0));
     gap.attitude = AttitudeChannel::default();

@@ -206,13 +206,13 @@ fn key_field(name: &str) -> Field {
 fn key(
     decl: &TableDecl,
     name: &str,
-    (said, given, stem): (Option<&KeyDecl>, Option<&str>, &str),
+    (declared, given, stem): (Option<&KeyDecl>, Option<&str>, &str),
     columns: &mut MappingColumns,
 ) -> Option<KeySource> {
     if let Some(given) = given {
         return Some(KeySource::Constant(given.to_owned()));
     }
-    let of = match said {
+    let of = match declared {
         Some(KeyDecl::Constant(text)) => return Some(KeySource::Constant(text.clone())),
         Some(KeyDecl::Of(of)) => of,
         None => {

@@ -74,7 +74,7 @@ impl<'a> MappingColumns<'a> {
     }
 
     /// The unit that the file states for a column.
-    pub(super) fn said(&self, at: usize) -> Option<&'a str> {
+    pub(super) fn unit_of_file(&self, at: usize) -> Option<&'a str> {
         self.source.field(at).metadata().get("unit").map(String::as_str).filter(|u| !u.is_empty())
     }
 }

@@ -248,7 +248,7 @@ mod tests {
                     [tables.mag.columns]\nlat = { from = 'Lat', unti = 'deg' }\nlon = 3\n[tables.mag.vectors]\n\
                     flux_a = { from = ['a', 'b', 'c'], scale = 'x' }\n";
         let faults = read(text).unwrap_err();
-        let said: Vec<(String, &str)> =
+        let found: Vec<(String, &str)> =
             faults.iter().map(|f| (f.to_string(), f.at.clone().map_or("", |at| &text[at]))).collect();
         let expected = [
             ("a mapping has no key `aboot` (did you mean `about`?)", "aboot"),
@@ -258,7 +258,7 @@ mod tests {
             ("`lon` must be a table, not a whole number", "3"),
             ("`scale` of `flux_a` must be a list, not a text", "'x'"),
         ];
-        assert_eq!(said.iter().map(|(a, b)| (a.as_str(), *b)).collect::<Vec<_>>(), expected);
+        assert_eq!(found.iter().map(|(a, b)| (a.as_str(), *b)).collect::<Vec<_>>(), expected);
     }
 
     #[test]

@@ -49,21 +49,21 @@ pub fn find(
         let help = "set `epoch`: a `utc` time, a `topic` with both clocks, or `unknown = true`";
         return Err(mapping.wrong(vec![fault.help(help).at(decl.time.at.clone())]));
     };
-    let said = &epoch.value;
+    let declared = &epoch.value;
     let name = log.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let found = [said.unknown, said.utc.is_some(), !said.stamp.from.is_empty()];
+    let found = [declared.unknown, declared.utc.is_some(), !declared.stamp.from.is_empty()];
     if found.iter().filter(|x| **x).count() != 1 {
         let fault = Fault::new("`epoch` requires one of `utc`, `from` and `unknown`");
         return Err(mapping.wrong(vec![fault.at(epoch.at.clone())]));
     }
-    if said.unknown {
+    if declared.unknown {
         let note = format!(
             "{name}: `tt` is the time since the start of the log; the time of day and the date of the start are \
              unknown"
         );
         return Ok(LogEpoch { instant: None, note });
     }
-    if let Some(utc) = &said.utc {
+    if let Some(utc) = &declared.utc {
         let Some(instant) = read_instant(utc) else {
             let fault = Fault::new(format!("`utc` cannot be `{utc}`"));
             let help = "write it as `2012-10-10` or `2012-10-10T18:20:00Z`";
@@ -71,12 +71,12 @@ pub fn find(
         };
         return Ok(LogEpoch { instant: Some(instant), note: String::new() });
     }
-    let Some(boot) = &said.boot else {
+    let Some(boot) = &declared.boot else {
         let fault = Fault::new("`epoch` requires `boot`, the column of the log's own clock");
         return Err(mapping.wrong(vec![fault.at(epoch.at.clone())]));
     };
-    let path = other_file(said, log).unwrap_or_else(|| log.to_owned());
-    let topic = said.topic.clone().or_else(|| decl.head.value.topic.clone().filter(|_| said.file.is_none()));
+    let path = other_file(declared, log).unwrap_or_else(|| log.to_owned());
+    let topic = declared.topic.clone().or_else(|| decl.head.value.topic.clone().filter(|_| declared.file.is_none()));
     let options = FlightOptions { topic: topic.clone(), ..options.clone() };
     let reader = open_raw_among(formats, &path, &options, &ReadHints::default());
     let mut reader = reader.map_err(|e| e.help(format!("the epoch of `{}` is read from it", decl.name)))?;
@@ -85,7 +85,7 @@ pub fn find(
     let mut columns = MappingColumns::new(&schema, place.clone());
     let table = as_table(decl, epoch);
     let bound = MappingBinding::new(&table, &mut columns, super::bind::GivenKeys::default(), None);
-    let unit = said.boot_unit.as_deref();
+    let unit = declared.boot_unit.as_deref();
     let boot = BootColumn::new(boot, unit, epoch.at("boot"), &mut columns);
     if let Some(bound) = bound.as_ref().filter(|b| columns.faults.is_empty() && !b.time.is_dated()) {
         let what = if bound.time.is_boot() { "`boot`" } else { "a clock without a date" };
@@ -108,7 +108,7 @@ pub fn find(
             let (Some(time), true, true) = (time, own.is_finite(), is_kept) else { continue };
             // A time that is held until the next fix is new in its first row only.
             if last.replace(*time) != Some(*time) {
-                starts.push(time.plus(-(own + said.boot_offset_s)));
+                starts.push(time.plus(-(own + declared.boot_offset_s)));
             }
         }
     }

@@ -25,12 +25,12 @@ pub(super) struct ColumnRecipes {
 fn unit_of(
     name: &str,
     unit: Option<&str>,
-    said: Option<&str>,
+    declared: Option<&str>,
     at: (MappingSpan, MappingSpan),
     columns: &mut MappingColumns,
 ) -> Option<String> {
     let wanted = flight::describe(name).unit;
-    let Some(own) = unit.or(said) else {
+    let Some(own) = unit.or(declared) else {
         if wanted.is_empty() {
             return Some(String::new());
         }
@@ -85,18 +85,18 @@ pub(super) fn one_column(
     if is_key(name, &column.at, columns) {
         return;
     }
-    let said = &column.value;
-    let role = role_of(name, said.role, column.at("role"), columns);
+    let declared = &column.value;
+    let role = role_of(name, declared.role, column.at("role"), columns);
     let known = flight::describe(name);
-    let linear = said.scale != 1.0 || said.offset != 0.0;
-    let (output, kind, own_unit) = match (&said.from, &said.sql, &said.value) {
+    let linear = declared.scale != 1.0 || declared.offset != 0.0;
+    let (output, kind, own_unit) = match (&declared.from, &declared.sql, &declared.value) {
         (Some(from), None, None) => {
             let Some(at) = columns.find(from, column.at("from")) else { return };
-            let of_file = columns.said(at).map(str::to_owned);
+            let of_file = columns.unit_of_file(at).map(str::to_owned);
             if linear || !known.unit.is_empty() {
                 let Some(at) = columns.number(from, column.at("from")) else { return };
                 if linear {
-                    let (scale, offset) = (said.scale, said.offset);
+                    let (scale, offset) = (declared.scale, declared.offset);
                     (
                         ColumnRecipe::Linear { numbers: NumberSource::Column(at), scale, offset },
                         DataType::Float64,
@@ -118,7 +118,7 @@ pub(super) fn one_column(
                 return;
             }
             if linear {
-                let (scale, offset) = (said.scale, said.offset);
+                let (scale, offset) = (declared.scale, declared.offset);
                 (ColumnRecipe::Linear { numbers: NumberSource::Sql(sql), scale, offset }, DataType::Float64, None)
             } else {
                 (ColumnRecipe::AsGiven(sql), kind, None)
@@ -130,7 +130,7 @@ pub(super) fn one_column(
             (ColumnRecipe::Whole(*x as i64), DataType::Int64, None)
         }
         (None, None, Some(ConstantValue::Number(x))) => {
-            (ColumnRecipe::Number(said.scale * x + said.offset), DataType::Float64, None)
+            (ColumnRecipe::Number(declared.scale * x + declared.offset), DataType::Float64, None)
         }
         (None, None, Some(ConstantValue::Text(text))) => {
             if linear || !known.unit.is_empty() || matches!(name, "year" | "doy") {
@@ -147,14 +147,14 @@ pub(super) fn one_column(
         }
     };
     let at = (column.at.clone(), column.at("unit"));
-    let Some(unit) = unit_of(name, said.unit.as_deref(), own_unit.as_deref(), at, columns) else { return };
-    if let (Some(ours), Some(theirs)) = (&said.unit, &own_unit)
+    let Some(unit) = unit_of(name, declared.unit.as_deref(), own_unit.as_deref(), at, columns) else { return };
+    if let (Some(ours), Some(theirs)) = (&declared.unit, &own_unit)
         && convert(theirs, ours).is_some_and(|factor| factor != 1.0)
     {
         made.notes
             .push(format!("`{name}`: the unit is {theirs} in the file and {ours} in the mapping; the mapping is used"));
     }
-    let description = said.description.as_deref().unwrap_or(known.description);
+    let description = declared.description.as_deref().unwrap_or(known.description);
     made.fields.push((field(name, kind, &unit, role, description), column.at.clone()));
     made.outputs.push(output);
 }
@@ -165,26 +165,26 @@ pub(super) fn one_vector(
     columns: &mut MappingColumns,
     made: &mut ColumnRecipes,
 ) {
-    let said = &vector.value;
-    let axes = read_axes(&said.axes);
+    let declared = &vector.value;
+    let axes = read_axes(&declared.axes);
     if axes.is_none() {
-        let fault = Fault::new(format!("`axes` cannot be `{}`", said.axes));
+        let fault = Fault::new(format!("`axes` cannot be `{}`", declared.axes));
         let help = "give each axis of the sensor once, with its sign, such as `+x -y -z`";
         columns.push(fault.help(help).at(vector.at("axes")));
     }
-    let rotation: Option<[f64; 3]> = three(&said.rotation_deg, "rotation_deg", vector, columns);
-    let offset: Option<[f64; 3]> = three(&said.offset, "offset", vector, columns);
-    let scale = match said.scale.as_slice() {
+    let rotation: Option<[f64; 3]> = three(&declared.rotation_deg, "rotation_deg", vector, columns);
+    let offset: Option<[f64; 3]> = three(&declared.offset, "offset", vector, columns);
+    let scale = match declared.scale.as_slice() {
         [one] => Some([*one; 3]),
-        _ => three(&said.scale, "scale", vector, columns),
+        _ => three(&declared.scale, "scale", vector, columns),
     };
     let mut own_unit = None;
-    let parts: Vec<Option<NumberSource>> = match (said.from.as_slice(), said.sql.as_slice()) {
+    let parts: Vec<Option<NumberSource>> = match (declared.from.as_slice(), declared.sql.as_slice()) {
         ([_, _, _], []) => {
             let found: Vec<Option<usize>> =
-                said.from.iter().map(|name| columns.number(name, vector.at("from"))).collect();
-            let units: Vec<Option<&str>> = found.iter().map(|at| at.and_then(|at| columns.said(at))).collect();
-            if units.windows(2).any(|w| w[0] != w[1]) && said.unit.is_none() {
+                declared.from.iter().map(|name| columns.number(name, vector.at("from"))).collect();
+            let units: Vec<Option<&str>> = found.iter().map(|at| at.and_then(|at| columns.unit_of_file(at))).collect();
+            if units.windows(2).any(|w| w[0] != w[1]) && declared.unit.is_none() {
                 let what = format!("the axes of `{name}` have different units in the file");
                 columns.push(Fault::new(what).help("set `unit`").at(vector.at("from")));
             }
@@ -192,7 +192,7 @@ pub(super) fn one_vector(
             found.into_iter().map(|at| at.map(NumberSource::Column)).collect()
         }
         ([], [_, _, _]) => {
-            let each = said.sql.iter().map(|sql| {
+            let each = declared.sql.iter().map(|sql| {
                 let sql = columns.expression(sql, vector.at("sql"))?;
                 if !is_number(sql.value.data_type()) {
                     let what =
@@ -212,14 +212,14 @@ pub(super) fn one_vector(
     };
     let axes_names = ["x", "y", "z"].map(|axis| format!("{name}_{axis}"));
     let at = (vector.at.clone(), vector.at("unit"));
-    let unit = unit_of(&axes_names[0], said.unit.as_deref(), own_unit.as_deref(), at, columns);
-    if let (Some(ours), Some(theirs)) = (&said.unit, &own_unit)
+    let unit = unit_of(&axes_names[0], declared.unit.as_deref(), own_unit.as_deref(), at, columns);
+    if let (Some(ours), Some(theirs)) = (&declared.unit, &own_unit)
         && convert(theirs, ours).is_some_and(|factor| factor != 1.0)
     {
         made.notes
             .push(format!("`{name}`: the unit is {theirs} in the file and {ours} in the mapping; the mapping is used"));
     }
-    let role = role_of(&axes_names[0], said.role, vector.at("role"), columns);
+    let role = role_of(&axes_names[0], declared.role, vector.at("role"), columns);
     let parts: Option<[NumberSource; 3]> =
         parts.into_iter().collect::<Option<Vec<_>>>().and_then(|p| p.try_into().ok());
     let (Some(axes), Some(rotation), Some(offset), Some(scale), Some(unit), Some(numbers)) =
@@ -230,10 +230,10 @@ pub(super) fn one_vector(
     let mounting = SensorMounting::new(axes, rotation);
     if mounting.is_mirror() {
         made.notes
-            .push(format!("`{name}`: its axes `{}` form a left-handed frame; a sign is probably wrong", said.axes));
+            .push(format!("`{name}`: its axes `{}` form a left-handed frame; a sign is probably wrong", declared.axes));
     }
     for axis in &axes_names {
-        let description = said.description.as_deref().unwrap_or(flight::describe(axis).description);
+        let description = declared.description.as_deref().unwrap_or(flight::describe(axis).description);
         made.fields.push((field(axis, DataType::Float64, &unit, role, description), vector.at.clone()));
     }
     made.outputs.push(ColumnRecipe::Vector { numbers: Box::new(numbers), scale, offset, mounting });
@@ -302,7 +302,7 @@ pub(super) fn others(decl: &TableDecl, columns: &mut MappingColumns, made: &mut 
     for at in rest {
         let source = columns.source.field(at).clone();
         let name = source.name().clone();
-        let of_file = columns.said(at).map(str::to_owned);
+        let of_file = columns.unit_of_file(at).map(str::to_owned);
         let here = (decl.head.at("others"), decl.head.at("others"));
         if !flight::describe(&name).unit.is_empty() && is_text(columns.source, at) {
             let what = format!("the column `{name}` of {} contains text, not numbers", columns.place);

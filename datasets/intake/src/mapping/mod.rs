@@ -183,7 +183,7 @@ impl MappingTable {
     }
 
     /// Path of another file next to `log` that its values depend on.
-    pub fn beside(&self, log: &Path) -> Option<PathBuf> {
+    pub fn companion(&self, log: &Path) -> Option<PathBuf> {
         epoch::other_file(&self.decl()?.epoch.as_ref()?.value, log)
     }
 
@@ -211,7 +211,7 @@ impl MappingTable {
     ) -> Result<LogReader, ReadError> {
         let decl = self.decl().ok_or_else(|| ReadError::options(path, "the mapping has no such table"))?;
         let raw = self.raw_options(options);
-        let mut log = self.once(path, (options, &raw), reading, formats)?;
+        let mut log = self.open_once(path, (options, &raw), reading, formats)?;
         if decl.head.value.drop_repeated {
             // The number of dropped rows is known after all rows are read, but is reported before.
             let (_, rows) = self.rows(path, (options, &raw), reading, formats)?;
@@ -231,7 +231,7 @@ impl MappingTable {
         Ok(log)
     }
 
-    fn once(
+    fn open_once(
         &self,
         path: &Path,
         options: (&FlightOptions, &FlightOptions),

@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn unit_only_functions_of_one_row_are_accepted() {
-        for (sql, says) in [
+        for (sql, expected) in [
             ("random()", "a different value each time"),
             ("avg(x)", "requires several rows"),
             ("(select 1)", "`sql` cannot contain a query"),
@@ -127,7 +127,7 @@ mod tests {
             ("x +", "cannot be read"),
         ] {
             let fault = RowExpression::new(sql, &batch().schema()).unwrap_err();
-            assert!(fault.to_string().contains(says), "{sql}: {fault}");
+            assert!(fault.to_string().contains(expected), "{sql}: {fault}");
         }
     }
 

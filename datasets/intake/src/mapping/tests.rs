@@ -44,7 +44,7 @@ fn numbers(batch: &RecordBatch, name: &str) -> Vec<f64> {
     column.as_primitive::<Float64Type>().iter().map(|x| x.unwrap_or(f64::NAN)).collect()
 }
 
-fn says(result: Result<RecordBatch, Fault>, words: &[&str]) {
+fn assert_fault(result: Result<RecordBatch, Fault>, words: &[&str]) {
     let text = result.unwrap_err().to_string();
     for word in words {
         assert!(text.contains(word), "no `{word}` in:\n{text}");
@@ -169,46 +169,52 @@ fn unit_the_epoch_is_the_median_over_new_fixes() {
 fn gold_mismatches_are_reported_with_their_position_in_the_mapping() {
     let csv = "ms,MagX,mode\n0,500,a\n";
     let of = |rest: &str| rows(csv, &table("{ from = 'ms', unit = 'ms', clock = 'boot' }", rest));
-    says(
+    assert_fault(
         of("columns = { mag_1_uc = { from = 'MagY', unit = 'nT' } }"),
         &["there is no column `MagY` in log.csv", "m.toml:6:33", "did you mean `MagX`?"],
     );
-    says(
+    assert_fault(
         of("columns = { mag_1_uc = { from = 'MagX' } }"),
         &["the unit of `mag_1_uc` is in neither the file nor the mapping", "m.toml:6:13"],
     );
-    says(
+    assert_fault(
         of("columns = { mag_1_uc = { from = 'MagX', unit = 'deg' } }"),
         &["`mag_1_uc` is in `deg`, which does not convert to nT", "m.toml:6:"],
     );
-    says(
+    assert_fault(
         of("columns = { lat = { from = 'mode', unit = 'deg' } }"),
         &["the column `mode` of log.csv contains Utf8, not numbers"],
     );
-    says(
+    assert_fault(
         of("columns = { lat = { sql = 'magx', unit = 'deg' } }"),
         &["there is no column `magx`", "put the name in double quotes"],
     );
-    says(
+    assert_fault(
         of("columns = { lat = { sql = 'random()', unit = 'deg' } }"),
         &["gives a different value each time", "m.toml:6:"],
     );
-    says(of("columns = { tt = { from = 'ms' } }"), &["`tt` cannot be mapped as a column"]);
-    says(
+    assert_fault(of("columns = { tt = { from = 'ms' } }"), &["`tt` cannot be mapped as a column"]);
+    assert_fault(
         of("columns = { lat = { from = 'MagX', unit = 'deg', role = 'sensor' } }"),
         &["has the role truth, not sensor"],
     );
-    says(of("columns = { x = { from = 'ms', value = 3 } }"), &["requires exactly one of `from`, `sql` and `value`"]);
-    says(of("vectors = { flux_a = { from = ['MagX'], unit = 'nT' } }"), &["with three entries"]);
-    says(
+    assert_fault(
+        of("columns = { x = { from = 'ms', value = 3 } }"),
+        &["requires exactly one of `from`, `sql` and `value`"],
+    );
+    assert_fault(of("vectors = { flux_a = { from = ['MagX'], unit = 'nT' } }"), &["with three entries"]);
+    assert_fault(
         of("vectors = { flux_a = { sql = ['1', '2', '3'], unit = 'nT', axes = '+x +x +y' } }"),
         &["`axes` cannot be `+x +x +y`"],
     );
-    says(of("rows = 'MagX'\ncolumns = { x = { from = 'ms' } }"), &["there is no column `magx`"]);
-    says(of("rows = 'ms + 1'\ncolumns = { x = { from = 'ms' } }"), &["`rows` must be true or false"]);
-    says(of("rows = 'ms > 0"), &["m.toml:6:"]);
-    says(of(""), &["the table `t` has no columns except its time"]);
-    says(of("columns = { x = { sql = 'cast(mode as double)' } }"), &["cannot be evaluated", "m.toml:6:25", "log.csv"]);
+    assert_fault(of("rows = 'MagX'\ncolumns = { x = { from = 'ms' } }"), &["there is no column `magx`"]);
+    assert_fault(of("rows = 'ms + 1'\ncolumns = { x = { from = 'ms' } }"), &["`rows` must be true or false"]);
+    assert_fault(of("rows = 'ms > 0"), &["m.toml:6:"]);
+    assert_fault(of(""), &["the table `t` has no columns except its time"]);
+    assert_fault(
+        of("columns = { x = { sql = 'cast(mode as double)' } }"),
+        &["cannot be evaluated", "m.toml:6:25", "log.csv"],
+    );
     for (time, words) in [
         ("{ from = 'MS', unit = 'ms', clock = 'boot' }", "there is no column `MS`"),
         ("{ from = 'ms', clock = 'boot' }", "the unit of the time `ms`"),
@@ -220,12 +226,12 @@ fn gold_mismatches_are_reported_with_their_position_in_the_mapping() {
         ("{ from = 'ms', unit = 'ms', clock = 'unix', week = 3 }", "`week` does not apply to the clock `unix`"),
         ("{ from = 'ms', unit = 'ms', clock = 'day', zone = '10' }", "`zone` cannot be `10`"),
     ] {
-        says(rows(csv, &table(time, "columns = { x = { from = 'ms' } }")), &[words]);
+        assert_fault(rows(csv, &table(time, "columns = { x = { from = 'ms' } }")), &[words]);
     }
     let no_epoch = "flight = 'f'\nline = '1'\n[tables.t]\ntime = { from = 'ms', unit = 'ms', clock = 'boot' }\n";
-    says(rows(csv, no_epoch), &["the start time is unknown", "unknown = true"]);
+    assert_fault(rows(csv, no_epoch), &["the start time is unknown", "unknown = true"]);
     let no_flight = "line = '1'\n[tables.t]\ntime = { from = 'ms', unit = 'ms', clock = 'day' }\ncolumns = { x = { from = 'ms' } }\n";
-    says(rows(csv, no_flight), &["has no flight for the table"]);
+    assert_fault(rows(csv, no_flight), &["has no flight for the table"]);
     let given = FlightOptions { flight: Some("7".into()), ..FlightOptions::default() };
     assert!(opened(csv, no_flight, &given).is_ok());
 }

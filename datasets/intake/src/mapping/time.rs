@@ -93,20 +93,20 @@ impl TableClock {
         columns: &mut MappingColumns,
         epoch: Option<UtcInstant>,
     ) -> Option<TableClock> {
-        let said = &stamp.value;
-        let Some(clock) = said.clock else {
+        let declared = &stamp.value;
+        let Some(clock) = declared.clock else {
             let fault = Fault::new("`clock`, the origin of the time, is required");
             columns.push(fault.help("use `boot`, `day`, `unix`, `gps` or `text`").at(stamp.at.clone()));
             return None;
         };
-        if said.from.is_empty() {
+        if declared.from.is_empty() {
             columns.push(Fault::new("`from`, the column of the time, is required").at(stamp.at.clone()));
             return None;
         }
         foreign_keys(stamp, clock, columns);
         let zone_s = zone(stamp, columns);
         refuse_second_zone(stamp, columns);
-        let day = match &said.date {
+        let day = match &declared.date {
             None => None,
             Some(text) => match read_date(text) {
                 Some(day) => Some(day),
@@ -328,7 +328,7 @@ fn of_column(
 ) -> Option<CounterColumn> {
     let at = columns.find(name, from_at.clone())?;
     let field = columns.source.field(at);
-    let said = match field.data_type() {
+    let declared = match field.data_type() {
         DataType::Timestamp(unit, _) => Some(match unit {
             TimeUnit::Second => "s",
             TimeUnit::Millisecond => "ms",
@@ -338,7 +338,7 @@ fn of_column(
         _ => None,
     };
     let of_file = field.metadata().get("unit").map(String::as_str).filter(|u| !u.is_empty());
-    let Some(unit) = said.or(unit).or(of_file) else {
+    let Some(unit) = declared.or(unit).or(of_file) else {
         let fault = Fault::new(format!("the unit of the time `{name}` is in neither the file nor the mapping"));
         columns.push(fault.help("set `unit`: `s`, `ms`, `us`, `ns`").at(from_at));
         return None;
@@ -349,7 +349,7 @@ fn of_column(
         return None;
     };
     let kind = field.data_type();
-    if !(kind.is_numeric() || said.is_some()) {
+    if !(kind.is_numeric() || declared.is_some()) {
         let fault = Fault::new(format!("the time `{name}` contains {kind}; only `clock = \"text\"` reads text"));
         columns.push(fault.at(from_at));
         return None;
@@ -357,7 +357,7 @@ fn of_column(
     let per_second = (1.0 / factor).round();
     let rate = if factor <= 1.0 && (per_second * factor - 1.0).abs() < 1e-12 { Ok(per_second) } else { Err(factor) };
     let ns = (factor * 1e9).round();
-    let ns = (kind.is_integer() || said.is_some()).then_some(ns as i128).filter(|n| *n > 0);
+    let ns = (kind.is_integer() || declared.is_some()).then_some(ns as i128).filter(|n| *n > 0);
     Some(CounterColumn { at, ns, rate })
 }
 
@@ -412,8 +412,8 @@ impl CounterColumn {
 }
 
 fn gps(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Option<ClockSource> {
-    let said = &stamp.value;
-    let week = match &said.week {
+    let declared = &stamp.value;
+    let week = match &declared.week {
         None => {
             let fault = Fault::new("`clock = \"gps\"` requires `week`, a column or a number");
             columns.push(fault.at(stamp.at.clone()));
@@ -428,8 +428,8 @@ fn gps(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Opt
         }
         Some(ConstantValue::Text(name)) => GpsWeek::Column(columns.number(name, stamp.at("week"))?),
     };
-    let rollovers = said.rollovers as i64;
-    Some(ClockSource::Gps { ticks: ticks(stamp, columns)?, week, rollovers, leap_s: said.leap_s })
+    let rollovers = declared.rollovers as i64;
+    Some(ClockSource::Gps { ticks: ticks(stamp, columns)?, week, rollovers, leap_s: declared.leap_s })
 }
 
 fn text(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Option<ClockSource> {

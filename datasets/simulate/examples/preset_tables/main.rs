@@ -57,21 +57,21 @@ const SURVEYS: [(&str, Option<f64>); 8] = [
 ];
 
 /// Standard deviations of a magnetometer against the truth: before and after classical Tolles-Lawson.
-fn before_and_after(flown: &[Line], name: &str, mag: &str, flux: &str) -> Result<(f64, f64), Failed> {
-    let (calibration, survey) = (line(flown, "1006.04")?, line(flown, name)?);
+fn before_and_after(flight_lines: &[Line], name: &str, mag: &str, flux: &str) -> Result<(f64, f64), Failed> {
+    let (calibration, survey) = (line(flight_lines, "1006.04")?, line(flight_lines, name)?);
     let truth = survey.column("mag_1_c");
     let after = classical(calibration, survey, mag, flux)?;
     Ok((sd(&less(survey.column(mag), truth)), sd(&less(&after, truth))))
 }
 
-fn cessna(flown: &[Line]) -> Result<(), Failed> {
+fn cessna(flight_lines: &[Line]) -> Result<(), Failed> {
     println!("Cessna, nT; line 1007.02 of `cessna.synth.toml`, fitted on line 1006.04\n");
     println!("| scalar | uncompensated | Flux A | Flux B | Flux C | Flux D |");
     println!("|:--|--:|--:|--:|--:|--:|");
     for (mag, _) in CESSNA {
-        let mut row = vec![before_and_after(flown, SURVEYS[0].0, mag, "flux_a")?.0];
+        let mut row = vec![before_and_after(flight_lines, SURVEYS[0].0, mag, "flux_a")?.0];
         for flux in ["flux_a", "flux_b", "flux_c", "flux_d"] {
-            row.push(before_and_after(flown, SURVEYS[0].0, mag, flux)?.1);
+            row.push(before_and_after(flight_lines, SURVEYS[0].0, mag, flux)?.1);
         }
         let cells: Vec<String> = row.iter().map(|x| format!("{x:.1}")).collect();
         println!("| {mag} | {} |", cells.join(" | "));
@@ -80,7 +80,7 @@ fn cessna(flown: &[Line]) -> Result<(), Failed> {
     println!("| line | uncompensated | classical Tolles-Lawson | Table 3.3 |");
     println!("|:--|--:|--:|--:|");
     for (name, published) in SURVEYS {
-        let (before, after) = before_and_after(flown, name, "mag_4_uc", "flux_a")?;
+        let (before, after) = before_and_after(flight_lines, name, "mag_4_uc", "flux_a")?;
         let published = published.map_or("54 (Table 2.3)".to_owned(), |x| x.to_string());
         println!("| {name} | {before:.1} | {after:.1} | {published} |");
     }
@@ -93,9 +93,9 @@ fn cessna_seeds(ensemble: &[Vec<Line>]) -> Result<(), Failed> {
     println!("|:--|--:|--:|--:|--:|--:|--:|");
     for (mag, [raw, left, raw_2, left_2]) in CESSNA {
         let (mut before, mut after) = (vec![], vec![]);
-        for flown in ensemble {
+        for flight_lines in ensemble {
             for (name, _) in SURVEYS {
-                let (b, a) = before_and_after(flown, name, mag, "flux_a")?;
+                let (b, a) = before_and_after(flight_lines, name, mag, "flux_a")?;
                 before.push(b);
                 after.push(a);
             }
@@ -109,19 +109,19 @@ fn cessna_seeds(ensemble: &[Vec<Line>]) -> Result<(), Failed> {
 const RIDGE: f64 = 1e-4;
 
 /// Standard deviation of a sensor minus the core field, and the improvement ratio of core-field Tolles-Lawson.
-fn improvement(flown: &[Line], name: &str, sensor: &str, flux: &str) -> Result<(f64, f64), Failed> {
-    let (calibration, on) = (line(flown, "1")?, line(flown, name)?);
+fn improvement(flight_lines: &[Line], name: &str, sensor: &str, flux: &str) -> Result<(f64, f64), Failed> {
+    let (calibration, on) = (line(flight_lines, "1")?, line(flight_lines, name)?);
     let before = sd(&beyond_core(on, sensor)?);
     Ok((before, before / sd(&reference_free(calibration, on, sensor, flux, RIDGE)?)))
 }
 
-fn drone(flown: &[Line]) -> Result<(), Failed> {
+fn drone(flight_lines: &[Line]) -> Result<(), Failed> {
     println!("\nDrone; manoeuvres of `drone.synth.toml`, fitted on manoeuvre 1\n");
     println!("| man. | sensor | uncompensated, nT | improvement ratio |");
     println!("|:--|:--|--:|--:|");
     for name in ["2", "1C"] {
         for (sensor, flux, _) in DRONE {
-            let (before, ratio) = improvement(flown, name, sensor, flux)?;
+            let (before, ratio) = improvement(flight_lines, name, sensor, flux)?;
             println!("| {name} | {sensor} | {before:.1} | {ratio:.2} |");
         }
     }
@@ -134,9 +134,9 @@ fn drone_seeds(ensemble: &[Vec<Line>]) -> Result<(), Failed> {
     println!("|:--|--:|--:|--:|--:|");
     for (sensor, flux, [raw, published]) in DRONE {
         let (mut before, mut ratio) = (vec![], vec![]);
-        for flown in ensemble {
+        for flight_lines in ensemble {
             for name in ["2", "1C"] {
-                let (b, r) = improvement(flown, name, sensor, flux)?;
+                let (b, r) = improvement(flight_lines, name, sensor, flux)?;
                 before.push(b);
                 ratio.push(r);
             }

@@ -309,7 +309,7 @@ fn gold_faults_of_an_aircraft() {
          induced = [[1.0, 2.0, 3.0]]\n[[inputs]]\nname = 'lat'\nkind = 'speed'\n",
         SURVEY,
     );
-    let said = Simulation::open(&path).unwrap_err().to_string();
+    let message = Simulation::open(&path).unwrap_err().to_string();
     for (place, what) in [
         ("10:8", "`kind` cannot be `schedul`"),
         ("24:11", "there is no current `cur_y`"),
@@ -320,11 +320,11 @@ fn gold_faults_of_an_aircraft() {
         ("28:11", "`induced` of `magnetometers` must be a list of 3 lists of 3 numbers"),
         ("30:8", "`lat` is the name of another column"),
     ] {
-        assert!(said.contains(what), "{what} is not in\n{said}");
-        assert!(said.contains(&format!("a.synth.toml:{place}\n")), "{place} of {what} is not in\n{said}");
+        assert!(message.contains(what), "{what} is not in\n{message}");
+        assert!(message.contains(&format!("a.synth.toml:{place}\n")), "{place} of {what} is not in\n{message}");
     }
     for help in ["did you mean `schedule`?", "did you mean `heading_nt`?"] {
-        assert!(said.contains(help), "{help} is not in\n{said}");
+        assert!(message.contains(help), "{help} is not in\n{message}");
     }
 }
 

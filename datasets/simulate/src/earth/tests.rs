@@ -206,11 +206,11 @@ fn law_sources_have_no_curl_and_a_vertical_dipole_is_twice_as_strong_above_it() 
     assert!(work.abs() < 1e-3 * length, "{work} of {length}");
 }
 
-fn flown(text: &str) -> Vec<RecordBatch> {
-    try_flown(text).unwrap()
+fn simulate(text: &str) -> Vec<RecordBatch> {
+    try_simulate(text).unwrap()
 }
 
-fn try_flown(text: &str) -> Result<Vec<RecordBatch>, String> {
+fn try_simulate(text: &str) -> Result<Vec<RecordBatch>, String> {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("s.synth.toml");
     fs::write(&path, text).unwrap();
@@ -235,8 +235,8 @@ fn osborne() -> String {
 fn law_with_all_off_the_field_is_the_core_field() {
     let off = "year = 2021\ndoy = 100\n[components]\nanomaly = false\ndiurnal = false\n[diurnal]\nsigma_nt = 5.0\n\
                quiet_nt = 30.0\n";
-    let line = &flown(&format!("{off}{}{BARE}{LINE}", osborne()))[0];
-    let without_map = &flown(&format!("{off}{BARE}{LINE}"))[0];
+    let line = &simulate(&format!("{off}{}{BARE}{LINE}", osborne()))[0];
+    let without_map = &simulate(&format!("{off}{BARE}{LINE}"))[0];
     assert_eq!(line, without_map, "a map that is off is not looked at");
     for i in 0..line.num_rows() {
         let year = decimal_year(2021, 100, column(line, "tt")[i]).unwrap();
@@ -251,7 +251,7 @@ fn law_with_all_off_the_field_is_the_core_field() {
 
 #[test]
 fn law_the_scalar_anomaly_equals_the_map() {
-    let line = &flown(&format!("year = 2020\ndoy = 185\n{}{BARE}{LINE}", osborne()))[0];
+    let line = &simulate(&format!("year = 2020\ndoy = 185\n{}{BARE}{LINE}", osborne()))[0];
     let map = datasets::read_map(&samples::path(OSBORNE), &MapOptions::default()).unwrap();
     let grid = GeographicGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
     let lookup = MapSurface::new(&grid, MapInterpolation::Cubic);
@@ -295,7 +295,7 @@ fn law_the_projected_field_differs_from_the_map_by_less_than_the_second_order() 
 #[test]
 fn law_five_years_later_the_field_has_changed_by_the_secular_variation() {
     let at =
-        |year: i32| flown(&format!("year = {year}\ndoy = 1\n[components]\nanomaly = false\n{BARE}{LINE}")).remove(0);
+        |year: i32| simulate(&format!("year = {year}\ndoy = 1\n[components]\nanomaly = false\n{BARE}{LINE}")).remove(0);
     let (before, after) = (at(2020), at(2025));
     let track = CoreFieldTrack::new(CoreFieldModel::Igrf14);
     for i in (0..before.num_rows()).step_by(100) {
@@ -312,10 +312,10 @@ fn law_five_years_later_the_field_has_changed_by_the_secular_variation() {
     }
     let wmm =
         |year: i32| format!("year = {year}\n[components]\nanomaly = false\n[core_field]\nmodel = 'wmm'\n{BARE}{LINE}");
-    let world = &flown(&wmm(2020))[0];
+    let world = &simulate(&wmm(2020))[0];
     let difference = column(world, "igrf")[0] - column(&before, "igrf")[0];
     assert!(difference != 0.0 && difference.abs() < 100.0, "two models of one field: {difference}");
-    let early = try_flown(&wmm(2015)).unwrap_err();
+    let early = try_simulate(&wmm(2015)).unwrap_err();
     assert!(early.contains("WMM") && early.contains("2015"), "{early}");
 }
 
@@ -470,7 +470,7 @@ fn law_a_flight_has_the_record_along_the_core_field() {
         "year = 2014\ndoy = 308\n[components]\nanomaly = false\n[diurnal]\nobservatory = '{}'\n{BARE}{LINE}",
         path.display()
     );
-    let line = &flown(&text)[0];
+    let line = &simulate(&text)[0];
     let seen = ObservatoryVariation::read(&path, false).unwrap();
     for i in [0, 300, 600] {
         let (tt, lat, lon) = (column(line, "tt")[i], column(line, "lat")[i], column(line, "lon")[i]);
@@ -479,7 +479,7 @@ fn law_a_flight_has_the_record_along_the_core_field() {
         assert!((column(line, "diurnal")[i] - variation.dot(&core.normalize())).abs() < 1e-6);
         assert!((column(line, "mag_1_c")[i] - (core + variation).norm()).abs() < 1e-6);
     }
-    let night = try_flown(&text.replace("start_tt_s = 36000.0", "start_tt_s = 86390.0")).unwrap_err();
+    let night = try_simulate(&text.replace("start_tt_s = 36000.0", "start_tt_s = 86390.0")).unwrap_err();
     assert!(
         night.contains("flight A, line A.1: the record of the observatory BOU has no value at 23:59:50"),
         "{night}"
@@ -489,12 +489,15 @@ fn law_a_flight_has_the_record_along_the_core_field() {
 
 #[test]
 fn gold_faults_of_the_earths_field() {
-    let said = try_flown(&format!("{BARE}{LINE}")).unwrap_err();
-    assert!(said.contains("needs a table `map`, a list `sources`, or `anomaly = false` in `components`"), "{said}");
+    let message = try_simulate(&format!("{BARE}{LINE}")).unwrap_err();
+    assert!(
+        message.contains("needs a table `map`, a list `sources`, or `anomaly = false` in `components`"),
+        "{message}"
+    );
     let wrong = "[core_field]\nmodel = 'igfr'\n[[sources]]\nkind = 'prizm'\nlat = 1.0\nlon = 1.0\n[[sources]]\nlat = -22.0\nlon = 140.6\ndepth_m = 1.0\n\
                  alt_m = -1.0\nmoment_am2 = 1.0\n[[sources]]\nlat = 99.0\nlon = 1.0\ndepth_m = 1.0\n[[sources]]\nkind = 'prism'\n\
                  lat = 9.0\nlon = 1.0\ndepth_m = 1.0\nmagnetisation_apm = 1.0\n[diurnal]\nstorm_nt = 3.0\nquite_nt = 1.0\n";
-    let said = try_flown(&format!("{wrong}{LINE}")).unwrap_err();
+    let message = try_simulate(&format!("{wrong}{LINE}")).unwrap_err();
     for what in [
         "`model` cannot be `igfr`",
         "did you mean `igrf`?",
@@ -505,13 +508,13 @@ fn gold_faults_of_the_earths_field() {
         "`storm_nt` needs `storm_start_tt_s`, the start in s past midnight UTC",
         "did you mean `quiet_nt`?",
     ] {
-        assert!(said.contains(what), "{what} is not in\n{said}");
+        assert!(message.contains(what), "{what} is not in\n{message}");
     }
     let gone =
-        try_flown(&format!("[components]\nanomaly = false\n[diurnal]\nobservatory = 'no.min'\n{LINE}")).unwrap_err();
+        try_simulate(&format!("[components]\nanomaly = false\n[diurnal]\nobservatory = 'no.min'\n{LINE}")).unwrap_err();
     assert!(gone.contains("the record of the observatory `") && gone.contains("no.min` does not exist"), "{gone}");
     let through = "[[sources]]\nlat = -22.05\nlon = 140.6\nalt_m = 500.0\nmoment_am2 = 1e6\n";
-    let through = try_flown(&format!("{through}{LINE}")).unwrap_err();
+    let through = try_simulate(&format!("{through}{LINE}")).unwrap_err();
     assert!(through.contains("line A.1: goes through a source at -22.05000, 140.60000"), "{through}");
 }
 

@@ -43,27 +43,27 @@ fn read(before: &str, ins: &str) -> Result<SynthSpec, ReadError> {
 }
 
 /// The truth and the INS along the lines of the flight.
-struct Said {
+struct SimulatedLine {
     truth: TrueTrajectory,
     ins: [Vec<f64>; 13],
 }
 
-fn flown(spec: &SynthSpec) -> Result<Vec<Said>, ReadError> {
+fn simulate_ins(spec: &SynthSpec) -> Result<Vec<SimulatedLine>, ReadError> {
     let (path, flight) = (Path::new("s.synth.toml"), &spec.flights[0]);
     let mut run = FlightIns::new(path, spec, flight)?;
     let one = |line| {
         let scene = SynthLineContext { path, spec, flight, line };
         let truth = scene.fly();
-        run.line(&scene, &truth).map(|ins| Said { truth, ins })
+        run.line(&scene, &truth).map(|ins| SimulatedLine { truth, ins })
     };
     flight.lines.iter().map(one).collect()
 }
 
-fn of(ins: &str) -> Vec<Said> {
-    flown(&read("", ins).unwrap()).unwrap()
+fn of(ins: &str) -> Vec<SimulatedLine> {
+    simulate_ins(&read("", ins).unwrap()).unwrap()
 }
 
-impl Said {
+impl SimulatedLine {
     /// INS minus truth, north and east, in metres.
     fn off_m(&self, row: usize) -> (f64, f64) {
         let truth = (self.truth.lat_deg[row], self.truth.lon_deg[row]);
@@ -75,8 +75,8 @@ impl Said {
     }
 }
 
-fn drms_m(lines: &[Said]) -> f64 {
-    let rows = |line: &Said| (0..=line.last()).map(|row| line.off_m(row)).collect::<Vec<_>>();
+fn drms_m(lines: &[SimulatedLine]) -> f64 {
+    let rows = |line: &SimulatedLine| (0..=line.last()).map(|row| line.off_m(row)).collect::<Vec<_>>();
     let (north, east): (Vec<f64>, Vec<f64>) = lines.iter().flat_map(rows).unzip();
     statistics::drms(&north, &east).value
 }
@@ -84,7 +84,7 @@ fn drms_m(lines: &[Said]) -> f64 {
 #[test]
 fn unit_an_ins_that_is_off_is_bit_identical_to_the_truth() {
     let spec = read("gusts_deg = [1.0, 1.0, 1.0]\n[components]\nins = false", "grade = 'commercial'").unwrap();
-    for Said { truth, ins } in flown(&spec).unwrap() {
+    for SimulatedLine { truth, ins } in simulate_ins(&spec).unwrap() {
         let exact = [&truth.lat_deg, &truth.lon_deg, &truth.alt_m].into_iter().chain(&truth.velocity_mps);
         for (column, exact) in ins.iter().zip(exact.chain(&truth.attitude_deg).chain(&truth.force_mps2)) {
             assert_eq!(column, exact);
@@ -179,7 +179,7 @@ fn law_both_methods_give_the_same_realisation() {
 fn law_the_realisation_does_not_depend_on_the_sample_rate() {
     let [slow, fast] = ["rate_hz = 2.0", "rate_hz = 20.0"].map(|rate| {
         let spec = read(rate, "grade = 'tactical'").unwrap();
-        flown(&spec).unwrap()
+        simulate_ins(&spec).unwrap()
     });
     for (slow, fast) in slow.iter().zip(&fast) {
         let ((north, east), (n, e)) = (slow.off_m(slow.last()), fast.off_m(fast.last()));
@@ -205,10 +205,13 @@ fn unit_the_chosen_realisation_has_the_requested_rank() {
 fn unit_a_diverging_ins_is_rejected_or_has_valid_positions() {
     let far = |method: &str, limit: &str| {
         let text = format!("grade = 'commercial'\ngyro_sigma_radps = 0.2\nmethod = '{method}'\n{limit}");
-        flown(&read("", &text).unwrap())
+        simulate_ins(&read("", &text).unwrap())
     };
-    let said = far("error_model", "error_limit_m = 1e4").err().unwrap().to_string();
-    assert!(said.contains("flight A, line A.1: the INS diverges: ") && said.contains("`error_limit_m`"), "{said}");
+    let message = far("error_model", "error_limit_m = 1e4").err().unwrap().to_string();
+    assert!(
+        message.contains("flight A, line A.1: the INS diverges: ") && message.contains("`error_limit_m`"),
+        "{message}"
+    );
     for method in ["error_model", "mechanisation"] {
         for line in far(method, "error_limit_m = 1e12").unwrap() {
             assert!(line.ins.iter().flatten().all(|x| x.is_finite()));
@@ -240,8 +243,9 @@ fn law_scale_errors_change_the_measured_force() {
 #[test]
 fn gold_faults_of_the_ins_are_reported_with_their_place() {
     let among = read("", "ensemble = 10\ntake = 11\ngyro_scale_ppm = 5.0").unwrap_err().to_string();
-    let said = read("", "grade = 'navigatoin'\ninit_tilt_error_deg = [1.0]\nalgin = 'line'").unwrap_err().to_string();
-    let said = among + &said;
+    let message =
+        read("", "grade = 'navigatoin'\ninit_tilt_error_deg = [1.0]\nalgin = 'line'").unwrap_err().to_string();
+    let message = among + &message;
     for what in [
         "`grade` cannot be `navigatoin`",
         "did you mean `navigation`?",
@@ -252,7 +256,7 @@ fn gold_faults_of_the_ins_are_reported_with_their_place() {
         "did you mean `align`?",
         "s.synth.toml:6:9",
     ] {
-        assert!(said.contains(what), "{what} is not in\n{said}");
+        assert!(message.contains(what), "{what} is not in\n{message}");
     }
 }
 

@@ -66,13 +66,13 @@ impl RoutePosition {
 
     /// Position reached by `ahead_m` along the geodesic from this position and then `right_m` perpendicularly to its
     /// right. Its course is parallel to the present course.
-    pub(super) fn beside(&self, ahead_m: f64, right_m: f64) -> Self {
+    pub(super) fn offset(&self, ahead_m: f64, right_m: f64) -> Self {
         const STEP_M: f64 = 1000.0;
         let quarter = TAU / 4.0;
         let ahead = self.along(ahead_m, STEP_M, |_| 0.0);
         let turned = Self { course_rad: ahead.course_rad + quarter, ..ahead };
-        let beside = turned.along(right_m, STEP_M, |_| 0.0);
-        Self { course_rad: beside.course_rad - quarter, ..beside }
+        let moved_right = turned.along(right_m, STEP_M, |_| 0.0);
+        Self { course_rad: moved_right.course_rad - quarter, ..moved_right }
     }
 }
 

@@ -154,7 +154,7 @@ impl SurveyLineGrid {
         let line = |i: u32| {
             let across = side * self.spacing_m * f64::from(i);
             let back = i % 2 == 1;
-            let start = base.beside(if back { self.line_m } else { 0.0 }, across);
+            let start = base.offset(if back { self.line_m } else { 0.0 }, across);
             let start = if back { RoutePosition { course_rad: start.course_rad + PI, ..start } } else { start };
             SurveyGridLine { tie: false, start, length_m: self.line_m }
         };
@@ -167,7 +167,7 @@ impl SurveyLineGrid {
                 let back = j % 2 == 0;
                 let across = if back { side * width_m } else { 0.0 };
                 let ahead = first_m + spacing_m * f64::from(j);
-                let start = base.beside(ahead, across);
+                let start = base.offset(ahead, across);
                 let turned = if back { -side } else { side } * 0.5 * PI;
                 let start = RoutePosition { course_rad: start.course_rad + turned, ..start };
                 all.push(SurveyGridLine { tie: true, start, length_m: width_m });

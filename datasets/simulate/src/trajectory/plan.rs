@@ -363,8 +363,8 @@ fn manoeuvres(legs_s: &[f64], amplitude_deg: [f64; 3], period_s: f64, cycles: u3
     let length_s = period_s * f64::from(cycles);
     let mut out = vec![];
     for leg_s in legs_s {
-        let flown = ORDER.into_iter().filter(|axis| amplitude_deg[*axis] > 0.0);
-        for (slot, axis) in flown.enumerate() {
+        let axes = ORDER.into_iter().filter(|axis| amplitude_deg[*axis] > 0.0);
+        for (slot, axis) in axes.enumerate() {
             let start_s = leg_s + SETTLE_S + slot as f64 * (length_s + SETTLE_S);
             out.push(AttitudeManoeuvre { axis, start_s, length_s, period_s, amplitude_deg: amplitude_deg[axis] });
         }

@@ -467,9 +467,9 @@ fn grid(
         return vec![whole];
     }
     let whole = planned(s, vec![whole], air);
-    let Some(flown) = whole.first().filter(|_| keys.split) else { return whole };
+    let Some(unsplit) = whole.first().filter(|_| keys.split) else { return whole };
     let (mut numbers, mut lines) = ([0, 0], vec![]);
-    for (stretch, start_s) in grid.stretches().iter().zip(&flown.plan.marks_s) {
+    for (stretch, start_s) in grid.stretches().iter().zip(&unsplit.plan.marks_s) {
         let number = &mut numbers[usize::from(stretch.tie)];
         *number += 1;
         let name = format!("{}.{}{number:02}", common.name, if stretch.tie { "T" } else { "" });

@@ -48,9 +48,9 @@ const EACH: [&str; 8] = [
 
 const CLOVERLEAF: &str = "kind = 'cloverleaf'\ncenter = [-22.0, 140.5]\nheading_deg = 15.0";
 
-fn ned_m(flown: &TrueTrajectory, i: usize, from: (f64, f64)) -> (f64, f64) {
-    let place = (flown.lat_deg[i], flown.lon_deg[i]);
-    numerics::earth::geodesy::EarthModel::Wgs84.offset_ne_m(from, place, flown.alt_m[i])
+fn ned_m(truth: &TrueTrajectory, i: usize, from: (f64, f64)) -> (f64, f64) {
+    let place = (truth.lat_deg[i], truth.lon_deg[i]);
+    numerics::earth::geodesy::EarthModel::Wgs84.offset_ne_m(from, place, truth.alt_m[i])
 }
 
 #[test]
@@ -58,18 +58,18 @@ fn law_velocity_force_and_rates_are_the_derivatives_of_position_and_attitude() {
     let tables = format!("{WIND}[turbulence]\nlevel = 'moderate'\n");
     for keys in EACH.iter().chain([&CLOVERLEAF]) {
         let line = line(&tables, keys);
-        let flown = fly(&line, 250.0);
-        let rows = flown.tt_s.len().min(40_000);
-        let t = &flown.tt_s[..rows];
+        let truth = fly(&line, 250.0);
+        let rows = truth.tt_s.len().min(40_000);
+        let t = &truth.tt_s[..rows];
         let earth = numerics::earth::geodesy::EarthModel::Wgs84;
         let slope = |x: &[f64]| slopes(t, &x[..rows]);
-        let (dlat, dlon, dalt) = (slope(&flown.lat_deg), slope(&flown.lon_deg), slope(&flown.alt_m));
-        let dv = flown.velocity_mps.each_ref().map(|v| slope(v));
-        let angles = flown.attitude_deg.each_ref();
+        let (dlat, dlon, dalt) = (slope(&truth.lat_deg), slope(&truth.lon_deg), slope(&truth.alt_m));
+        let dv = truth.velocity_mps.each_ref().map(|v| slope(v));
+        let angles = truth.attitude_deg.each_ref();
         let mut sum = 0.0;
         for i in 1..rows - 1 {
-            let (lat, alt) = (flown.lat_deg[i].to_radians(), flown.alt_m[i]);
-            let v = flown.velocity_mps.each_ref().map(|v| v[i]);
+            let (lat, alt) = (truth.lat_deg[i].to_radians(), truth.alt_m[i]);
+            let v = truth.velocity_mps.each_ref().map(|v| v[i]);
             let differenced = [
                 dlat[i].to_radians() * earth.north_m_per_rad(lat, alt),
                 dlon[i].to_radians() * earth.east_m_per_rad(lat, alt),
@@ -80,16 +80,16 @@ fn law_velocity_force_and_rates_are_the_derivatives_of_position_and_attitude() {
                 // Errors of central differences over 8 ms: the jerk jumps at the nodes by up to 100 m/s³, as does the
                 // gusts' slope. The error is dt²/6 of the jump for the velocity and dt/4 for the force.
                 assert!((differenced[axis] - v[axis]).abs() < 3e-4, "{keys} {i} {axis}: {differenced:?} {v:?}");
-                let error = f[axis] - flown.force_mps2[axis][i];
+                let error = f[axis] - truth.force_mps2[axis][i];
                 assert!(error.abs() < 0.1, "{keys} {i} {axis}: {error}");
                 sum += error * error;
             }
             if (1..3).all(|a| (angles[a][i + 1] - angles[a][i - 1]).abs() < 90.0) {
-                let turn = flown.attitude(i - 1).transpose() * flown.attitude(i + 1);
+                let turn = truth.attitude(i - 1).transpose() * truth.attitude(i + 1);
                 let skew = (turn - turn.transpose()) * (0.5 / (t[i + 1] - t[i - 1]));
                 let rates = [skew[(2, 1)], skew[(0, 2)], skew[(1, 0)]].map(f64::to_degrees);
                 for axis in 0..3 {
-                    let error = rates[axis] - flown.rates_degps[axis][i];
+                    let error = rates[axis] - truth.rates_degps[axis][i];
                     // The error is dt/4 times the jump of the rate of the angular acceleration, below 50 deg/s³.
                     assert!(error.abs() < 5e-2, "{keys} {i} {axis}: {error} of {}", rates[axis]);
                 }
@@ -127,17 +127,17 @@ fn law_the_flight_does_not_depend_on_the_sample_rate() {
 fn law_the_wind_triangle_closes_without_sideslip_or_lateral_force() {
     for (tables, wind) in [("", 0.0), (WIND, 12.0)] {
         for keys in EACH.iter().chain([&CLOVERLEAF]).filter(|k| !k.contains("box")) {
-            let flown = fly(&line(tables, keys), 10.0);
+            let truth = fly(&line(tables, keys), 10.0);
             let from = 240f64.to_radians();
-            for i in 0..flown.tt_s.len() {
-                let v = Vector3::from_fn(|a, _| flown.velocity_mps[a][i]);
+            for i in 0..truth.tt_s.len() {
+                let v = Vector3::from_fn(|a, _| truth.velocity_mps[a][i]);
                 let air = v + Vector3::new(from.cos(), from.sin(), 0.0) * wind;
                 // Both radii have one scale with height: 3e-7 at 500 m; the curve through the nodes has errors of 1e-5.
                 assert!((air.norm() - 60.0).abs() < 2e-3, "{keys} {i}: {}", air.norm());
-                let body = flown.attitude(i).transpose();
+                let body = truth.attitude(i).transpose();
                 let through = body * air;
                 assert!(through.y.abs() < 0.02, "{keys} {i}: sideslip {}", through.y);
-                let f = body * Vector3::from_fn(|a, _| flown.force_mps2[a][i]);
+                let f = body * Vector3::from_fn(|a, _| truth.force_mps2[a][i]);
                 // The attitude uses derivatives of fourth order at 0.05 s.
                 assert!(f.y.abs() < 5e-3, "{keys} {i}: sideways {}", f.y);
                 let (attack, load) = (through.z.atan2(through.x).to_degrees(), f.norm() / 9.79);
@@ -149,23 +149,23 @@ fn law_the_wind_triangle_closes_without_sideslip_or_lateral_force() {
 
 #[test]
 fn law_bank_is_that_of_a_coordinated_turn_within_the_roll_rate() {
-    let flown = fly(&line("", EACH[4]), 10.0);
+    let truth = fly(&line("", EACH[4]), 10.0);
     let expected = (60f64 * 60.0 / (1500.0 * 9.79)).atan().to_degrees();
     // The Coriolis term 2 Ω v sin(lat) = 0.0033 m/s² of 9.8: 0.02 degrees; the earth's curvature and the trim
     // contribute 0.1 %.
-    assert!(flown.attitude_deg[0].iter().all(|bank| (bank - expected).abs() < 0.05));
+    assert!(truth.attitude_deg[0].iter().all(|bank| (bank - expected).abs() < 0.05));
     let tables = format!("{WIND}[dynamics]\nbank_deg = 20.0\nroll_rate_degps = 6.0\n");
     for keys in EACH {
-        let flown = fly(&line(&tables, &keys.replace("radius_m = 1500.0", "")), 10.0);
+        let truth = fly(&line(&tables, &keys.replace("radius_m = 1500.0", "")), 10.0);
         let most = |x: &[f64]| x.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
         if keys.contains("box") {
             continue;
         }
         // The bank is the arc tangent of the curvature, 3 % steeper than the chord; the wind contributes 5 % to the
         // turn.
-        assert!(most(&flown.attitude_deg[0]) < 20.0 * 1.02, "{keys}: {}", most(&flown.attitude_deg[0]));
-        assert!(most(&flown.rates_degps[0]) < 6.0 * 1.1, "{keys}: {}", most(&flown.rates_degps[0]));
-        assert!(most(&flown.attitude_deg[0]) > 10.0);
+        assert!(most(&truth.attitude_deg[0]) < 20.0 * 1.02, "{keys}: {}", most(&truth.attitude_deg[0]));
+        assert!(most(&truth.rates_degps[0]) < 6.0 * 1.1, "{keys}: {}", most(&truth.rates_degps[0]));
+        assert!(most(&truth.attitude_deg[0]) > 10.0);
     }
 }
 
@@ -180,11 +180,11 @@ fn law_lines_of_a_grid_are_straight_parallel_and_evenly_spaced() {
     let scale = 1.0 + 500.0 / 6.37e6;
     let mut before_s = 0.0;
     for (k, line) in lines.iter().enumerate() {
-        let flown = fly(line, 10.0);
+        let truth = fly(line, 10.0);
         assert!(line.start_tt_s > before_s || k == 0);
         before_s = line.start_tt_s + line.duration_s();
-        for i in 0..flown.tt_s.len() {
-            let (north, east) = ned_m(&flown, i, (-22.0, 140.5));
+        for i in 0..truth.tt_s.len() {
+            let (north, east) = ned_m(&truth, i, (-22.0, 140.5));
             let (ahead, right) = (north * axis.cos() + east * axis.sin(), east * axis.cos() - north * axis.sin());
             let (ahead, right) = (ahead / scale, right / scale);
             // `offset_ne_m` uses mean radii: 4e-8 of 4 km, and 0.1 m for the convergence of the meridians over 1 km.
@@ -195,7 +195,7 @@ fn law_lines_of_a_grid_are_straight_parallel_and_evenly_spaced() {
                 }
             }
         }
-        let (north, _) = ned_m(&flown, flown.tt_s.len() - 1, (flown.lat_deg[0], flown.lon_deg[0]));
+        let (north, _) = ned_m(&truth, truth.tt_s.len() - 1, (truth.lat_deg[0], truth.lon_deg[0]));
         if k < 4 {
             assert_eq!(north > 0.0, k % 2 == 0, "every other line runs back");
         }
@@ -214,21 +214,21 @@ fn law_closed_patterns_return_to_their_start_and_cross_at_their_centre() {
     for tables in ["", WIND] {
         for k in [4, 5, 6, 7] {
             let line = line(tables, EACH[k]);
-            let flown = fly(&line, 20.0);
-            let last = flown.tt_s.len() - 1;
-            let (n, e) = ned_m(&flown, last, (flown.lat_deg[0], flown.lon_deg[0]));
+            let truth = fly(&line, 20.0);
+            let last = truth.tt_s.len() - 1;
+            let (n, e) = ned_m(&truth, last, (truth.lat_deg[0], truth.lon_deg[0]));
             // The last sample is up to 0.05 s, 3.6 m, before the end.
             assert!(n.hypot(e) < 3.8, "{}: {n} {e}", EACH[k]);
         }
-        let flown = fly(&line(tables, CLOVERLEAF), 20.0);
+        let truth = fly(&line(tables, CLOVERLEAF), 20.0);
         let away = |i: usize| {
-            let (n, e) = ned_m(&flown, i, (-22.0, 140.5));
+            let (n, e) = ned_m(&truth, i, (-22.0, 140.5));
             n.hypot(e)
         };
         let near =
-            (1..flown.tt_s.len() - 1).filter(|i| away(*i) < 2.0 && away(*i) <= away(i - 1) && away(*i) < away(i + 1));
+            (1..truth.tt_s.len() - 1).filter(|i| away(*i) < 2.0 && away(*i) <= away(i - 1) && away(*i) < away(i + 1));
         let courses: Vec<_> = near
-            .map(|i| flown.velocity_mps[1][i].atan2(flown.velocity_mps[0][i]).to_degrees().rem_euclid(360.0).round())
+            .map(|i| truth.velocity_mps[1][i].atan2(truth.velocity_mps[0][i]).to_degrees().rem_euclid(360.0).round())
             .collect();
         assert_eq!(courses, [15.0, 285.0, 195.0, 105.0]);
     }
@@ -236,42 +236,42 @@ fn law_closed_patterns_return_to_their_start_and_cross_at_their_centre() {
 
 #[test]
 fn law_waypoints_are_reached_and_legs_are_geodesics() {
-    let nearest = |flown: &TrueTrajectory, place: (f64, f64)| {
+    let nearest = |truth: &TrueTrajectory, place: (f64, f64)| {
         let away = |i: usize| {
-            let (n, e) = ned_m(flown, i, place);
+            let (n, e) = ned_m(truth, i, place);
             n.hypot(e)
         };
-        (0..flown.tt_s.len()).map(away).fold(f64::INFINITY, f64::min)
+        (0..truth.tt_s.len()).map(away).fold(f64::INFINITY, f64::min)
     };
     // A return flight: a turn by more than a right angle begins over its waypoint. Samples are 7 m apart.
     let back = "kind = 'survey'\nduration_s = 800.0\nwaypoints = [[-22.0, 140.5], [-21.9, 140.5]]";
-    let flown = fly(&line(WIND, back), 10.0);
-    let later = TrueTrajectory { lat_deg: flown.lat_deg[3000..].to_vec(), ..TrueTrajectory::default() };
-    assert!(nearest(&flown, (-21.9, 140.5)) < 4.0);
+    let truth = fly(&line(WIND, back), 10.0);
+    let later = TrueTrajectory { lat_deg: truth.lat_deg[3000..].to_vec(), ..TrueTrajectory::default() };
+    assert!(nearest(&truth, (-21.9, 140.5)) < 4.0);
     assert!(later.lat_deg.iter().any(|lat| (lat + 22.0).abs() < 4e-5), "and back over the first");
     // Smaller turns are flown inside the corner, and the middle of each leg is on the geodesic.
     let places = [(-22.0, 140.5), (-21.8, 140.5), (-21.8, 140.8), (-21.7, 140.8)];
     let list = places.map(|(lat, lon)| format!("[{lat:?}, {lon:?}]")).join(", ");
-    let flown = fly(&line(WIND, &format!("kind = 'free'\nwaypoints = [{list}]")), 50.0);
+    let truth = fly(&line(WIND, &format!("kind = 'free'\nwaypoints = [{list}]")), 50.0);
     for leg in places.windows(2) {
         let way = geodesic::Geodesic::between(leg[0], leg[1]).unwrap();
         let middle = geodesic::RoutePosition::new(leg[0], way.leaves_rad).along(0.5 * way.length_m, 1000.0, |_| 0.0);
         // Half of the distance between samples along the track: 0.8 m.
-        assert!(nearest(&flown, middle.degrees()) < 0.8, "{leg:?}");
+        assert!(nearest(&truth, middle.degrees()) < 0.8, "{leg:?}");
     }
-    let corner = nearest(&flown, places[1]);
+    let corner = nearest(&truth, places[1]);
     // R = (72 m/s)² / (g tan 25°) = 1134 m: the track is 0.41 R inside the corner, plus the roll-in and roll-out.
     assert!((470.0..650.0).contains(&corner), "{corner}");
-    assert!(nearest(&flown, places[3]) < 1.5);
+    assert!(nearest(&truth, places[3]) < 1.5);
 }
 
 #[test]
 fn law_manoeuvres_of_a_box_in_wind_are_flown_between_its_turns() {
     let keys = "kind = 'box'\nstart = [-22.0, 140.5]\nheading_deg = 70.0\namplitude_deg = [0.0, 5.0, 0.0]\ncycles = 5";
-    let flown = fly(&line(WIND, keys), 10.0);
+    let truth = fly(&line(WIND, keys), 10.0);
     let (mut swinging, mut turning) = (0, 0);
-    for i in 0..flown.tt_s.len() {
-        let (roll, pitch) = (flown.attitude_deg[0][i], flown.attitude_deg[1][i]);
+    for i in 0..truth.tt_s.len() {
+        let (roll, pitch) = (truth.attitude_deg[0][i], truth.attitude_deg[1][i]);
         // In a turn the load factor adds a fifth to the 2 degrees of trim.
         let swings = (pitch - 2.0).abs() > 0.5;
         swinging += usize::from(swings);
@@ -284,16 +284,16 @@ fn law_manoeuvres_of_a_box_in_wind_are_flown_between_its_turns() {
 
 #[test]
 fn law_heights_are_as_requested_and_climbs_within_the_limit() {
-    let flown = fly(&line("", EACH[1]), 10.0);
-    let climb = flown.velocity_mps[2].iter().fold(0.0_f64, |a, v| a.max(v.abs()));
+    let truth = fly(&line("", EACH[1]), 10.0);
+    let climb = truth.velocity_mps[2].iter().fold(0.0_f64, |a, v| a.max(v.abs()));
     assert!(climb < 5.0 && climb > 0.5, "{climb}");
-    assert!((flown.alt_m[0] - 500.0).abs() < 1e-9 && (flown.alt_m.last().unwrap() - 700.0).abs() < 0.2);
+    assert!((truth.alt_m[0] - 500.0).abs() < 1e-9 && (truth.alt_m.last().unwrap() - 700.0).abs() < 0.2);
     let steep = EACH[1].replace("600.0", "1900.0");
-    let said = lines("", &format!("[[flights.lines]]\nname = 'L'\nalt_m = 500.0\n{steep}")).unwrap_err();
-    assert!(said.contains("the climb after height 1 is") && said.contains("`drape = true`"), "{said}");
-    let flown = fly(&line("", &format!("{steep}\ndrape = true")), 10.0);
-    let most = flown.alt_m.iter().fold(0.0_f64, |a, b| a.max(*b));
-    let climb = flown.velocity_mps[2].iter().fold(0.0_f64, |a, v| a.max(v.abs()));
+    let message = lines("", &format!("[[flights.lines]]\nname = 'L'\nalt_m = 500.0\n{steep}")).unwrap_err();
+    assert!(message.contains("the climb after height 1 is") && message.contains("`drape = true`"), "{message}");
+    let truth = fly(&line("", &format!("{steep}\ndrape = true")), 10.0);
+    let most = truth.alt_m.iter().fold(0.0_f64, |a, b| a.max(*b));
+    let climb = truth.velocity_mps[2].iter().fold(0.0_f64, |a, v| a.max(v.abs()));
     // Rounding off the crest lowers it by 5/32 of the change of slope, 2 x 5 / 60, times 300 m: 8 m.
     assert!((1891.0..1901.0).contains(&most) && climb < 5.01, "{most} {climb}");
     let top = fly(&line("", EACH[5]), 10.0).alt_m.iter().fold(0.0_f64, |a, b| a.max(*b));
@@ -328,12 +328,12 @@ fn law_the_box_sets_have_the_amplitudes_and_numbers_of_table_5_7() {
     ];
     for (k, (line, (amplitude, swings))) in sets.iter().zip(printed).enumerate() {
         assert_eq!(line.name, format!("B.{:02}", k + 1));
-        let flown = fly(line, 10.0);
+        let truth = fly(line, 10.0);
         // The first leg, until 3 s before its course leaves it.
-        let straight = (0..flown.tt_s.len()).take_while(|i| course_deg(&flown, *i).abs() < 0.01).count() - 30;
+        let straight = (0..truth.tt_s.len()).take_while(|i| course_deg(&truth, *i).abs() < 0.01).count() - 30;
         for (axis, asked) in [(1, amplitude[0]), (0, amplitude[1]), (2, amplitude[2])] {
             let trim = if axis == 1 { 2.0 } else { 0.0 };
-            let angle: Vec<f64> = flown.attitude_deg[axis][..straight].iter().map(|a| a - trim).collect();
+            let angle: Vec<f64> = truth.attitude_deg[axis][..straight].iter().map(|a| a - trim).collect();
             let most = angle.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
             // The Coriolis term banks the aircraft by 0.02 degrees; samples deviate from a crest by up to 0.05 s of 6
             // s: 0.2 %.
@@ -350,8 +350,8 @@ fn law_the_box_sets_have_the_amplitudes_and_numbers_of_table_5_7() {
     }
 }
 
-fn course_deg(flown: &TrueTrajectory, i: usize) -> f64 {
-    flown.velocity_mps[1][i].atan2(flown.velocity_mps[0][i]).to_degrees()
+fn course_deg(truth: &TrueTrajectory, i: usize) -> f64 {
+    truth.velocity_mps[1][i].atan2(truth.velocity_mps[0][i]).to_degrees()
 }
 
 #[test]
@@ -431,12 +431,12 @@ fn law_the_motion_grows_with_turbulence_and_the_height_is_held() {
     let still = fly(&line("", straight), 10.0);
     let mut shaken = vec![];
     for level in ["light", "moderate", "severe"] {
-        let flown = fly(&line(&format!("[turbulence]\nlevel = '{level}'\n"), straight), 10.0);
+        let truth = fly(&line(&format!("[turbulence]\nlevel = '{level}'\n"), straight), 10.0);
         let rms =
             |a: &[f64], b: &[f64]| (a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / a.len() as f64).sqrt();
-        let angles = [0, 1, 2].map(|axis| rms(&flown.attitude_deg[axis], &still.attitude_deg[axis]));
-        let alt = rms(&flown.alt_m, &still.alt_m);
-        let vd = rms(&flown.velocity_mps[2], &still.velocity_mps[2]);
+        let angles = [0, 1, 2].map(|axis| rms(&truth.attitude_deg[axis], &still.attitude_deg[axis]));
+        let alt = rms(&truth.alt_m, &still.alt_m);
+        let vd = rms(&truth.velocity_mps[2], &still.velocity_mps[2]);
         println!("{level}: roll, pitch, yaw {angles:.2?} deg, height {alt:.2} m, vd {vd:.2} m/s");
         shaken.push((angles, alt));
     }
@@ -459,7 +459,7 @@ fn law_wind_changes_with_height_by_shear_and_veer() {
 
 #[test]
 fn gold_lines_that_cannot_be_flown_are_reported_at_their_key() {
-    let said = |tables: &str, keys: &str| {
+    let fault_text = |tables: &str, keys: &str| {
         lines(tables, &format!("[[flights.lines]]\nname = 'L'\nalt_m = 500.0\n{keys}")).unwrap_err()
     };
     for (tables, keys, place, what) in [
@@ -488,8 +488,8 @@ fn gold_lines_that_cannot_be_flown_are_reported_at_their_key() {
         ("[turbulence]\nlevel = 'lihgt'", EACH[4], "2:9", "`level` cannot be `lihgt`"),
         ("", "kind = 'box'\nstart = [-22.0, 140.5]\nsets = [3, 19]", "11:8", "must be 1 to 18"),
     ] {
-        let said = said(tables, keys);
-        assert!(said.contains(what), "{what} is not in\n{said}");
-        assert!(said.contains(&format!("s.synth.toml:{place}\n")), "{place} is not in\n{said}");
+        let message = fault_text(tables, keys);
+        assert!(message.contains(what), "{what} is not in\n{message}");
+        assert!(message.contains(&format!("s.synth.toml:{place}\n")), "{place} is not in\n{message}");
     }
 }

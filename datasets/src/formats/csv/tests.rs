@@ -12,7 +12,7 @@ use super::*;
 
 /// Result of reading a file: the notes, one text for each cell, the faults of single rows, and the end.
 #[derive(Debug, PartialEq, Default)]
-struct Told {
+struct CsvReadResult {
     notes: Vec<String>,
     rows: Vec<Vec<String>>,
     faults: Vec<(usize, String)>,
@@ -24,35 +24,35 @@ fn bits(x: f64) -> String {
     if x.is_nan() { "missing".to_owned() } else { format!("{:x}", x.to_bits()) }
 }
 
-fn told(path: &Path, options: &FlightOptions, block: usize, threads: usize) -> Told {
+fn read_result(path: &Path, options: &FlightOptions, block: usize, threads: usize) -> CsvReadResult {
     let reading = ReadHints { found: None, threads };
     let raw = match open_in(path, options, &reading, block) {
         Ok(raw) => raw,
-        Err(error) => return Told { error: Some(error.to_string()), ..Told::default() },
+        Err(error) => return CsvReadResult { error: Some(error.to_string()), ..CsvReadResult::default() },
     };
     let again = ReadHints { found: raw.found.clone(), threads: 1 };
     let again = open_in(path, options, &again, block).unwrap();
     assert_eq!((&again.notes, &again.schema, &again.found), (&raw.notes, &raw.schema, &raw.found), "what was found");
-    let mut told = Told { notes: raw.notes, ..Told::default() };
+    let mut result = CsvReadResult { notes: raw.notes, ..CsvReadResult::default() };
     let mut batches = vec![];
     for part in raw.parts {
         match part {
             Ok(part) => {
-                let before = told.rows.len();
-                told.faults.extend(part.faults.iter().map(|f| (before + f.row, f.fault.to_string())));
-                told.rows.resize(before + part.batch.num_rows(), vec![]);
+                let before = result.rows.len();
+                result.faults.extend(part.faults.iter().map(|f| (before + f.row, f.fault.to_string())));
+                result.rows.resize(before + part.batch.num_rows(), vec![]);
                 batches.push(part.batch);
             }
             Err(error) => {
-                told.error = Some(error.to_string());
+                result.error = Some(error.to_string());
                 // The number of rows before the error depends on the blocks.
-                (told.rows, told.faults) = (vec![], vec![]);
-                return told;
+                (result.rows, result.faults) = (vec![], vec![]);
+                return result;
             }
         }
     }
     let all = concat_batches(&raw.schema, &batches).unwrap();
-    for (row, cells) in told.rows.iter_mut().enumerate() {
+    for (row, cells) in result.rows.iter_mut().enumerate() {
         for column in all.columns() {
             cells.push(match column.data_type() {
                 arrow_schema::DataType::Float64 => bits(column.as_primitive::<Float64Type>().value(row)),
@@ -62,11 +62,11 @@ fn told(path: &Path, options: &FlightOptions, block: usize, threads: usize) -> T
             });
         }
     }
-    told
+    result
 }
 
 /// The result of a simple reader: all records by the `csv` crate, all numbers by `str::parse`.
-fn plainly(path: &Path, options: &FlightOptions) -> Told {
+fn plainly(path: &Path, options: &FlightOptions) -> CsvReadResult {
     let bytes = fs::read(path).unwrap();
     let names = header(path).unwrap();
     let missing = MissingMarkers::from_options(options);
@@ -83,7 +83,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
     let last_at = records.last().and_then(|(r, _)| r.position()).map(csv::Position::byte);
     let header_again =
         |r: &csv::ByteRecord| r.len() == names.len() && r.iter().zip(&names).all(|(c, n)| c == n.as_bytes());
-    let mut told = Told::default();
+    let mut result = CsvReadResult::default();
     let repeated: Vec<usize> = records.iter().filter(|(r, _)| header_again(r)).map(|(_, line)| *line).collect();
     let ends = matches!(bytes.last(), Some(b'\n' | b'\r'));
     let last = records.last().filter(|(r, _)| !ends && !header_again(r)).cloned();
@@ -102,7 +102,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
         let rows = if n == 1 { "a row repeats".to_owned() } else { format!("{n} rows repeat") };
         let note =
             format!("{}: {rows} the header (first in line {} of the file); skipped", path.display(), repeated[0]);
-        told.notes.push(note);
+        result.notes.push(note);
     }
     if let Some((cut, line)) = last.filter(|(r, _)| r.len() == names.len()) {
         let value = String::from_utf8_lossy(&cut[names.len() - 1]).into_owned();
@@ -115,12 +115,14 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
         let column = names.last().unwrap();
         if short {
             records.pop();
-            told.notes.push(format!(
+            result.notes.push(format!(
                 "{start}; the last value `{value}` of `{column}` (line {line} of the file) is shorter than all others of its \
                  column, and its row is skipped"
             ));
         } else {
-            told.notes.push(format!("{start} inside the last value `{value}` of `{column}` (line {line} of the file)"));
+            result
+                .notes
+                .push(format!("{start} inside the last value `{value}` of `{column}` (line {line} of the file)"));
         }
     }
     let mut keys = vec![String::new(); names.len()];
@@ -152,8 +154,8 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
             }
             cells.push(value);
         }
-        told.rows.push(cells);
-        let said = |what: String| format!("{}, row {row}: {what}", path.display());
+        result.rows.push(cells);
+        let fault_text = |what: String| format!("{}, row {row}: {what}", path.display());
         if record.len() != names.len() {
             let cut = if !ends && record.position().map(csv::Position::byte) == last_at {
                 ", where the file ends without a newline: it is cut short"
@@ -161,7 +163,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
                 ""
             };
             let counts = format!("the row has {} values where the header has {}", record.len(), names.len());
-            told.faults.push((row, said(format!("{counts} (line {line} of the file{cut})"))));
+            result.faults.push((row, fault_text(format!("{counts} (line {line} of the file{cut})"))));
             continue;
         }
         let Some(column) = wrong else { continue };
@@ -171,12 +173,12 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
         let (numbers, words) = ((0..names.len()).filter(numeric), (0..names.len()).filter(numeric).filter(word));
         if words.clone().count() > 1 && words.count() == numbers.count() {
             let what = "the row looks like another header: the file is several tables, one after another";
-            let error = said(format!("{what} (line {line} of the file; put each table into a file)"));
-            return Told { notes: told.notes, error: Some(error), ..Told::default() };
+            let error = fault_text(format!("{what} (line {line} of the file; put each table into a file)"));
+            return CsvReadResult { notes: result.notes, error: Some(error), ..CsvReadResult::default() };
         }
         let place = format!("{}, column `{}`, row {row}", path.display(), names[column]);
         let at = format!("line {line} of the file");
-        told.faults.push((
+        result.faults.push((
             row,
             match text(&record[column]) {
                 Some(t) if kinds[column] == CsvColumnKind::Whole && missing.number(&t).is_some() => {
@@ -191,7 +193,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> Told {
             },
         ));
     }
-    told
+    result
 }
 
 /// Pseudo-random numbers.
@@ -315,7 +317,7 @@ fn unit_the_reader_agrees_with_a_simple_one_for_any_block_size() {
         (faults, errors, notes) =
             (faults + plain.faults.len(), errors + usize::from(plain.error.is_some()), notes + plain.notes.len());
         for (block, threads) in [(1, 1), (1, 3), (2, 1), (3, 2), (7, 1), (16, 2), (33, 3), (64, 1), (1 << 20, 2)] {
-            let ours = told(&path, &options, block, threads);
+            let ours = read_result(&path, &options, block, threads);
             assert_eq!(ours, plain, "{k}, block {block}: {:?}", String::from_utf8_lossy(&text));
         }
     }
@@ -339,7 +341,7 @@ fn unit_every_number_is_bit_identical_to_the_standard_librarys() {
     }
     fs::write(&path, format!("a,tt\n{}\n", words.iter().map(|w| format!("{w},{w}")).collect::<Vec<_>>().join("\n")))
         .unwrap();
-    let ours = told(&path, &FlightOptions::default(), 1 << 12, 2);
+    let ours = read_result(&path, &FlightOptions::default(), 1 << 12, 2);
     assert_eq!((ours.faults.len(), ours.rows.len()), (0, words.len()));
     for (cells, word) in ours.rows.iter().zip(&words) {
         let x = bits(word.parse().unwrap());

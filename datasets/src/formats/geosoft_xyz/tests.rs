@@ -97,9 +97,9 @@ fn unit_faults_are_reported_with_their_line() {
     let path = folder.path().join("a.xyz");
     fs::write(&path, "//Date 29 June\nLine 10\n1,2,3\n1,2\nL20\n4,5,6").unwrap();
     let mut reader = open_raw(&path, &FlightOptions::default(), &ReadHints::default()).unwrap();
-    let said = reader.notes().join("\n");
+    let reported = reader.notes().join("\n");
     for words in ["column_1, column_2", "the date `29 June` cannot be read", "does not end with a newline"] {
-        assert!(said.contains(words), "{said}");
+        assert!(reported.contains(words), "{reported}");
     }
     let part = reader.next_part().unwrap().unwrap();
     assert_eq!(numbers(&part.batch, "column_3")[2], 6.0);

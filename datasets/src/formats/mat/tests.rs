@@ -42,10 +42,11 @@ fn unit_vectors_of_another_length_are_a_separate_topic() {
 
 #[test]
 fn unit_skipped_variables_are_noted() {
-    let said = notes(&reference("made.mat"), &topic("log"));
+    let reported = notes(&reference("made.mat"), &topic("log"));
     assert!(
-        said[0].ends_with("ignored: `complex` (complex numbers), `log.cells` (a cell array)") && said.len() == 1,
-        "{said:?}"
+        reported[0].ends_with("ignored: `complex` (complex numbers), `log.cells` (a cell array)")
+            && reported.len() == 1,
+        "{reported:?}"
     );
     for name in [
         "test3dmatrix_7.1_GLNX86",
@@ -66,12 +67,15 @@ fn unit_skipped_variables_are_noted() {
 fn ref_damaged_files_of_scipy() {
     // SciPy: `Error -3 while decompressing data: incorrect data check`, for the first of three variables.
     let path = log("matlab/corrupted_zlib_checksum.mat");
-    let said = notes(&path, &FlightOptions::default());
-    assert!(said[0].contains("the variable at byte 128 is damaged and is skipped") && said.len() == 1, "{said:?}");
+    let reported = notes(&path, &FlightOptions::default());
+    assert!(
+        reported[0].contains("the variable at byte 128 is damaged and is skipped") && reported.len() == 1,
+        "{reported:?}"
+    );
     assert_eq!(numbers(&read(&path, &FlightOptions::default()).unwrap(), "datagrid"), [f64::from(0.035f32)]);
     // SciPy reads the shapes of this file, and fails at the numbers of `datagrid`.
-    let said = read(&log("matlab/corrupted_zlib_data.mat"), &FlightOptions::default()).unwrap_err().to_string();
-    assert!(said.contains("is damaged and is skipped"), "{said}");
+    let reported = read(&log("matlab/corrupted_zlib_data.mat"), &FlightOptions::default()).unwrap_err().to_string();
+    assert!(reported.contains("is damaged and is skipped"), "{reported}");
     assert!(read(&log("matlab/malformed1.mat"), &FlightOptions::default()).is_err());
 }
 
@@ -80,8 +84,8 @@ fn unit_a_truncated_file_keeps_its_complete_variables() {
     let folder = tempfile::TempDir::new().unwrap();
     let (path, bytes) = (folder.path().join("a.mat"), fs::read(log("TestLog2_cut.mat")).unwrap());
     fs::write(&path, &bytes[..bytes.len() - 200]).unwrap();
-    let said = notes(&path, &topic("MAG"));
-    assert!(said.iter().any(|n| n.contains("is damaged and is skipped: it has ")), "{said:?}");
+    let reported = notes(&path, &topic("MAG"));
+    assert!(reported.iter().any(|n| n.contains("is damaged and is skipped: it has ")), "{reported:?}");
     assert_eq!(read(&path, &topic("MAG")).unwrap(), read(&log("TestLog2_cut.mat"), &topic("MAG")).unwrap());
     let header = &bytes[..100];
     fs::write(&path, header).unwrap();

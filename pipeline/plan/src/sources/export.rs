@@ -205,7 +205,7 @@ impl LogExport<'_> {
         if let Some(mapped) = &self.mapped {
             parts.push(mapped.key().to_string());
             // A missing file is reported when it is read.
-            if let Some(other) = mapped.beside(self.input).filter(|p| p.exists()) {
+            if let Some(other) = mapped.companion(self.input).filter(|p| p.exists()) {
                 parts.push(bytes(&other)?);
             }
         }

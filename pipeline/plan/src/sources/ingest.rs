@@ -228,7 +228,7 @@ fn index(
     ];
     if let Some(mapped) = mapped {
         parts.push(mapped.key().to_string());
-        if let Some(other) = mapped.beside(path) {
+        if let Some(other) = mapped.companion(path) {
             parts.push(fingerprint(store, &other, how.read_all)?.hash.to_string());
         }
     }

@@ -134,8 +134,8 @@ impl Flights {
         let threads = threads_in_each(found.len());
         for path in found {
             // A second file that it names may also be an object.
-            if let Some(other) = mapped.as_ref().and_then(|m| m.beside(&path)) {
-                buckets::beside(&other).map_err(|fault| vec![placed(fault)])?;
+            if let Some(other) = mapped.as_ref().and_then(|m| m.companion(&path)) {
+                buckets::fetch_companion(&other).map_err(|fault| vec![placed(fault)])?;
             }
             let opened = FlightFile::open(&path, files::hive(&path, &options), mapped.as_ref(), threads, trust);
             let opened = opened.map_err(|e| vec![Fault::from(e)]);

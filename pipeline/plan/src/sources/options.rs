@@ -69,8 +69,8 @@ pub const WHOLE: &str = "0";
 /// Fails for unknown options, wrong types, and all faults of the mapping.
 pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<FileOptions, Vec<Fault>> {
     let (mut options, MappingOptions { mapping, table, lines }) = options::<FlightOptions, MappingOptions>(decl)?;
-    let said = |key: &str| decl.options.get(key);
-    let at = |fault: Fault, key: &str| said(key).map_or(fault.clone(), |given| fault.at(given.at.clone()));
+    let option_of = |key: &str| decl.options.get(key);
+    let at = |fault: Fault, key: &str| option_of(key).map_or(fault.clone(), |given| fault.at(given.at.clone()));
     if options.epsg.is_some() && options.format.as_deref() != Some("points") {
         let fault = Fault::new("`epsg` applies only to survey points; set `format = \"points\"`");
         return Err(vec![at(fault, "epsg")]);
@@ -91,7 +91,7 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<FileOptions, V
     };
     let taken: Vec<Fault> = ["rename", "units", "topic", "epsg"]
         .into_iter()
-        .filter_map(|key| said(key).map(|given| (key, given)))
+        .filter_map(|key| option_of(key).map(|given| (key, given)))
         .map(|(key, given)| {
             let fault = Fault::new(format!("`{key}` cannot be combined with `mapping`; set it in the mapping"));
             fault.at(given.key_at.clone())

@@ -42,15 +42,15 @@ fn ingested(folder: &Path, store: &Store, threads: usize) -> (String, Vec<usize>
             folder,
             ReusePolicy { store: Some(store.root()), ..ReusePolicy::default() },
         );
-        let told = Mutex::new(vec![]);
+        let progress = Mutex::new(vec![]);
         let tick = |step: &ReadProgress| {
             if step.lines > 0 {
-                told.lock().unwrap().push(step.lines);
+                progress.lock().unwrap().push(step.lines);
             }
         };
         let lines = flights.unwrap().lines(store, &tick).unwrap();
         assert!(lines.lines.iter().all(|l| l.fault.is_some() || store.has(l.object)));
-        (format!("{:?} {:?}", lines.lines, lines.files), told.into_inner().unwrap())
+        (format!("{:?} {:?}", lines.lines, lines.files), progress.into_inner().unwrap())
     })
 }
 
@@ -60,8 +60,8 @@ fn unit_the_lines_of_a_file_are_the_same_on_any_number_of_threads() {
     written(folder.path(), "1", 20);
     let of = |threads: usize| {
         let store = Store::open(&folder.path().join(format!("store{threads}"))).unwrap();
-        let (lines, told) = ingested(folder.path(), &store, threads);
-        assert_eq!(told, (1..=20).collect::<Vec<_>>(), "each line is reported once, in order");
+        let (lines, progress) = ingested(folder.path(), &store, threads);
+        assert_eq!(progress, (1..=20).collect::<Vec<_>>(), "each line is reported once, in order");
         lines
     };
     let one = of(1);
@@ -83,8 +83,8 @@ fn unit_damaged_notes_of_files_are_recomputed() {
     let folder = TempDir::new().unwrap();
     written(folder.path(), "1", 5);
     let store = Store::open(&folder.path().join("store")).unwrap();
-    let (first, told) = ingested(folder.path(), &store, 2);
-    assert_eq!(told.len(), 5);
+    let (first, progress) = ingested(folder.path(), &store, 2);
+    assert_eq!(progress.len(), 5);
     assert_eq!(ingested(folder.path(), &store, 2), (first.clone(), vec![]), "known, and not read");
     let notes: Vec<_> = fs::read_dir(store.root().join("sources")).unwrap().map(|e| e.unwrap().path()).collect();
     let index = notes.iter().find(|n| n.extension().is_some_and(|e| e == "json")).unwrap();
@@ -93,8 +93,8 @@ fn unit_damaged_notes_of_files_are_recomputed() {
         let at = damage * 7919 % bytes.len();
         bytes[at] ^= 1 << (damage % 8);
         fs::write(index, &bytes).unwrap();
-        let (again, told) = ingested(folder.path(), &store, 2);
-        assert_eq!((&again, told.len()), (&first, 5), "byte {at}");
+        let (again, progress) = ingested(folder.path(), &store, 2);
+        assert_eq!((&again, progress.len()), (&first, 5), "byte {at}");
     }
     for note in &notes {
         fs::write(note, "{").unwrap();

@@ -199,7 +199,7 @@ mod tests {
     #[test]
     fn unit_subsets_are_counted_before_they_are_made() {
         let names = |n: usize| (0..n).map(|i| format!("'x{i}'")).collect::<Vec<_>>().join(", ");
-        for (n, rest, says) in [
+        for (n, rest, expected_text) in [
             (30, "", "1073741823 values"),
             (30, ", at_least = 10, up_to = 12", "171165540 values"),
             (200, "", "more than 10^30 values"),
@@ -209,7 +209,7 @@ mod tests {
             let toml = format!("{{ subsets_of = [{}]{rest} }}", names(n));
             let value = DeValue::parse(&toml).unwrap();
             let fault = values("mags", &value).unwrap_err().remove(0);
-            assert!(fault.what.contains(says) && fault.help.unwrap().contains("`up_to`"), "{}", fault.what);
+            assert!(fault.what.contains(expected_text) && fault.help.unwrap().contains("`up_to`"), "{}", fault.what);
         }
         // Few subsets, although all subsets of half the entries would be hundreds of millions.
         assert_eq!(texts(&format!("{{ subsets_of = [{}], at_least = 28 }}", names(30))).len(), 435 + 30 + 1);
@@ -224,14 +224,14 @@ mod tests {
 
     #[test]
     fn gold_faults_have_the_position_of_the_value() {
-        let says = |toml, what: &str, at: &str| assert_eq!(fault(toml), (what.to_owned(), at.to_owned()));
-        says("['tl', ['tl', 'x']]", "the axis `mags` mixes a text with a list", "['tl', 'x']");
-        says("[['a', 'b'], ['a+b']]", "the axis `mags` has the value `a+b` twice", "['a+b']");
-        says("[['a', ['b']]]", "a value of the axis `mags` cannot contain a list of lists", "['b']");
-        says("{ subset_of = ['a'] }", "the axis `mags` has no key `subset_of`", "subset_of");
-        says("{ subsets_of = ['a'], up_to = 2 }", "`up_to` must be a whole number from 0 to 1", "2");
-        says("{ subsets_of = 'a' }", "`subsets_of` must be a list", "'a'");
-        says("{ subsets_of = [] }", "`subsets_of` of the axis `mags` is empty", "[]");
-        says("[]", "the axis `mags` has no values", "[]");
+        let assert_fault = |toml, what: &str, at: &str| assert_eq!(fault(toml), (what.to_owned(), at.to_owned()));
+        assert_fault("['tl', ['tl', 'x']]", "the axis `mags` mixes a text with a list", "['tl', 'x']");
+        assert_fault("[['a', 'b'], ['a+b']]", "the axis `mags` has the value `a+b` twice", "['a+b']");
+        assert_fault("[['a', ['b']]]", "a value of the axis `mags` cannot contain a list of lists", "['b']");
+        assert_fault("{ subset_of = ['a'] }", "the axis `mags` has no key `subset_of`", "subset_of");
+        assert_fault("{ subsets_of = ['a'], up_to = 2 }", "`up_to` must be a whole number from 0 to 1", "2");
+        assert_fault("{ subsets_of = 'a' }", "`subsets_of` must be a list", "'a'");
+        assert_fault("{ subsets_of = [] }", "`subsets_of` of the axis `mags` is empty", "[]");
+        assert_fault("[]", "the axis `mags` has no values", "[]");
     }
 }

@@ -72,7 +72,7 @@ impl RungOutcome {
 
 impl SearchTrialScore {
     /// Outcome of the trial in `search`.
-    pub fn fate(&self, search: &SearchSpec) -> RungOutcome {
+    pub fn rung_outcome(&self, search: &SearchSpec) -> RungOutcome {
         match self.cost {
             None => RungOutcome::Failed,
             Some(_) if self.promoted => RungOutcome::Promoted,
@@ -118,12 +118,12 @@ impl<'a> SearchState<'a> {
     }
 
     /// Whether no trial has a goal so far.
-    pub fn is_vain(&self) -> bool {
+    pub fn has_no_score(&self) -> bool {
         !self.done.is_empty() && self.done.iter().all(|s| s.cost.is_none())
     }
 
     /// Records the scores of [`SearchState::next`], in its order.
-    pub fn tell(&mut self, scored: Vec<SearchTrialScore>) {
+    pub fn record_scores(&mut self, scored: Vec<SearchTrialScore>) {
         let first = self.done.len();
         let rung = scored.first().map_or(1, |s| s.row.rung);
         self.done.extend(scored);
@@ -138,7 +138,7 @@ impl<'a> SearchState<'a> {
             }
         }
         // If no trial has a goal, no further trials are proposed.
-        if self.next.is_empty() && !self.is_vain() {
+        if self.next.is_empty() && !self.has_no_score() {
             self.propose();
         }
     }
@@ -220,7 +220,7 @@ mod tests {
                 SearchTrialScore { row: row.clone(), goal: cost, cost, lines: 1, error: None, promoted: false }
             };
             let scored = course.next().iter().map(score).collect();
-            course.tell(scored);
+            course.record_scores(scored);
         }
         (course, sizes)
     }
@@ -249,12 +249,12 @@ mod tests {
         let best = course.best().unwrap();
         let top = course.done().iter().filter(|s| s.row.rung == 3);
         assert_eq!(best.cost, top.filter_map(|s| s.cost).min_by(f64::total_cmp));
-        let fates = |rung: usize, fate: RungOutcome| {
-            course.done().iter().filter(|s| s.row.rung == rung && s.fate(&halved) == fate).count()
+        let count_of = |rung: usize, outcome: RungOutcome| {
+            course.done().iter().filter(|s| s.row.rung == rung && s.rung_outcome(&halved) == outcome).count()
         };
-        assert_eq!((fates(1, RungOutcome::Promoted), fates(1, RungOutcome::Pruned)), (10, 10));
+        assert_eq!((count_of(1, RungOutcome::Promoted), count_of(1, RungOutcome::Pruned)), (10, 10));
         assert_eq!(
-            (fates(2, RungOutcome::Promoted), fates(3, RungOutcome::Done), fates(3, RungOutcome::Pruned)),
+            (count_of(2, RungOutcome::Promoted), count_of(3, RungOutcome::Done), count_of(3, RungOutcome::Pruned)),
             (5, 5, 0)
         );
     }
@@ -263,10 +263,10 @@ mod tests {
     fn unit_a_search_without_any_goal_ends_after_its_first_generation() {
         let some = search("trials = 40\ngeneration = 4\nhalving = { axis = 'n', values = [1, 2], eta = 2 }");
         let (course, sizes) = run(&some, |_| None);
-        assert!(course.is_vain() && course.best().is_none() && sizes == [4]);
+        assert!(course.has_no_score() && course.best().is_none() && sizes == [4]);
         // One goal is enough to continue.
         let (course, sizes) = run(&some, |row| (row.trial == 3).then_some(1.0));
-        assert!(!course.is_vain() && sizes.len() > 10, "{sizes:?}");
+        assert!(!course.has_no_score() && sizes.len() > 10, "{sizes:?}");
         assert_eq!(course.best().map(|b| (b.row.trial, b.row.rung)), Some((3, 2)));
     }
 

@@ -338,9 +338,9 @@ mod tests {
             ("title = \"t\"\n", "", "`publish` needs `title`"),
             ("contact = \"a@b.c\"", "contact = \" \"", "`contact` is empty"),
         ];
-        for (from, to, said) in slips {
+        for (from, to, expected_text) in slips {
             let found = facts(&FULL.replace(from, to)).unwrap_err();
-            assert!(found.iter().any(|f| f == said), "{said}: {found:?}");
+            assert!(found.iter().any(|f| f == expected_text), "{expected_text}: {found:?}");
         }
         for doi in ["https://doi.org/10.1/x", "10.5281/", "10.5281/a b"] {
             assert!(facts(&format!("{FULL}doi = \"{doi}\"\n")).is_err(), "{doi}");

@@ -112,23 +112,23 @@ fn defs<'a>(pictures: impl Iterator<Item = &'a AtlasImage>) -> Markup {
 
 impl Atlas {
     /// Both maps of one line.
-    pub fn plots(&self, flown: &LineTracks) -> Markup {
-        let place = worst_place(flown);
-        let zoom = place.map(|k| zoom_bounds(flown, k));
+    pub fn plots(&self, line_tracks: &LineTracks) -> Markup {
+        let place = worst_place(line_tracks);
+        let zoom = place.map(|k| zoom_bounds(line_tracks, k));
         html! {
             div.maps {
-                (self.whole(flown, zoom.as_ref()))
-                @if let (Some(k), Some(zoom)) = (place, zoom) { (self.close(flown, k, &zoom)) }
-                @if let Some(near) = widest(flown).filter(|(_, e)| !is_seen(flown, place.zip(zoom.as_ref()), e)) { (self.near(flown, near)) }
+                (self.whole(line_tracks, zoom.as_ref()))
+                @if let (Some(k), Some(zoom)) = (place, zoom) { (self.close(line_tracks, k, &zoom)) }
+                @if let Some(near) = widest(line_tracks).filter(|(_, e)| !is_seen(line_tracks, place.zip(zoom.as_ref()), e)) { (self.near(line_tracks, near)) }
             }
         }
     }
 
-    fn whole(&self, flown: &LineTracks, zoom: Option<&Bounds>) -> Markup {
+    fn whole(&self, line_tracks: &LineTracks, zoom: Option<&Bounds>) -> Markup {
         let canvas = Canvas::new(self.bounds);
-        let rings = ellipses(flown, &spaced(0..flown.tt.len(), ELLIPSES));
+        let rings = ellipses(line_tracks, &spaced(0..line_tracks.tt.len(), ELLIPSES));
         let times = enlargement(&canvas, &rings);
-        let under = outlines(&canvas, flown, &rings, times);
+        let under = outlines(&canvas, line_tracks, &rings, times);
         let over = html! { @if let Some(zoom) = zoom { (frame_of(&canvas, zoom)) } };
         let what = match &self.picture {
             Some(_) => {
@@ -137,7 +137,8 @@ impl Atlas {
             }
             None => "Tracks without a map.",
         };
-        let every = flown.tt.last().zip(flown.tt.first()).map(|(b, a)| (b - a) / 60.0 / (ELLIPSES - 1) as f64);
+        let every =
+            line_tracks.tt.last().zip(line_tracks.tt.first()).map(|(b, a)| (b - a) / 60.0 / (ELLIPSES - 1) as f64);
         let sizes = || rings.iter().map(|(_, e)| e.major_m);
         let about = match rings.len() {
             0 => String::new(),
@@ -153,8 +154,8 @@ impl Atlas {
         html! {
             figure {
                 h4 { "Tracks" @if self.picture.is_some() { " on the anomaly map" } }
-                (legend(flown, (!rings.is_empty()).then_some(times)))
-                (self.drawn(&canvas, flown, "Tracks on the map", under, over))
+                (legend(line_tracks, (!rings.is_empty()).then_some(times)))
+                (self.drawn(&canvas, line_tracks, "Tracks on the map", under, over))
                 @if let Some(picture) = &self.picture { (colour_bar(&picture.raster)) }
                 figcaption { (what) (about) " The dot marks the start, the square marks the end, and the frame marks \
                     the enlarged part." }
@@ -162,14 +163,17 @@ impl Atlas {
         }
     }
 
-    fn close(&self, flown: &LineTracks, k: usize, zoom: &Bounds) -> Markup {
+    fn close(&self, line_tracks: &LineTracks, k: usize, zoom: &Bounds) -> Markup {
         let canvas = Canvas::new(*zoom);
-        let rings = ellipses(flown, &in_sight(&canvas, flown, k));
-        let of = if flown.truth.is_some() { "from the truth" } else { "from the estimate" };
-        let minute = (flown.tt.get(k).copied().unwrap_or(0.0) - flown.tt.first().copied().unwrap_or(0.0)) / 60.0;
-        let mut caption =
-            format!("The largest distance of the INS {of}: {} m at {minute:.1} min.", number(separation(flown, k)));
-        if let (Some(error), true) = (own_error(flown, k), flown.ins.is_some()) {
+        let rings = ellipses(line_tracks, &in_sight(&canvas, line_tracks, k));
+        let of = if line_tracks.truth.is_some() { "from the truth" } else { "from the estimate" };
+        let minute =
+            (line_tracks.tt.get(k).copied().unwrap_or(0.0) - line_tracks.tt.first().copied().unwrap_or(0.0)) / 60.0;
+        let mut caption = format!(
+            "The largest distance of the INS {of}: {} m at {minute:.1} min.",
+            number(separation(line_tracks, k))
+        );
+        if let (Some(error), true) = (own_error(line_tracks, k), line_tracks.ins.is_some()) {
             caption.push_str(&format!(" The error of the estimate there is {} m.", number(Some(error))));
         }
         if let Some((_, e)) = rings.iter().find(|(i, _)| *i == k) {
@@ -184,26 +188,29 @@ impl Atlas {
         html! {
             figure {
                 h4 { "Enlarged: largest error of the INS" }
-                (legend(flown, (!rings.is_empty()).then_some(1.0)))
-                (self.drawn(&canvas, flown, "Tracks near the largest error of the \
-                                             INS", html! {}, outlines(&canvas, flown, &rings, 1.0)))
+                (legend(line_tracks, (!rings.is_empty()).then_some(1.0)))
+                (self.drawn(&canvas, line_tracks, "Tracks near the largest error of the \
+                                             INS", html! {}, outlines(&canvas, line_tracks, &rings, 1.0)))
                 figcaption { (caption) }
             }
         }
     }
 
     /// Detail view of the largest ellipse, with a separate scale.
-    fn near(&self, flown: &LineTracks, (k, widest): (usize, Ellipse)) -> Markup {
-        let canvas = Canvas::new(square(flown.estimate.at(k).unwrap_or_default(), (4.0 * widest.major_m).max(50.0)));
-        let rings = ellipses(flown, &in_sight(&canvas, flown, k));
-        let minute = (flown.tt.get(k).copied().unwrap_or(0.0) - flown.tt.first().copied().unwrap_or(0.0)) / 60.0;
-        let error = own_error(flown, k).map(|e| format!(" The error of the estimate there is {} m.", number(Some(e))));
+    fn near(&self, line_tracks: &LineTracks, (k, widest): (usize, Ellipse)) -> Markup {
+        let canvas =
+            Canvas::new(square(line_tracks.estimate.at(k).unwrap_or_default(), (4.0 * widest.major_m).max(50.0)));
+        let rings = ellipses(line_tracks, &in_sight(&canvas, line_tracks, k));
+        let minute =
+            (line_tracks.tt.get(k).copied().unwrap_or(0.0) - line_tracks.tt.first().copied().unwrap_or(0.0)) / 60.0;
+        let error =
+            own_error(line_tracks, k).map(|e| format!(" The error of the estimate there is {} m.", number(Some(e))));
         html! {
             figure {
                 h4 { "Enlarged: largest error ellipse" }
-                (legend(flown, Some(1.0)))
-                (self.drawn(&canvas, flown, "Tracks near the largest error \
-                                             ellipse", html! {}, outlines(&canvas, flown, &rings, 1.0)))
+                (legend(line_tracks, Some(1.0)))
+                (self.drawn(&canvas, line_tracks, "Tracks near the largest error \
+                                             ellipse", html! {}, outlines(&canvas, line_tracks, &rings, 1.0)))
                 figcaption {
                     "The largest 3σ ellipse of the line, " (number(Some(widest.major_m))) " m by " (number(Some(widest.minor_m)))
                     " m, at " (format!("{minute:.1}")) " min, with the neighbouring ellipses. The ellipses are drawn \
@@ -213,8 +220,8 @@ impl Atlas {
         }
     }
 
-    fn drawn(&self, canvas: &Canvas, flown: &LineTracks, label: &str, under: Markup, over: Markup) -> Markup {
-        let tracks = [flown.ins.as_ref(), flown.truth.as_ref(), Some(&flown.estimate)];
+    fn drawn(&self, canvas: &Canvas, line_tracks: &LineTracks, label: &str, under: Markup, over: Markup) -> Markup {
+        let tracks = [line_tracks.ins.as_ref(), line_tracks.truth.as_ref(), Some(&line_tracks.estimate)];
         let spots: Vec<(f64, f64)> =
             tracks.into_iter().flatten().flat_map(DegreeTrack::places).filter_map(|p| canvas.spot(p)).collect();
         canvas.framed(
@@ -222,10 +229,10 @@ impl Atlas {
             html! {
                 @if let Some(picture) = &self.picture { (placed(canvas, picture)) }
                 (under)
-                @if let Some(ins) = &flown.ins { (line(canvas, ins, "ins")) }
-                @if let Some(truth) = &flown.truth { (line(canvas, truth, "truth")) }
-                (line(canvas, &flown.estimate, if flown.truth.is_some() { "estimate over" } else { "estimate" }))
-                (ends(canvas, flown.truth.as_ref().or(flown.ins.as_ref()).unwrap_or(&flown.estimate)))
+                @if let Some(ins) = &line_tracks.ins { (line(canvas, ins, "ins")) }
+                @if let Some(truth) = &line_tracks.truth { (line(canvas, truth, "truth")) }
+                (line(canvas, &line_tracks.estimate, if line_tracks.truth.is_some() { "estimate over" } else { "estimate" }))
+                (ends(canvas, line_tracks.truth.as_ref().or(line_tracks.ins.as_ref()).unwrap_or(&line_tracks.estimate)))
                 (over)
                 (canvas.furniture(&spots))
             },
@@ -253,12 +260,12 @@ pub fn around(tracks: &[DegreeTrack]) -> Option<Bounds> {
 }
 
 /// The distance of INS and truth (without truth: INS and estimate) at row `k`, m.
-fn separation(flown: &LineTracks, k: usize) -> Option<f64> {
-    apart(flown.ins.as_ref()?, flown.truth.as_ref().unwrap_or(&flown.estimate), k)
+fn separation(line_tracks: &LineTracks, k: usize) -> Option<f64> {
+    apart(line_tracks.ins.as_ref()?, line_tracks.truth.as_ref().unwrap_or(&line_tracks.estimate), k)
 }
 
-fn own_error(flown: &LineTracks, k: usize) -> Option<f64> {
-    apart(&flown.estimate, flown.truth.as_ref()?, k)
+fn own_error(line_tracks: &LineTracks, k: usize) -> Option<f64> {
+    apart(&line_tracks.estimate, line_tracks.truth.as_ref()?, k)
 }
 
 /// The distance of two tracks at row `k`, m.
@@ -268,16 +275,16 @@ pub fn apart(a: &DegreeTrack, b: &DegreeTrack, k: usize) -> Option<f64> {
     Some(north.hypot(east)).filter(|d| d.is_finite())
 }
 
-fn worst_place(flown: &LineTracks) -> Option<usize> {
-    let all = (0..flown.tt.len()).filter_map(|k| separation(flown, k).map(|d| (k, d)));
+fn worst_place(line_tracks: &LineTracks) -> Option<usize> {
+    let all = (0..line_tracks.tt.len()).filter_map(|k| separation(line_tracks, k).map(|d| (k, d)));
     all.max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).map(|(k, _)| k)
 }
 
 /// Square around the tracks at row `k`, a few times as wide as the distance between the tracks.
-fn zoom_bounds(flown: &LineTracks, k: usize) -> Bounds {
-    let centre = flown.truth.as_ref().unwrap_or(&flown.estimate);
+fn zoom_bounds(line_tracks: &LineTracks, k: usize) -> Bounds {
+    let centre = line_tracks.truth.as_ref().unwrap_or(&line_tracks.estimate);
     let (lat, lon) = (centre.lat.get(k).copied().unwrap_or(0.0), centre.lon.get(k).copied().unwrap_or(0.0));
-    square((lat, lon), (1.4 * separation(flown, k).unwrap_or(0.0)).max(250.0))
+    square((lat, lon), (1.4 * separation(line_tracks, k).unwrap_or(0.0)).max(250.0))
 }
 
 /// The square around a position, with half a side of `half_m` metres.
@@ -289,16 +296,16 @@ fn square((lat, lon): (f64, f64), half_m: f64) -> Bounds {
 }
 
 /// Whether the detail view has a visible ellipse that is about as large as the `widest` of the line.
-fn is_seen(flown: &LineTracks, close: Option<(usize, &Bounds)>, widest: &Ellipse) -> bool {
+fn is_seen(line_tracks: &LineTracks, close: Option<(usize, &Bounds)>, widest: &Ellipse) -> bool {
     let Some((k, zoom)) = close else { return false };
-    let there = flown.ellipse(k, SIGMAS).map_or(0.0, |e| e.major_m);
+    let there = line_tracks.ellipse(k, SIGMAS).map_or(0.0, |e| e.major_m);
     there >= SMALLEST_PX * Canvas::new(*zoom).metres_per_px() && there >= 0.6 * widest.major_m
 }
 
 /// The largest ellipse of a line and its row.
-fn widest(flown: &LineTracks) -> Option<(usize, Ellipse)> {
-    let there = (0..flown.tt.len()).filter(|k| flown.estimate.at(*k).is_some());
-    let all = there.filter_map(|k| flown.ellipse(k, SIGMAS).map(|e| (k, e)));
+fn widest(line_tracks: &LineTracks) -> Option<(usize, Ellipse)> {
+    let there = (0..line_tracks.tt.len()).filter(|k| line_tracks.estimate.at(*k).is_some());
+    let all = there.filter_map(|k| line_tracks.ellipse(k, SIGMAS).map(|e| (k, e)));
     all.max_by(|a, b| a.1.major_m.total_cmp(&b.1.major_m).then(b.0.cmp(&a.0)))
 }
 
@@ -354,9 +361,9 @@ pub fn spaced(range: std::ops::Range<usize>, most: usize) -> Vec<usize> {
 }
 
 /// Row `k` and some other rows whose estimate is on the picture.
-fn in_sight(canvas: &Canvas, flown: &LineTracks, k: usize) -> Vec<usize> {
-    let on_it = |i: &usize| flown.estimate.at(*i).is_some_and(|p| canvas.holds(p));
-    let inside: Vec<usize> = (0..flown.tt.len()).filter(on_it).collect();
+fn in_sight(canvas: &Canvas, line_tracks: &LineTracks, k: usize) -> Vec<usize> {
+    let on_it = |i: &usize| line_tracks.estimate.at(*i).is_some_and(|p| canvas.holds(p));
+    let inside: Vec<usize> = (0..line_tracks.tt.len()).filter(on_it).collect();
     let mut rows: Vec<usize> = spaced(0..inside.len(), CLOSE).into_iter().map(|i| inside[i]).chain([k]).collect();
     rows.sort_unstable();
     rows.dedup();
@@ -364,8 +371,8 @@ fn in_sight(canvas: &Canvas, flown: &LineTracks, k: usize) -> Vec<usize> {
 }
 
 /// The ellipses of the estimate at `rows`.
-fn ellipses(flown: &LineTracks, rows: &[usize]) -> Vec<(usize, Ellipse)> {
-    rows.iter().filter_map(|k| Some((*k, flown.ellipse(*k, SIGMAS)?))).collect()
+fn ellipses(line_tracks: &LineTracks, rows: &[usize]) -> Vec<(usize, Ellipse)> {
+    rows.iter().filter_map(|k| Some((*k, line_tracks.ellipse(*k, SIGMAS)?))).collect()
 }
 
 /// Enlargement that makes the ellipses visible: 1, 2, 5, 10 and so on.
@@ -375,9 +382,9 @@ fn enlargement(canvas: &Canvas, rings: &[(usize, Ellipse)]) -> f64 {
 }
 
 /// Ellipses, enlarged by the factor `times`.
-fn outlines(canvas: &Canvas, flown: &LineTracks, rings: &[(usize, Ellipse)], times: f64) -> Markup {
+fn outlines(canvas: &Canvas, line_tracks: &LineTracks, rings: &[(usize, Ellipse)], times: f64) -> Markup {
     let metres = canvas.metres_per_px() / times;
-    let places = rings.iter().filter_map(|(k, e)| Some((canvas.spot(flown.estimate.at(*k)?)?, e)));
+    let places = rings.iter().filter_map(|(k, e)| Some((canvas.spot(line_tracks.estimate.at(*k)?)?, e)));
     html! { @for ((x, y), e) in places {
         // North is up, and a positive turn is clockwise.
         ellipse.region rx=(px(e.minor_m / metres)) ry=(px(e.major_m / metres)) transform=(format!("translate({} {}) rotate({})", px(x), px(y), px(e.azimuth_deg))) {}
@@ -385,11 +392,11 @@ fn outlines(canvas: &Canvas, flown: &LineTracks, rings: &[(usize, Ellipse)], tim
 }
 
 /// Legend of the map. `ellipses` is the enlargement of the ellipses; `None` without ellipses.
-fn legend(flown: &LineTracks, ellipses: Option<f64>) -> Markup {
+fn legend(line_tracks: &LineTracks, ellipses: Option<f64>) -> Markup {
     html! {
         p.legend {
-            @if flown.truth.is_some() { span { i class="key truth" {} "true" } }
-            @if flown.ins.is_some() { span { i class="key ins" {} "INS alone" } }
+            @if line_tracks.truth.is_some() { span { i class="key truth" {} "true" } }
+            @if line_tracks.ins.is_some() { span { i class="key ins" {} "INS alone" } }
             span { i class="key estimate" {} "estimate" }
             @if let Some(times) = ellipses {
                 span { i class="key region" {} "3σ of the estimate" @if times > 1.0 { ", × " (times) } }
@@ -425,7 +432,7 @@ mod tests {
 
     use super::*;
 
-    fn flown() -> LineTracks {
+    fn example_tracks() -> LineTracks {
         let track = |shift: f64| DegreeTrack {
             lat: (0..100).map(|k| -22.0 + f64::from(k) * 1e-3).collect(),
             lon: (0..100).map(|k| 140.0 + shift * f64::from(k)).collect(),
@@ -445,21 +452,21 @@ mod tests {
 
     #[test]
     fn unit_the_detail_view_is_at_the_largest_ins_error() {
-        let flown = flown();
-        assert_eq!(worst_place(&flown), Some(99));
+        let line_tracks = example_tracks();
+        assert_eq!(worst_place(&line_tracks), Some(99));
         // 0.00099 degrees of longitude at 22 degrees south.
-        assert!((separation(&flown, 99).unwrap() - 102.2).abs() < 0.5);
-        let zoom = zoom_bounds(&flown, 99);
+        assert!((separation(&line_tracks, 99).unwrap() - 102.2).abs() < 0.5);
+        let zoom = zoom_bounds(&line_tracks, 99);
         assert!(zoom.lat.0 < -21.901 && zoom.lat.1 > -21.901);
     }
 
     #[test]
     fn unit_ellipses_are_three_sigma_and_turned_clockwise() {
-        let mut flown = flown();
+        let mut line_tracks = example_tracks();
         // Towards the north-east: 30 m in each direction, with a correlation of 0.5.
-        flown.sigma = Some([vec![30.0; 100], vec![30.0; 100], vec![450.0; 100]]);
-        let canvas = Canvas::new(zoom_bounds(&flown, 99));
-        let drawn = outlines(&canvas, &flown, &ellipses(&flown, &[99]), 1.0).into_string();
+        line_tracks.sigma = Some([vec![30.0; 100], vec![30.0; 100], vec![450.0; 100]]);
+        let canvas = Canvas::new(zoom_bounds(&line_tracks, 99));
+        let drawn = outlines(&canvas, &line_tracks, &ellipses(&line_tracks, &[99]), 1.0).into_string();
         let number = |name: &str| -> f64 {
             drawn.split(&format!(" {name}=\"")).nth(1).and_then(|d| d.split('"').next()).unwrap().parse().unwrap()
         };
@@ -467,31 +474,31 @@ mod tests {
         // Lengths are written to a tenth.
         assert!((number("ry") - 3.0 * 1350f64.sqrt() / metres).abs() < 0.06, "{drawn}");
         assert!((number("rx") - 3.0 * 450f64.sqrt() / metres).abs() < 0.06, "{drawn}");
-        let (x, y) = canvas.spot(flown.estimate.at(99).unwrap()).unwrap();
+        let (x, y) = canvas.spot(line_tracks.estimate.at(99).unwrap()).unwrap();
         assert!(drawn.contains(&format!("translate({} {}) rotate(45)", px(x), px(y))), "{drawn}");
-        flown.sigma = None;
-        assert!(ellipses(&flown, &[99]).is_empty());
+        line_tracks.sigma = None;
+        assert!(ellipses(&line_tracks, &[99]).is_empty());
     }
 
     #[test]
     fn unit_small_ellipses_are_enlarged_with_a_note() {
-        let mut flown = flown();
+        let mut line_tracks = example_tracks();
         // The largest ellipse is at row 40 and measures 30 m, less than a pixel on 12 km of track.
-        flown.sigma.as_mut().unwrap()[0][40] = 10.5;
-        assert_eq!(widest(&flown).map(|(k, e)| (k, e.major_m)), Some((40, 31.5)));
-        let atlas = Atlas { bounds: around(std::slice::from_ref(&flown.estimate)).unwrap(), picture: None };
+        line_tracks.sigma.as_mut().unwrap()[0][40] = 10.5;
+        assert_eq!(widest(&line_tracks).map(|(k, e)| (k, e.major_m)), Some((40, 31.5)));
+        let atlas = Atlas { bounds: around(std::slice::from_ref(&line_tracks.estimate)).unwrap(), picture: None };
         let canvas = Canvas::new(atlas.bounds);
-        let rings = ellipses(&flown, &[0, 40, 99]);
+        let rings = ellipses(&line_tracks, &[0, 40, 99]);
         let (times, px) = (enlargement(&canvas, &rings), 31.5 / canvas.metres_per_px());
         assert!([10.0, 20.0, 50.0].contains(&times) && (6.0..=18.0).contains(&(times * px)), "{times} {px}");
-        let whole = atlas.whole(&flown, None).into_string();
+        let whole = atlas.whole(&line_tracks, None).into_string();
         assert!(whole.contains(&format!("3σ of the estimate, × {times}")), "{whole}");
-        let near = Canvas::new(square(flown.estimate.at(40).unwrap(), 126.0));
+        let near = Canvas::new(square(line_tracks.estimate.at(40).unwrap(), 126.0));
         assert_eq!(enlargement(&near, &rings), 1.0);
         // The detail view has one visible ellipse of 30 m; a larger one elsewhere is shown separately.
-        assert_eq!(atlas.plots(&flown).into_string().matches("<figure>").count(), 2);
-        flown.sigma.as_mut().unwrap()[0][40] = 21.0;
-        assert!(atlas.plots(&flown).into_string().contains("63.00 m by 30.00 m"));
+        assert_eq!(atlas.plots(&line_tracks).into_string().matches("<figure>").count(), 2);
+        line_tracks.sigma.as_mut().unwrap()[0][40] = 21.0;
+        assert!(atlas.plots(&line_tracks).into_string().contains("63.00 m by 30.00 m"));
     }
 
     #[test]

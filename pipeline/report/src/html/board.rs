@@ -163,11 +163,11 @@ pub mod tests {
             board.scores.marks = vec![0; 4];
             board.scores.at_edges()
         };
-        let told = with([9.0, 8.0, 7.0, 6.0]);
-        assert_eq!(told.len(), 1, "{told:?}");
+        let notes = with([9.0, 8.0, 7.0, 6.0]);
+        assert_eq!(notes.len(), 1, "{notes:?}");
         assert!(
-            told[0].starts_with("the best drms is at an end of the axis `lambda`: 2.5 in the range 0 to 2.5"),
-            "{told:?}"
+            notes[0].starts_with("the best drms is at an end of the axis `lambda`: 2.5 in the range 0 to 2.5"),
+            "{notes:?}"
         );
         assert_eq!(with([1.0, 8.0, 7.0, 6.0]).len(), 1);
         assert!(with([9.0, 3.0, 7.0, 6.0]).is_empty() && with([5.0; 4]).is_empty());

@@ -41,7 +41,7 @@ pub struct TrackSelection<'a> {
 /// Tracks of one line at one point, with heights in m.
 struct KmlTrack {
     name: String,
-    flown: LineTracks,
+    line_tracks: LineTracks,
     /// Heights of truth, INS and estimate, m.
     alt: [Vec<f64>; 3],
 }
@@ -122,11 +122,11 @@ fn point_name(source: &ReportSource, subject: &ReportSubject, group: &SubjectGro
 }
 
 fn leg(source: &ReportSource, subject: &ReportSubject, shown: &ReportLine) -> Result<Option<KmlTrack>, Fault> {
-    let (Some(r), Some(flown)) = (subject.navigate, LineTracks::read(source, subject, shown.line)?) else {
+    let (Some(r), Some(line_tracks)) = (subject.navigate, LineTracks::read(source, subject, shown.line)?) else {
         return Ok(None);
     };
     let TableRef::Stage(t, i) = r else { return Ok(None) };
-    let own = source.floats(r, shown.line, "alt")?.unwrap_or_else(|| vec![0.0; flown.tt.len()]);
+    let own = source.floats(r, shown.line, "alt")?.unwrap_or_else(|| vec![0.0; line_tracks.tt.len()]);
     let mut alt = [own.clone(), own.clone(), own];
     if let Some(flights) = source.graph.plan.instance(t, i).first_input() {
         for (to, name) in alt.iter_mut().zip(["alt", "ins_alt"]) {
@@ -136,7 +136,7 @@ fn leg(source: &ReportSource, subject: &ReportSubject, shown: &ReportLine) -> Re
             }
         }
     }
-    Ok(Some(KmlTrack { name: subject::named(source, shown.line), flown, alt }))
+    Ok(Some(KmlTrack { name: subject::named(source, shown.line), line_tracks, alt }))
 }
 
 fn folder<'a>(name: &str, legs: &'a [KmlTrack]) -> EarthFolder<'a> {
@@ -156,7 +156,7 @@ impl KmlTrack {
     }
 
     fn tracks<'a>(&'a self) -> Vec<EarthTrack<'a>> {
-        let LineTracks { truth, ins, estimate, .. } = &self.flown;
+        let LineTracks { truth, ins, estimate, .. } = &self.line_tracks;
         let all = [
             ("truth", truth.as_ref(), TRUTH),
             ("INS alone", ins.as_ref(), INS),
@@ -178,13 +178,13 @@ impl KmlTrack {
     }
 
     fn areas(&self) -> Vec<EarthArea> {
-        let rows = atlas::spaced(0..self.flown.tt.len(), ELLIPSES);
+        let rows = atlas::spaced(0..self.line_tracks.tt.len(), ELLIPSES);
         rows.into_iter().filter_map(|k| self.area(k)).collect()
     }
 
     fn area(&self, k: usize) -> Option<EarthArea> {
-        let LineTracks { tt, truth, estimate, .. } = &self.flown;
-        let (centre, ellipse) = (estimate.at(k)?, self.flown.ellipse(k, SIGMAS)?);
+        let LineTracks { tt, truth, estimate, .. } = &self.line_tracks;
+        let (centre, ellipse) = (estimate.at(k)?, self.line_tracks.ellipse(k, SIGMAS)?);
         let [_, _, alt] = &self.alt;
         let mut about = format!(
             "{SIGMAS}σ region of the estimate: {} m by {} m, the longer axis at an azimuth of {:.0}°.",
@@ -296,7 +296,7 @@ mod tests {
             lat: (0..200).map(|k| -22.0 + f64::from(k) * 1e-3).collect(),
             lon: (0..200).map(|k| 140.0 + shift * f64::from(k)).collect(),
         };
-        let flown = LineTracks {
+        let line_tracks = LineTracks {
             tt: (0..200).map(|k| 600.0 + 6.0 * f64::from(k)).collect(),
             truth: Some(track(0.0)),
             ins: Some(track(1e-5)),
@@ -307,7 +307,7 @@ mod tests {
         };
         KmlTrack {
             name: "flight 1, line 1.02".into(),
-            flown,
+            line_tracks,
             alt: [vec![500.0; 200], vec![510.0; 200], vec![505.0; 200]],
         }
     }
@@ -340,7 +340,7 @@ mod tests {
     fn law_the_corners_are_three_sigma_from_the_estimate_and_counterclockwise() {
         let leg = leg();
         let area = leg.area(50).unwrap();
-        let centre = leg.flown.estimate.at(50).unwrap();
+        let centre = leg.line_tracks.estimate.at(50).unwrap();
         let offset = |k: usize| EarthModel::default().offset_ne_m(centre, (area.lat_deg[k], area.lon_deg[k]), 0.0);
         for k in 0..CORNERS {
             let (north, east) = offset(k);

@@ -22,38 +22,38 @@ const BAND_POINTS: usize = 500;
 const SIGMAS: f64 = 3.0;
 
 /// The plots of one line at the point `place`. `outcomes` counts the outcomes of its measurements.
-pub fn plots(flown: &LineTracks, place: &str, outcomes: &BTreeMap<String, usize>) -> Vec<Markup> {
+pub fn plots(line_tracks: &LineTracks, place: &str, outcomes: &BTreeMap<String, usize>) -> Vec<Markup> {
     let mut charts = vec![];
-    if let Some(errors) = flown.errors() {
-        charts.extend(positions(flown, place, &errors));
+    if let Some(errors) = line_tracks.errors() {
+        charts.extend(positions(line_tracks, place, &errors));
     }
-    charts.extend(innovations(flown, outcomes));
-    if let (Some(errors), Some(sigma)) = (flown.errors(), &flown.sigma) {
-        charts.push(nees_chart(&flown.tt, &nees(&errors, sigma)));
+    charts.extend(innovations(line_tracks, outcomes));
+    if let (Some(errors), Some(sigma)) = (line_tracks.errors(), &line_tracks.sigma) {
+        charts.push(nees_chart(&line_tracks.tt, &nees(&errors, sigma)));
     }
     charts.iter().filter_map(LineChart::draw).collect()
 }
 
-fn positions(flown: &LineTracks, place: &str, errors: &TrackOffsets) -> Vec<LineChart> {
-    let ins = flown.ins_errors();
+fn positions(line_tracks: &LineTracks, place: &str, errors: &TrackOffsets) -> Vec<LineChart> {
+    let ins = line_tracks.ins_errors();
     let alone = |pick: fn(&TrackOffsets) -> &Vec<f64>| ins.as_ref().map(pick);
-    let sigma = |i: usize| flown.sigma.as_ref().map(|s| &s[i]);
+    let sigma = |i: usize| line_tracks.sigma.as_ref().map(|s| &s[i]);
     let mut both = vec![
-        position(flown, "North", &errors.north, alone(|o| &o.north), sigma(0)),
-        position(flown, "East", &errors.east, alone(|o| &o.east), sigma(1)),
+        position(line_tracks, "North", &errors.north, alone(|o| &o.north), sigma(0)),
+        position(line_tracks, "East", &errors.east, alone(|o| &o.east), sigma(1)),
     ];
     both.iter_mut().for_each(|chart| chart.title = format!("{}: {place}", chart.title));
     both
 }
 
 fn position(
-    flown: &LineTracks,
+    line_tracks: &LineTracks,
     way: &str,
     error: &[f64],
     ins: Option<&Vec<f64>>,
     sigma: Option<&Vec<f64>>,
 ) -> LineChart {
-    let time = minutes(&flown.tt);
+    let time = minutes(&line_tracks.tt);
     let rms = |x: &[f64]| number(Some(statistics::rms(x).value));
     let mut caption = format!("Truth minus estimate: {} m root mean square", rms(error));
     let mut lines = vec![];
@@ -100,10 +100,10 @@ fn share_inside(error: &[f64], sigma: &[f64]) -> String {
     if inside < all { format!("{:.1} %", share.min(99.9)) } else { "100 %".to_owned() }
 }
 
-fn innovations(flown: &LineTracks, outcomes: &BTreeMap<String, usize>) -> Option<LineChart> {
-    let (residual, time) = (flown.residual.as_ref()?, minutes(&flown.tt));
+fn innovations(line_tracks: &LineTracks, outcomes: &BTreeMap<String, usize>) -> Option<LineChart> {
+    let (residual, time) = (line_tracks.residual.as_ref()?, minutes(&line_tracks.tt));
     let mut bands = vec![];
-    if let Some(nis) = &flown.nis {
+    if let Some(nis) = &line_tracks.nis {
         // The filter keeps r²/S, not S.
         let half: Vec<f64> =
             residual.iter().zip(nis).map(|(r, n)| if *n > 0.0 { Z95 * r.abs() / n.sqrt() } else { f64::NAN }).collect();
@@ -178,7 +178,7 @@ mod tests {
     }
 
     /// North errors of 0 to 59 m with standard deviations of 10 to 15.9 m; no east errors.
-    fn flown() -> LineTracks {
+    fn example_tracks() -> LineTracks {
         use crate::html::track::DegreeTrack;
         let metres = |north: f64| numerics::earth::geodesy::EarthModel::default().north_m_to_lat_rad(north, 0.0, 0.0);
         let track = |step: f64| DegreeTrack {
@@ -198,8 +198,8 @@ mod tests {
 
     #[test]
     fn law_the_band_is_three_sigma_and_errors_are_truth_minus_estimate() {
-        let flown = flown();
-        let charts = positions(&flown, "flight 1, line 1.02, filter = ekf", &flown.errors().unwrap());
+        let line_tracks = example_tracks();
+        let charts = positions(&line_tracks, "flight 1, line 1.02, filter = ekf", &line_tracks.errors().unwrap());
         let (north, east) = (&charts[0], &charts[1]);
         assert_eq!(north.title, "North error: flight 1, line 1.02, filter = ekf");
         for (k, (minute, low, high)) in north.bands[0].points.iter().enumerate() {
@@ -231,9 +231,10 @@ mod tests {
         let estimate = DegreeTrack { lat: vec![0.0; 2], lon: vec![0.0; 2] };
         // r²/S = nis with S = 25: the band is 1.96 times 5.
         let (residual, nis) = (Some(vec![10.0, -2.5]), Some(vec![4.0, 0.25]));
-        let flown = LineTracks { tt: vec![0.0, 60.0], truth: None, ins: None, estimate, sigma: None, residual, nis };
-        let chart = innovations(&flown, &BTreeMap::new()).unwrap();
+        let line_tracks =
+            LineTracks { tt: vec![0.0, 60.0], truth: None, ins: None, estimate, sigma: None, residual, nis };
+        let chart = innovations(&line_tracks, &BTreeMap::new()).unwrap();
         assert!(chart.bands[0].points.iter().all(|p| (p.2 - 9.8).abs() < 1e-3 && p.1 == -p.2));
-        assert!(flown.errors().is_none());
+        assert!(line_tracks.errors().is_none());
     }
 }

@@ -20,7 +20,7 @@ use super::source::ReportSource;
 const MOST: usize = 40;
 /// Least width of a plot, and width for its dots and values without the names of the points.
 const LEAST: f64 = 460.0;
-const BESIDE: f64 = 300.0;
+const VALUES_WIDTH: f64 = 300.0;
 /// Maximum number of drawn characters of a name, and the width of one.
 const NAME: usize = 60;
 const CHARACTER: f64 = 6.8;
@@ -126,7 +126,7 @@ impl IntervalRow {
         let (low, high) = (low - pad, high + pad);
         let longest = dots.iter().map(|d| d.point.chars().count().min(NAME)).max().unwrap_or(0);
         let left = 12.0 + CHARACTER * longest as f64;
-        let width = (left + BESIDE).max(LEAST);
+        let width = (left + VALUES_WIDTH).max(LEAST);
         let at = |v: f64| left + (width - 90.0 - left) * (v - low) / (high - low);
         let bottom = ROW * dots.len() as f64 + 6.0;
         let row = |i: usize| 3.0 + ROW * (i as f64 + 0.5);

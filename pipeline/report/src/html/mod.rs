@@ -99,8 +99,8 @@ pub fn report(graph: &PlanGraph, store: &Store) -> Result<String, Fault> {
     sections.extend(quality::section(&source)?);
     // Failures are published too.
     let failures = if current { source.failures()? } else { vec![] };
-    let trouble = page::ReportAlerts { failures, warnings, outdated: !current };
-    Ok(page::page(&source, &trouble, defs, &sections))
+    let alerts = page::ReportAlerts { failures, warnings, outdated: !current };
+    Ok(page::page(&source, &alerts, defs, &sections))
 }
 
 /// The scores of a run.
@@ -169,8 +169,8 @@ fn over(source: &ReportSource, group: &SubjectGroup) -> Result<AtlasTracks, Faul
     };
     let mut tracks = vec![];
     for shown in &group.lines {
-        if let Some(flown) = LineTracks::read(source, subject, shown.line)? {
-            tracks.push(flown.truth.or(flown.ins).unwrap_or(flown.estimate));
+        if let Some(line_tracks) = LineTracks::read(source, subject, shown.line)? {
+            tracks.push(line_tracks.truth.or(line_tracks.ins).unwrap_or(line_tracks.estimate));
         }
     }
     let node = &source.graph.plan.tables[t];
@@ -219,15 +219,15 @@ fn line(
 ) -> Result<Vec<Markup>, Fault> {
     let mut plots = signal::plots(source, subject, shown.line)?;
     plots.extend(known::plots(source, subject, shown.line)?);
-    if let Some(flown) = LineTracks::read(source, subject, shown.line)? {
-        plots.extend(atlas.map(|a| a.plots(&flown)));
-        let fates = match subject.navigate {
+    if let Some(line_tracks) = LineTracks::read(source, subject, shown.line)? {
+        plots.extend(atlas.map(|a| a.plots(&line_tracks)));
+        let updates = match subject.navigate {
             Some(r) => source.tally(r, shown.line, "update")?,
             None => Default::default(),
         };
         let place = subject::place(source, subject, shown.line);
-        plots.extend(errors::plots(&flown, &place, &fates));
-        plots.extend(whiteness::plot(&flown, &place));
+        plots.extend(errors::plots(&line_tracks, &place, &updates));
+        plots.extend(whiteness::plot(&line_tracks, &place));
     }
     plots.extend(spectra::plots(source, subject, shown.line)?);
     Ok(plots)

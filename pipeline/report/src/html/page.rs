@@ -24,7 +24,7 @@ pub struct ReportAlerts {
 }
 
 /// The page.
-pub fn page(source: &ReportSource, trouble: &ReportAlerts, defs: Markup, sections: &[Markup]) -> String {
+pub fn page(source: &ReportSource, alerts: &ReportAlerts, defs: Markup, sections: &[Markup]) -> String {
     let spec = &source.graph.plan.spec;
     let markup = html! {
         (DOCTYPE)
@@ -41,7 +41,7 @@ pub fn page(source: &ReportSource, trouble: &ReportAlerts, defs: Markup, section
                 (defs)
                 main {
                     (heading(source))
-                    (troubles(source, trouble))
+                    (alert_sections(source, alerts))
                     @for section in sections { (section) }
                     (plan(source))
                 }
@@ -116,7 +116,7 @@ fn grouped(n: usize) -> String {
 }
 
 /// The failures and missing results, if any.
-fn troubles(source: &ReportSource, ReportAlerts { failures, warnings, outdated }: &ReportAlerts) -> Markup {
+fn alert_sections(source: &ReportSource, ReportAlerts { failures, warnings, outdated }: &ReportAlerts) -> Markup {
     let plan = source.graph.plan;
     let missing: Vec<(&str, usize, usize)> = plan
         .tables

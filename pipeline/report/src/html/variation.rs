@@ -83,7 +83,7 @@ fn spelt(instance: &StageInstance, axis: &str) -> String {
 fn calibrations(source: &ReportSource, table: usize, instance: usize) -> Vec<Calibrations> {
     let plan = source.graph.plan;
     let node = &plan.tables[table];
-    let beside = |axis: &usize| {
+    let values_of_axis = |axis: &usize| {
         let all = node.grid().along(instance, *axis).count();
         let members: Vec<usize> = node.grid().along(instance, *axis).step_by(all.div_ceil(MEMBERS).max(1)).collect();
         let rows = |i: &usize| {
@@ -93,7 +93,7 @@ fn calibrations(source: &ReportSource, table: usize, instance: usize) -> Vec<Cal
         let of_rows = members.iter().any(|i| rows(i) != rows(&instance));
         Calibrations { axis: plan.spec.axes[*axis].name.clone(), of_rows, members, all }
     };
-    node.axes.iter().map(beside).filter(|c| c.members.len() > 1).collect()
+    node.axes.iter().map(values_of_axis).filter(|c| c.members.len() > 1).collect()
 }
 
 impl ModelCoefficients {

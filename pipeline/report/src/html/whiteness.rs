@@ -23,8 +23,8 @@ const LAGS: usize = 80;
 const HEIGHT: f64 = 250.0;
 
 /// The figure of one line at the point `place`; `None` without innovations.
-pub fn plot(flown: &LineTracks, place: &str) -> Option<Markup> {
-    let found = normalised(flown)?;
+pub fn plot(line_tracks: &LineTracks, place: &str) -> Option<Markup> {
+    let found = normalised(line_tracks)?;
     let parts: Vec<Markup> =
         [found.correlogram(), found.nis()].into_iter().flatten().filter_map(|c| c.part()).collect();
     (!parts.is_empty()).then(|| {
@@ -42,8 +42,8 @@ struct NormalisedInnovations {
     nis: f64,
 }
 
-fn normalised(flown: &LineTracks) -> Option<NormalisedInnovations> {
-    let (residual, nis) = (flown.residual.as_ref()?, flown.nis.as_ref()?);
+fn normalised(line_tracks: &LineTracks) -> Option<NormalisedInnovations> {
+    let (residual, nis) = (line_tracks.residual.as_ref()?, line_tracks.nis.as_ref()?);
     let all = normalised_innovations(residual, nis);
     let there: Vec<usize> = (0..all.len()).filter(|k| all[*k].is_finite()).collect();
     // A filter with an update every n samples has no innovations in between: its lags are counted in updates.
@@ -52,9 +52,9 @@ fn normalised(flown: &LineTracks) -> Option<NormalisedInnovations> {
     let every = if gaps.is_empty() { return None } else { *gaps.select_nth_unstable(middle).1 };
     let first = *there.first()?;
     let x = all.into_iter().skip(first).step_by(every).collect();
-    let minutes = minutes(&flown.tt).into_iter().skip(first).step_by(every).collect();
-    let (from, to) = (flown.tt.first()?, flown.tt.last()?);
-    let step_s = every as f64 * (to - from) / (flown.tt.len() - 1) as f64;
+    let minutes = minutes(&line_tracks.tt).into_iter().skip(first).step_by(every).collect();
+    let (from, to) = (line_tracks.tt.first()?, line_tracks.tt.last()?);
+    let step_s = every as f64 * (to - from) / (line_tracks.tt.len() - 1) as f64;
     (step_s.is_finite() && step_s > 0.0).then_some(NormalisedInnovations {
         minutes,
         x,
@@ -166,7 +166,7 @@ mod tests {
 
     /// Innovations with a standard deviation of 5 nT and a correlation of `decay` from one to the next, one every
     /// `every` samples of 0.1 s.
-    fn flown(updates: usize, decay: f64, every: usize) -> LineTracks {
+    fn example_tracks(updates: usize, decay: f64, every: usize) -> LineTracks {
         let mut normals = NormalGenerator::new(3);
         let (mut x, step) = (normals.draw(), (1.0 - decay * decay).sqrt());
         let rows = updates * every;
@@ -189,7 +189,7 @@ mod tests {
     #[test]
     fn law_white_innovations_are_within_the_band_and_correlated_ones_are_not() {
         let share = |decay: f64| {
-            let chart = normalised(&flown(10_000, decay, 1)).unwrap().correlogram().unwrap();
+            let chart = normalised(&example_tracks(10_000, decay, 1)).unwrap().correlogram().unwrap();
             let within = |(p, b): &(&(f64, f64), &(f64, f64, f64))| p.0 == b.0 && (b.1..=b.2).contains(&p.1);
             let (points, band) = (&chart.lines[0].points, &chart.bands[0].points);
             points.iter().zip(band).filter(within).count() as f64 / points.len() as f64
@@ -202,7 +202,7 @@ mod tests {
 
     #[test]
     fn unit_the_band_is_that_of_white_noise_and_lags_are_in_seconds() {
-        let chart = normalised(&flown(1000, 0.8, 1)).unwrap().correlogram().unwrap();
+        let chart = normalised(&example_tracks(1000, 0.8, 1)).unwrap().correlogram().unwrap();
         assert_eq!(chart.lines[0].points[0].0, 0.1);
         assert!((chart.lines[0].points[0].1 - 0.8).abs() < 0.06, "{:?}", chart.lines[0].points[0]);
         let (lag, low, high) = chart.bands[0].points[0];
@@ -213,14 +213,14 @@ mod tests {
 
     #[test]
     fn unit_an_update_a_second_has_lags_of_seconds() {
-        let found = normalised(&flown(1000, 0.5, 10)).unwrap();
+        let found = normalised(&example_tracks(1000, 0.5, 10)).unwrap();
         let (chart, nis) = (found.correlogram().unwrap(), found.nis().unwrap());
         assert!(nis.lines[0].points.len() == 100 && nis.lines[0].points.iter().all(|p| p.1 > 0.0), "ten updates each");
         assert!(
             (chart.lines[0].points[0].0 - 1.0).abs() < 1e-3 && chart.lines[0].points.iter().all(|p| p.1.is_finite())
         );
         assert!((chart.lines[0].points[0].1 - 0.5).abs() < 0.09);
-        let mut none = flown(100, 0.0, 1);
+        let mut none = example_tracks(100, 0.0, 1);
         none.residual = Some(vec![f64::NAN; 100]);
         none.nis = none.residual.clone();
         assert!(plot(&none, "").is_none());
@@ -230,7 +230,7 @@ mod tests {
 
     #[test]
     fn unit_both_plots_are_one_figure() {
-        let drawn = plot(&flown(1000, 0.0, 1), "flight 1, line 1.02").unwrap().into_string();
+        let drawn = plot(&example_tracks(1000, 0.0, 1), "flight 1, line 1.02").unwrap().into_string();
         assert_eq!((drawn.matches("<figure>").count(), drawn.matches("<h5>").count()), (1, 2), "{drawn}");
         assert!(drawn.contains("<h4>Whiteness of the innovations: flight 1, line 1.02</h4>"), "{drawn}");
     }

@@ -98,11 +98,12 @@ mod tests {
     fn gold_the_nearest_table_is_named_as_it_is_written() {
         let tables = ["small.scores", "small.clean", "Big-one.scores"].map(str::to_owned).to_vec();
         let known = QueryTables { pins: Default::default(), tables, elsewhere: vec![] };
-        let says = |name: &str| not_there(&TableReference::from(name), &known).and_then(|f| f.help).unwrap_or_default();
-        assert_eq!(says("small.score"), "did you mean `small.scores`?");
-        assert_eq!(says("clean"), "did you mean `small.clean`?");
-        assert_eq!(says("\"big-one\".scores"), "did you mean `\"Big-one\".scores`?");
-        assert_eq!(says("small.clean"), "");
-        assert!(says("quite.different").starts_with("known here: small.scores"));
+        let help_for =
+            |name: &str| not_there(&TableReference::from(name), &known).and_then(|f| f.help).unwrap_or_default();
+        assert_eq!(help_for("small.score"), "did you mean `small.scores`?");
+        assert_eq!(help_for("clean"), "did you mean `small.clean`?");
+        assert_eq!(help_for("\"big-one\".scores"), "did you mean `\"Big-one\".scores`?");
+        assert_eq!(help_for("small.clean"), "");
+        assert!(help_for("quite.different").starts_with("known here: small.scores"));
     }
 }

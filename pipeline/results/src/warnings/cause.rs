@@ -74,8 +74,8 @@ impl<'a> LineFacts<'a> {
             Some(fogm_nt) => Some(fogm_nt),
             None => found("fogm_sigma_nt", "mag_fogm_sigma")?,
         };
-        let said = number("decimal_year").filter(|_| param("core_field") == Some("true"));
-        let flown = match said {
+        let declared_year = number("decimal_year").filter(|_| param("core_field") == Some("true"));
+        let flight_year = match declared_year {
             Some(_) => flight_date(graph, store, &it, line)?,
             None => None,
         };
@@ -86,7 +86,7 @@ impl<'a> LineFacts<'a> {
             offset_window_s: number("offset_window_s").unwrap_or(0.0),
             levels: param("map_levels_m").is_some_and(|v| v != "none"),
             compensated: graph.plan.upstream(&it.inputs(), "compensate").is_some(),
-            dates: said.zip(flown),
+            dates: declared_year.zip(flight_year),
             gnss_rejected_s: match row.counted("gnss_rejected") {
                 Some((count, _)) if count > 0.0 => gnss_rejected_s(graph, store, TableRef::Stage(t, i), line)?,
                 Some(_) | None => None,
@@ -176,8 +176,8 @@ impl<'a> LineFacts<'a> {
         if let Some(error) = row.get("map_height_error").filter(|e| *e > limits::map_height_nt(sigma)) {
             found.push(format!("the map is at a different height from the flight ({} nT rms)", shown(error)));
         }
-        if let Some((said, flown)) = settings.dates.filter(|(a, b)| (a - b).abs() > limits::DATE_A) {
-            found.push(format!("`decimal_year` is {said:.2}, but the date in the flight is {flown:.2}"));
+        if let Some((declared_year, flight_year)) = settings.dates.filter(|(a, b)| (a - b).abs() > limits::DATE_A) {
+            found.push(format!("`decimal_year` is {declared_year:.2}, but the date in the flight is {flight_year:.2}"));
         }
         found.extend(self.sigma_too_small(sigma).filter(|_| !settings.found));
         if let Some(share) = row.off_map().filter(|s| *s >= limits::OFF_MAP_CAUSE) {

@@ -326,25 +326,25 @@ fn of_fit(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warnin
     }
     let batch = store.get(graph.key(unit)?, &["warning"])?;
     let texts = batch.column_by_name("warning").and_then(|a| a.as_string_opt::<i32>());
-    let mut told: Vec<String> = vec![];
+    let mut distinct: Vec<String> = vec![];
     for text in texts.iter().flat_map(|a| (0..a.len()).filter(|i| a.is_valid(*i)).map(|i| a.value(i))) {
-        if !text.is_empty() && !told.iter().any(|t| t == text) {
-            told.push(text.to_owned());
+        if !text.is_empty() && !distinct.iter().any(|t| t == text) {
+            distinct.push(text.to_owned());
         }
     }
-    Ok(of_whole(graph, unit, WarningKind::Fit, told))
+    Ok(of_whole(graph, unit, WarningKind::Fit, distinct))
 }
 
 /// The warnings of one map that a stage made.
 fn of_map(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warning>, Fault> {
     let key = graph.key(unit)?;
     // A map that is not kept is not in the store.
-    let told = if store.has(key) { store.remarks(key)?.warnings } else { vec![] };
-    Ok(of_whole(graph, unit, WarningKind::Map, told))
+    let texts = if store.has(key) { store.remarks(key)?.warnings } else { vec![] };
+    Ok(of_whole(graph, unit, WarningKind::Map, texts))
 }
 
 /// Warnings without a figure.
-fn of_whole(graph: &PlanGraph, unit: PlanUnit, kind: WarningKind, told: Vec<String>) -> Vec<Warning> {
+fn of_whole(graph: &PlanGraph, unit: PlanUnit, kind: WarningKind, texts: Vec<String>) -> Vec<Warning> {
     let (stage, point, line) = place(graph, unit);
     let one = |text| Warning {
         stage: stage.clone(),
@@ -357,22 +357,22 @@ fn of_whole(graph: &PlanGraph, unit: PlanUnit, kind: WarningKind, told: Vec<Stri
         text,
         cause: None,
     };
-    told.into_iter().map(one).collect()
+    texts.into_iter().map(one).collect()
 }
 
 /// Maximum number of kinds listed one by one.
-const TOLD: usize = 10;
+const MAX_GROUPS: usize = 10;
 
 /// All warnings for the end of a run, grouped by kind and table, with the place and cause of the worst. `table` is the
 /// table of all warnings.
-pub fn told(warnings: &[Warning], table: &str) -> Vec<String> {
+pub fn summary_lines(warnings: &[Warning], table: &str) -> Vec<String> {
     let mut groups: BTreeMap<(&str, WarningKind), Vec<&Warning>> = BTreeMap::new();
     for warning in warnings {
         groups.entry((&warning.stage, warning.kind)).or_default().push(warning);
     }
-    let mut out: Vec<String> = groups.values().take(TOLD).map(|group| group_told(group)).collect();
-    if groups.len() > TOLD {
-        out.push(format!("and {} more kinds of warnings", groups.len() - TOLD));
+    let mut out: Vec<String> = groups.values().take(MAX_GROUPS).map(|group| group_text(group)).collect();
+    if groups.len() > MAX_GROUPS {
+        out.push(format!("and {} more kinds of warnings", groups.len() - MAX_GROUPS));
     }
     if !out.is_empty() {
         let n = warnings.len();
@@ -382,7 +382,7 @@ pub fn told(warnings: &[Warning], table: &str) -> Vec<String> {
 }
 
 /// The first of the worst represents its group.
-fn group_told(group: &[&Warning]) -> String {
+fn group_text(group: &[&Warning]) -> String {
     let worst = group.iter().copied().reduce(|a, b| if b.excess() > a.excess() { b } else { a });
     let Some(worst) = worst else { return String::new() };
     let place = if worst.place().is_empty() { String::new() } else { format!(" ({})", worst.place()) };

@@ -140,10 +140,11 @@ fn unit_the_truth_is_not_flagged_and_correlated_errors_have_a_cause() {
     let bound = LineMetrics::from([("drms", 0.0), ("ins_drms", 900.0), ("nees", 0.0), ("nis", 1.0)]);
     assert!(judge(&facts(&bound, given(5.0))).is_empty());
     let cautious = LineMetrics::from([("drms", 20.0), ("ins_drms", 900.0), ("nees", 2.0), ("nis", 0.03)]);
-    let told = |settings: NavigationSettings| judge(&facts(&cautious, settings)).remove(0).cause.unwrap_or_default();
-    let lasting = told(NavigationSettings { fogm_sigma_nt: Some(286.0), ..given(0.01) });
+    let cause_of =
+        |settings: NavigationSettings| judge(&facts(&cautious, settings)).remove(0).cause.unwrap_or_default();
+    let lasting = cause_of(NavigationSettings { fogm_sigma_nt: Some(286.0), ..given(0.01) });
     assert!(lasting.starts_with("`fogm_sigma_nt` of 286.0 is too large"), "{lasting}");
-    let white = told(NavigationSettings { fogm_sigma_nt: Some(3.0), ..given(5.0) });
+    let white = cause_of(NavigationSettings { fogm_sigma_nt: Some(3.0), ..given(5.0) });
     assert!(white.starts_with("`measurement_sigma_nt` of 5.000 is too large"), "{white}");
 }
 
@@ -178,9 +179,9 @@ fn gold_many_warnings_are_summarised_by_the_worst_of_each_kind() {
         warning(WarningKind::NisLow, 0.004, 0.25, "1.01"),
         warning(WarningKind::WorseThanIns, 90.0, 10.0, "1.02"),
     ];
-    let told = told(&all, "p.warnings");
+    let lines = summary_lines(&all, "p.warnings");
     assert_eq!(
-        told,
+        lines,
         [
             "scores: the filter is worse than the INS alone at 2 places, worst (mag = mag_4_uc, flight 1, line 1.02): \
              drms 90\n  likely cause: a cause",
@@ -189,7 +190,7 @@ fn gold_many_warnings_are_summarised_by_the_worst_of_each_kind() {
             "3 warnings; the table `p.warnings` lists all",
         ]
     );
-    assert!(super::told(&[], "p.warnings").is_empty());
+    assert!(super::summary_lines(&[], "p.warnings").is_empty());
 }
 
 #[test]
@@ -229,7 +230,7 @@ fn unit_a_line_over_a_flat_map_is_flagged() {
     let mut row = LineMetrics::from([("drms", 20.0), ("ins_drms", 30.0), ("samples_flat", 40.0)]);
     assert!(judge(&facts(&row, given(5.0))).is_empty());
     row.put("samples_flat", 60.0);
-    let told = judge(&facts(&row, given(5.0)));
-    assert_eq!((told.len(), told[0].kind, told[0].value), (1, WarningKind::Flat, 0.6));
-    assert!(told[0].text.contains("60 % of the samples") && told[0].cause.is_some(), "{}", told[0].text);
+    let warnings = judge(&facts(&row, given(5.0)));
+    assert_eq!((warnings.len(), warnings[0].kind, warnings[0].value), (1, WarningKind::Flat, 0.6));
+    assert!(warnings[0].text.contains("60 % of the samples") && warnings[0].cause.is_some(), "{}", warnings[0].text);
 }

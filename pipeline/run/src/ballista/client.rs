@@ -123,7 +123,7 @@ impl SchedulerClient {
         let runtime = Arc::new(runtime()?);
         let channel = {
             let _within = runtime.enter();
-            let wrong = |e| Fault::new(format!("`{authority}` is not the address of a scheduler: {}", said(&e)));
+            let wrong = |e| Fault::new(format!("`{authority}` is not the address of a scheduler: {}", error_chain(&e)));
             trust.endpoint(authority).map_err(wrong)?.connect_lazy()
         };
         Ok(SchedulerClient { authority: authority.to_owned(), trust: trust.clone(), channel, runtime })
@@ -140,8 +140,8 @@ impl SchedulerClient {
         let request = request.body(Body::empty()).map_err(|e| SchedulerFault::Silent(e.to_string()))?;
         let mut channel = self.channel.clone();
         let asked = async move {
-            poll_fn(|cx| channel.poll_ready(cx)).await.map_err(|e| trouble(&e))?;
-            let answer = channel.call(request).await.map_err(|e| trouble(&e))?;
+            poll_fn(|cx| channel.poll_ready(cx)).await.map_err(|e| scheduler_fault(&e))?;
+            let answer = channel.call(request).await.map_err(|e| scheduler_fault(&e))?;
             let (mut body, mut bytes) = (answer.into_body(), vec![]);
             while let Some(frame) = poll_fn(|cx| Pin::new(&mut body).poll_frame(cx)).await {
                 let data = frame.map_err(|e| SchedulerFault::Silent(e.message().to_owned()))?.into_data();
@@ -219,7 +219,7 @@ impl SchedulerClient {
 }
 
 /// Text of an error, with its causes.
-fn said(e: &dyn Error) -> String {
+fn error_chain(e: &dyn Error) -> String {
     let causes = std::iter::successors(e.source(), |&e| e.source()).map(ToString::to_string);
     let mut all: Vec<String> = std::iter::once(e.to_string()).chain(causes).collect();
     all.dedup();
@@ -227,13 +227,13 @@ fn said(e: &dyn Error) -> String {
 }
 
 /// Cause of a missing answer: a scheduler without our key, or an unreachable one.
-fn trouble(e: &(dyn Error + 'static)) -> SchedulerFault {
+fn scheduler_fault(e: &(dyn Error + 'static)) -> SchedulerFault {
     let of_key = |e: &(dyn Error + 'static)| {
         let inner = e.downcast_ref::<io::Error>().and_then(io::Error::get_ref);
         inner.is_some_and(|inner| inner.is::<rustls::Error>()) || e.is::<rustls::Error>()
     };
     let mut causes = std::iter::successors(Some(e), |&e| e.source());
-    if causes.any(of_key) { SchedulerFault::Stranger } else { SchedulerFault::Silent(said(e)) }
+    if causes.any(of_key) { SchedulerFault::Stranger } else { SchedulerFault::Silent(error_chain(e)) }
 }
 
 /// Submits tasks as the job `name`, with one task of Ballista per partition of `parts`, and collects the answers.

@@ -58,7 +58,7 @@ use super::{
     closed::{JobPlan, LogicalPlanStub, names_a_job},
     flight::AnswerFileService,
     key::ClusterTrust,
-    told_to_stop,
+    stop_signal,
     units::TaskPlanCodec,
 };
 
@@ -206,14 +206,14 @@ impl ExecutorService {
         if !taken.into_inner().success {
             return Err(general("the scheduler rejects the registration".to_owned()));
         }
-        let told = tokio::select! {
-            () = told_to_stop() => true,
+        let stop_requested = tokio::select! {
+            () = stop_signal() => true,
             () = self.0.stop.notified() => false,
             () = self.report(heartbeat) => false,
             () = self.clean() => false,
         };
         self.0.ends.store(true, Ordering::Release);
-        if told {
+        if stop_requested {
             // The scheduler then dispatches nothing more to this executor.
             let _ = timeout(ANSWER, self.beat()).await;
             let (executor_id, reason) = (self.0.me.id.clone(), "told to stop".to_owned());
@@ -299,7 +299,7 @@ impl ExecutorService {
             }
             Err(e) => task_status::Status::Failed(FailedTask::from(e)),
         });
-        self.tell(status).await;
+        self.report_status(status).await;
         self.running().remove(&key);
     }
 
@@ -328,7 +328,7 @@ impl ExecutorService {
         })
     }
 
-    async fn tell(&self, status: TaskStatus) {
+    async fn report_status(&self, status: TaskStatus) {
         let (executor_id, task_status) = (self.0.me.id.clone(), vec![status]);
         let end = UpdateTaskStatusParams { executor_id, task_status };
         for _ in 0..TRIES {

@@ -4,7 +4,7 @@
 const JOB_S: f64 = 0.06;
 /// Maximum overhead as a fraction of the work: during a wave, and at its end. Jobs are smaller there, so that all cores
 /// end together.
-const MOST_BESIDE: f64 = 0.03;
+const MAX_OVERHEAD: f64 = 0.03;
 const MOST_AT_THE_END: f64 = 0.05;
 /// Time of the scheduler for a job, s; it handles jobs one after another.
 const SCHEDULING_S: f64 = 0.02;
@@ -19,7 +19,7 @@ const MOST_TASKS: usize = 256;
 /// work per core is divided evenly.
 pub fn size(task_s: f64, all: usize, waiting: usize, cores: usize) -> usize {
     let of = |seconds: f64| (seconds / task_s.max(1e-6)).clamp(1.0, MOST_TASKS as f64) as usize;
-    let wanted = of((JOB_S / MOST_BESIDE).max(SCHEDULING_S * cores as f64));
+    let wanted = of((JOB_S / MAX_OVERHEAD).max(SCHEDULING_S * cores as f64));
     let least = of(JOB_S / MOST_AT_THE_END).min(all.div_ceil(cores));
     wanted.min(waiting.div_ceil(JOBS_A_CORE * cores).max(least))
 }

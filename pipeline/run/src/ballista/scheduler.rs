@@ -32,7 +32,7 @@ use super::{
     closed::{JobPlan, LogicalPlanStub},
     executor::MESSAGE,
     key::ClusterTrust,
-    runtime, told_to_stop,
+    runtime, stop_signal,
     units::TaskPlanCodec,
 };
 
@@ -137,7 +137,7 @@ impl BoundScheduler {
                 served = server.serve_with_incoming(PortListener::by_handshake(listener, encryption).open()) => {
                     served.map_err(BallistaError::TonicError)
                 }
-                () = told_to_stop() => Ok(()),
+                () = stop_signal() => Ok(()),
             }
         };
         runtime()?.block_on(served).map_err(|e: BallistaError| Fault::machine(format!("the scheduler ended: {e}")))

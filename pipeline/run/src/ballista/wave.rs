@@ -43,7 +43,7 @@ const LONG: Duration = Duration::from_secs(15);
 /// Delay between a failed job and the next one.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
 /// Delay before missing workers are reported.
-const SAID_AFTER: Duration = Duration::from_secs(3);
+const REPORT_MISSING_AFTER: Duration = Duration::from_secs(3);
 /// Polling interval for events.
 const TICK: Duration = Duration::from_millis(100);
 
@@ -81,10 +81,10 @@ pub struct WaveDispatcher<'a> {
     seen: ClusterSnapshot,
     looked: Option<Instant>,
     /// Times since the last answer of the scheduler, the last worker, and the last failed job.
-    reached: ObservationTimer,
-    manned: ObservationTimer,
-    troubled: Option<ObservationTimer>,
-    trouble: String,
+    scheduler_seen: ObservationTimer,
+    worker_seen: ObservationTimer,
+    failed_since: Option<ObservationTimer>,
+    last_error: String,
     waits: bool,
 }
 
@@ -107,31 +107,31 @@ impl<'a> WaveDispatcher<'a> {
             restarts: 0,
             seen: engine.seen.clone(),
             looked: None,
-            reached: ObservationTimer::now(),
-            manned: ObservationTimer::now(),
-            troubled: None,
-            trouble: String::new(),
+            scheduler_seen: ObservationTimer::now(),
+            worker_seen: ObservationTimer::now(),
+            failed_since: None,
+            last_error: String::new(),
             waits: false,
         }
     }
 
     /// Dispatches tasks and collects receipts until each task has one, or the run is interrupted.
     pub fn run(mut self) -> Vec<Option<Receipt>> {
-        let (tell, hear) = channel();
+        let (sender, receiver) = channel();
         while !(self.waiting.is_empty() && self.jobs.is_empty()) {
             if INTERRUPTED.load(Ordering::Relaxed) {
                 self.cancel(None);
                 break;
             }
-            let hopeless = self.look().or_else(|| self.hopeless());
-            if let Some(fault) = hopeless {
+            let end_reason = self.look().or_else(|| self.end_reason());
+            if let Some(fault) = end_reason {
                 self.cancel(None);
                 let rest: Vec<usize> = (0..self.receipts.len()).filter(|i| self.receipts[*i].is_none()).collect();
                 rest.into_iter().for_each(|i| self.settle(i, failed(&self.wave.tasks[i], &fault)));
                 break;
             }
-            self.hand_out(&tell);
-            self.listen(&hear);
+            self.dispatch_jobs(&sender);
+            self.listen(&receiver);
             self.look_after();
         }
         if self.waits {
@@ -141,13 +141,13 @@ impl<'a> WaveDispatcher<'a> {
     }
 
     /// Receives the results of a job, if there are any.
-    fn listen(&mut self, hear: &Receiver<WaveJobResult>) {
-        match hear.recv_timeout(TICK) {
-            Ok((number, told)) => {
+    fn listen(&mut self, receiver: &Receiver<WaveJobResult>) {
+        match receiver.recv_timeout(TICK) {
+            Ok((number, answers_of_job)) => {
                 let Some(job) = self.jobs.remove(&number) else { return };
-                match told {
-                    Ok(answers) => self.hear(&job.tasks, answers),
-                    Err(why) => self.came_to_nothing(&job.tasks, &why),
+                match answers_of_job {
+                    Ok(answers) => self.process_answers(&job.tasks, answers),
+                    Err(why) => self.process_failed_job(&job.tasks, &why),
                 }
             }
             Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {}
@@ -162,12 +162,12 @@ impl<'a> WaveDispatcher<'a> {
         self.looked = Some(Instant::now());
         match self.engine.scheduler.look() {
             Ok(seen) => {
-                self.reached.seen();
+                self.scheduler_seen.seen();
                 if seen.scheduler != self.seen.scheduler {
                     self.restarts += 1;
                 }
                 if seen.cores > 0 {
-                    self.manned.seen();
+                    self.worker_seen.seen();
                 }
                 self.seen = seen;
             }
@@ -176,10 +176,10 @@ impl<'a> WaveDispatcher<'a> {
             }
             Err(SchedulerFault::Silent(why)) => {
                 self.seen.cores = 0;
-                self.trouble = why;
+                self.last_error = why;
             }
         }
-        let missing = self.seen.cores == 0 && self.manned.longer_than(SAID_AFTER);
+        let missing = self.seen.cores == 0 && self.worker_seen.longer_than(REPORT_MISSING_AFTER);
         if missing != self.waits {
             self.waits = missing;
             let what = format!("a worker of {}", self.engine.scheduler.authority);
@@ -189,24 +189,24 @@ impl<'a> WaveDispatcher<'a> {
     }
 
     /// Reason to end the wave.
-    fn hopeless(&self) -> Option<Fault> {
+    fn end_reason(&self) -> Option<Fault> {
         let (authority, patience) = (&self.engine.scheduler.authority, self.engine.limits.patience);
         let seconds = patience.as_secs();
-        if self.reached.longer_than(patience) {
-            let what = format!("the scheduler at {authority} has not answered for {seconds} s: {}", self.trouble);
+        if self.scheduler_seen.longer_than(patience) {
+            let what = format!("the scheduler at {authority} has not answered for {seconds} s: {}", self.last_error);
             return Some(Fault::machine(what).help("restart the scheduler; the next run resumes"));
         }
         if self.restarts > MOST_RESTARTS {
             let what = format!("the scheduler at {authority} restarted more than {MOST_RESTARTS} times");
             return Some(Fault::machine(what).help("read the standard error of the scheduler for the reason"));
         }
-        if self.manned.longer_than(patience) {
+        if self.worker_seen.longer_than(patience) {
             let others = match self.seen.others.as_slice() {
                 [] => String::new(),
                 others => format!("; workers of another version: {}", others.join(", ")),
             };
             let last = if self.refused > 0 {
-                format!("; the last worker rejected its task: {}", self.trouble)
+                format!("; the last worker rejected its task: {}", self.last_error)
             } else {
                 String::new()
             };
@@ -222,8 +222,8 @@ impl<'a> WaveDispatcher<'a> {
     }
 
     /// Dispatches jobs up to the capacity of the cluster.
-    fn hand_out(&mut self, tell: &Sender<WaveJobResult>) {
-        if self.troubled.is_some_and(|since| !since.longer_than(AGAIN_AFTER)) {
+    fn dispatch_jobs(&mut self, sender: &Sender<WaveJobResult>) {
+        if self.failed_since.is_some_and(|since| !since.longer_than(AGAIN_AFTER)) {
             return;
         }
         let room = (JOBS_A_CORE * self.seen.cores).saturating_sub(self.jobs.len());
@@ -233,13 +233,13 @@ impl<'a> WaveDispatcher<'a> {
                 break;
             }
             self.number += 1;
-            let (number, tell) = (self.number, tell.clone());
+            let (number, sender) = (self.number, sender.clone());
             let now = Instant::now();
             self.jobs.insert(number, WaveJob { tasks, begun: now, looked: now, there: false, idle: None });
             let made = job(self.engine.scheduler.place(), self.engine.session.clone(), self.name(number), vec![handed]);
             self.engine.runtime.spawn(async move {
                 // There is no receiver after an interrupt.
-                let _ = tell.send((number, made.await.map_err(|e| e.to_string())));
+                let _ = sender.send((number, made.await.map_err(|e| e.to_string())));
             });
         }
     }
@@ -301,7 +301,7 @@ impl<'a> WaveDispatcher<'a> {
 
     /// Records the receipt of a task.
     fn settle(&mut self, i: usize, receipt: Receipt) {
-        self.wave.tell(&self.wave.tasks[i], &receipt);
+        self.wave.report_outcomes(&self.wave.tasks[i], &receipt);
         self.receipts[i] = Some(receipt);
     }
 
@@ -317,12 +317,12 @@ impl<'a> WaveDispatcher<'a> {
 
     fn refusal(&self) -> Fault {
         let store = shown(self.wave.worker.store().root());
-        Fault::machine(format!("the workers reject the tasks: {}", self.trouble))
+        Fault::machine(format!("the workers reject the tasks: {}", self.last_error))
             .help(format!("the `--store` of each worker must be the store of this run, {store}"))
     }
 
     /// Processes the answers of a job.
-    fn hear(&mut self, tasks: &[usize], answers: Vec<AnswerMessage>) {
+    fn process_answers(&mut self, tasks: &[usize], answers: Vec<AnswerMessage>) {
         let mut left: Vec<usize> = tasks.to_vec();
         for AnswerMessage { id, worker, receipt, refused: why } in answers {
             let Some(at) = self.tasks.get(&id).and_then(|i| left.iter().position(|l| l == i)) else {
@@ -339,7 +339,7 @@ impl<'a> WaveDispatcher<'a> {
                 (Some(Err(fault)), _) => self.again(i, fault),
                 (_, why) => {
                     self.refused += 1;
-                    self.trouble = format!("{worker}: {}", why.unwrap_or_default());
+                    self.last_error = format!("{worker}: {}", why.unwrap_or_default());
                     self.again(i, self.refusal());
                 }
             }
@@ -363,11 +363,11 @@ impl<'a> WaveDispatcher<'a> {
     }
 
     /// Processes a failed job: its scheduler or worker was lost, or it was cancelled.
-    fn came_to_nothing(&mut self, tasks: &[usize], why: &str) {
+    fn process_failed_job(&mut self, tasks: &[usize], why: &str) {
         let before = self.seen.scheduler.clone();
         self.looked = None;
         let lost = self.look().is_some() || self.seen.cores == 0 || self.seen.scheduler != before;
-        self.troubled = Some(ObservationTimer::now());
+        self.failed_since = Some(ObservationTimer::now());
         if lost {
             // The tasks did not cause this failure.
             self.waiting.extend(tasks);

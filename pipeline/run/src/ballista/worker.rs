@@ -26,7 +26,7 @@ use super::{
     key::ClusterTrust,
     runtime,
     scheduler::name_of,
-    told_to_stop,
+    stop_signal,
     units::{AnswerMessage, COMPUTE, TaskComputer, TaskMessage},
 };
 use crate::{
@@ -75,7 +75,7 @@ pub struct WorkerConfig {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum WorkerExit {
     /// Stop request.
-    Told,
+    Requested,
     /// Scheduler that does not answer or has lost this worker; the worker may restart.
     Alone,
 }
@@ -101,11 +101,11 @@ fn leave(why: Fault, after: Duration) {
 ///
 /// # Errors
 /// Fails when the scheduler has another version or cannot reach this worker, or a port or folder is unavailable.
-pub fn work(config: &WorkerConfig, hear: ReceiptHandler) -> Result<WorkerExit, Fault> {
+pub fn work(config: &WorkerConfig, on_receipt: ReceiptHandler) -> Result<WorkerExit, Fault> {
     config.trust.admits(config.bind)?;
     let scheduler = SchedulerClient::at(&format!("{}:{}", config.host, config.port), &config.trust)?;
     let name = named(&format!("{}-{}-{}", kernel(), std::process::id(), short()));
-    let crew = WorkerPool::new(config, name.clone(), scheduler.authority.clone(), hear);
+    let crew = WorkerPool::new(config, name.clone(), scheduler.authority.clone(), on_receipt);
     if COMPUTE.set(Box::new(crew.clone())).is_err() {
         return Err(Fault::bug("two workers in one process"));
     }
@@ -145,13 +145,13 @@ fn executed(config: &WorkerConfig, name: String, folder: &Path) -> Result<Worker
     };
     let ended = runtime()?.block_on(async {
         tokio::spawn(async {
-            told_to_stop().await;
+            stop_signal().await;
             INTERRUPTED.store(true, Ordering::SeqCst);
         });
         executor.run().await
     });
     match ended {
-        Ok(()) if INTERRUPTED.load(Ordering::SeqCst) => Ok(WorkerExit::Told),
+        Ok(()) if INTERRUPTED.load(Ordering::SeqCst) => Ok(WorkerExit::Requested),
         Ok(()) => Ok(WorkerExit::Alone),
         Err(e) => {
             let what = format!("the scheduler at {}:{} rejects this worker: {e}", config.host, config.port);
@@ -195,7 +195,7 @@ struct WorkerPoolState {
     store: PathBuf,
     places: Mutex<WorkerSlots>,
     freed: Condvar,
-    hear: ReceiptHandler,
+    on_receipt: ReceiptHandler,
 }
 
 struct WorkerSlots {
@@ -211,11 +211,11 @@ struct IdleProcess {
 }
 
 impl WorkerPool {
-    fn new(config: &WorkerConfig, name: String, authority: String, hear: ReceiptHandler) -> WorkerPool {
+    fn new(config: &WorkerConfig, name: String, authority: String, on_receipt: ReceiptHandler) -> WorkerPool {
         let places = Mutex::new(WorkerSlots { free: config.cores, resting: vec![] });
         let (program, store, freed) = (config.program.clone(), config.store.clone(), Condvar::new());
         let proven = AtomicBool::new(false);
-        WorkerPool(Arc::new(WorkerPoolState { name, authority, proven, program, store, places, freed, hear }))
+        WorkerPool(Arc::new(WorkerPoolState { name, authority, proven, program, store, places, freed, on_receipt }))
     }
 
     fn places(&self) -> MutexGuard<'_, WorkerSlots> {
@@ -313,7 +313,7 @@ impl WorkerPool {
                     sleep(Duration::from_secs(1));
                 }
                 Some(why) => {
-                    (self.0.hear)(&receipt);
+                    (self.0.on_receipt)(&receipt);
                     let why = format!("{why} (its store is {})", shown(&self.0.store));
                     // Otherwise it would take tasks from workers that can compute them.
                     if !self.0.proven.load(Ordering::Relaxed) {
@@ -324,7 +324,7 @@ impl WorkerPool {
                 }
                 None => {
                     self.0.proven.store(true, Ordering::Relaxed);
-                    (self.0.hear)(&receipt);
+                    (self.0.on_receipt)(&receipt);
                     return match serde_json::to_string(&receipt) {
                         Ok(text) => Some(answered(Some(text), None)),
                         Err(e) => refused(e.to_string()),

@@ -56,9 +56,9 @@ pub struct RunCost {
     /// Its tables, in the order of the plan.
     pub tables: Vec<TableCost>,
     /// Processor time outside the tables: keys, scores, publishing, s.
-    pub beside: f64,
+    pub overhead_s: f64,
     /// Elapsed time outside the tables, s.
-    pub beside_clock: f64,
+    pub overhead_clock_s: f64,
     /// The number of threads.
     pub threads: usize,
     /// Speed of this machine relative to the reference machine, 1.
@@ -72,12 +72,12 @@ pub struct RunCost {
 impl RunCost {
     /// Processor time, s.
     pub fn seconds(&self) -> f64 {
-        self.tables.iter().map(|t| t.seconds).sum::<f64>() + self.beside
+        self.tables.iter().map(|t| t.seconds).sum::<f64>() + self.overhead_s
     }
 
     /// Elapsed time, s.
     pub fn clock(&self) -> f64 {
-        self.tables.iter().map(|t| t.clock).sum::<f64>() + self.beside_clock
+        self.tables.iter().map(|t| t.clock).sum::<f64>() + self.overhead_clock_s
     }
 
     /// Bytes to add to the store.
@@ -97,7 +97,7 @@ impl RunCost {
 }
 
 /// Estimates a run of the plan of `graph` in `store` on `threads` threads. The estimate excludes reading the sources,
-/// which is complete when a graph exists. For a search, it covers the trials of the plan; [`crate::foreseen`] adds
+/// which is complete when a graph exists. For a search, it covers the trials of the plan; [`crate::plan_all_trials`] adds
 /// the missing ones.
 ///
 /// # Errors
@@ -132,12 +132,12 @@ pub fn estimate(graph: &PlanGraph, store: &Store, threads: usize) -> Result<RunC
         }
         tables.push(one);
     }
-    let (mut beside, mut beside_clock) = (0.0, 0.0);
+    let (mut overhead_s, mut overhead_clock_s) = (0.0, 0.0);
     if tables.iter().any(|t| t.units > 0) {
-        beside = (START_S + known.seconds.total(&watch::of_run(graph, numbers).time(0.0))) / speed;
-        beside_clock = beside + SYNCS_A_TABLE * tables.len() as f64 * sync_s;
+        overhead_s = (START_S + known.seconds.total(&watch::of_run(graph, numbers).time(0.0))) / speed;
+        overhead_clock_s = overhead_s + SYNCS_A_TABLE * tables.len() as f64 * sync_s;
     }
-    Ok(RunCost { tables, beside, beside_clock, threads, speed, measured: known.own, assumed: 0 })
+    Ok(RunCost { tables, overhead_s, overhead_clock_s, threads, speed, measured: known.own, assumed: 0 })
 }
 
 /// Expected times of units, which determine the size of a task.

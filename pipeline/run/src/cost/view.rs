@@ -20,7 +20,7 @@ pub fn table(cost: &RunCost) -> String {
         count(cost.rows()),
         bytes(cost.bytes()),
         seconds(cost.seconds()),
-        seconds(cost.beside),
+        seconds(cost.overhead_s),
     );
     let threads = if cost.threads == 1 { "1 thread".to_owned() } else { format!("{} threads", cost.threads) };
     out += &format!(
@@ -69,7 +69,7 @@ pub fn json(cost: &RunCost) -> Value {
     json!({
         "tables": cost.tables.iter().map(one).collect::<Vec<_>>(),
         "rows": whole(cost.rows()), "bytes": whole(cost.bytes()), "processor_s": cost.seconds(),
-        "processor_s_beside": cost.beside, "clock_s": cost.clock(), "memory_bytes": whole(cost.memory()),
+        "processor_s_beside": cost.overhead_s, "clock_s": cost.clock(), "memory_bytes": whole(cost.memory()),
         "threads": cost.threads, "speed": cost.speed, "measured": cost.measured,
         "trials_assumed": cost.assumed,
     })

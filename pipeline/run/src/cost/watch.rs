@@ -68,10 +68,10 @@ impl<'a> CostMeter<'a> {
         if self.seen.is_empty() {
             return;
         }
-        let beside = machine::processor_s() - self.begun_s - self.spent_s;
+        let used_s = machine::processor_s() - self.begun_s - self.spent_s;
         if whole {
             let work = of_run(self.graph, self.seen.iter().map(|o| o.rows * o.work.width).sum());
-            let (seconds, rows) = (beside.max(0.0), 0.0);
+            let (seconds, rows) = (used_s.max(0.0), 0.0);
             self.seen.push(CostObservation { work, rows, bytes: None, seconds, memory: None });
         }
         let speed = machine::speed();

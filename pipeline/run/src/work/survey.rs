@@ -20,7 +20,7 @@ use super::{
 };
 
 /// Minimum interval between progress reports of a unit.
-const TOLD_EVERY: Duration = Duration::from_secs(1);
+const REPORT_EVERY: Duration = Duration::from_secs(1);
 
 /// Result of a survey stage for a point: the faults of skipped lines, and its table.
 type SurveyUnitResult = (Vec<Fault>, Result<StageOutput, Fault>);
@@ -30,16 +30,16 @@ struct SurveyUnitInputs<'a> {
     worker: &'a UnitWorker<'a>,
     units: &'a [PlanUnit],
     /// Time of the last progress report.
-    told: Mutex<Option<Instant>>,
+    last_report: Mutex<Option<Instant>>,
 }
 
 impl SurveyUnitInputs<'_> {
     /// Whether the next progress report is due.
     fn is_due(&self) -> bool {
-        let Ok(mut told) = self.told.lock() else { return false };
-        let due = told.is_none_or(|last| last.elapsed() >= TOLD_EVERY);
+        let Ok(mut last_report) = self.last_report.lock() else { return false };
+        let due = last_report.is_none_or(|last| last.elapsed() >= REPORT_EVERY);
         if due {
-            *told = Some(Instant::now());
+            *last_report = Some(Instant::now());
         }
         due
     }
@@ -59,11 +59,11 @@ impl CheckpointMonitor for SurveyUnitInputs<'_> {
         let _ = self.key(point).map(|key| self.worker.store.set_checkpoint(key, state));
     }
 
-    fn goes_on(&self, point: usize, progress: &str) -> ControlFlow<()> {
+    fn report_progress(&self, point: usize, progress: &str) -> ControlFlow<()> {
         if let Some(unit) = self.units.get(point).filter(|_| self.is_due()) {
             let table = &self.worker.graph.plan.tables[unit.table].name;
             let point = &self.worker.instance(*unit).point();
-            self.worker.listener.hear(&Event::Working { table, point, progress });
+            self.worker.listener.on_event(&Event::Working { table, point, progress });
         }
         if INTERRUPTED.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
@@ -146,11 +146,12 @@ impl UnitWorker<'_> {
                 }
             }
         }
-        let mut tables =
-            match guarded(|| gather.finish(parts, &SurveyUnitInputs { worker: self, units, told: Mutex::default() })) {
-                Ok(tables) => tables,
-                Err(fault) => return all(fault),
-            };
+        let mut tables = match guarded(|| {
+            gather.finish(parts, &SurveyUnitInputs { worker: self, units, last_report: Mutex::default() })
+        }) {
+            Ok(tables) => tables,
+            Err(fault) => return all(fault),
+        };
         for (table, left_out) in tables.iter_mut().zip(&left_out).filter(|(_, l)| l.len() == lines.len()) {
             *table = Err(nothing_left(left_out));
         }

@@ -183,8 +183,8 @@ impl<S: FlagStage> StageFlags<S> {
         let first = |faults: Vec<Fault>| faults.into_iter().next().map_or_else(Fault::default, in_flags::<S>);
         let built = (S::declared().build)(&self.given).map_err(first)?;
         let stage = built.as_any().downcast_ref::<S>().ok_or_else(|| Fault::bug("a stage of another type"))?;
-        let idle = self.given.keys().find_map(|key| stage.idle(key));
-        idle.map_or(Ok(stage.clone()), |fault| Err(in_flags::<S>(fault).into()))
+        let unused = self.given.keys().find_map(|key| stage.idle(key));
+        unused.map_or(Ok(stage.clone()), |fault| Err(in_flags::<S>(fault).into()))
     }
 }
 
@@ -200,7 +200,7 @@ const TERMS: [(&str, &str); 6] = [
 
 /// Replaces parameter names by flags in a fault of the stage `S`.
 pub fn in_flags<S: FlagStage>(fault: Fault) -> Fault {
-    let said = |text: &str| {
+    let with_flag_names = |text: &str| {
         let mut text = text.to_owned();
         for param in S::declared().params {
             let flag = flag(param.name);
@@ -209,7 +209,7 @@ pub fn in_flags<S: FlagStage>(fault: Fault) -> Fault {
         }
         TERMS.iter().fold(text, |text, (spec, command)| text.replace(spec, command))
     };
-    Fault { what: said(&fault.what), help: fault.help.as_deref().map(said), at: None, ..fault }
+    Fault { what: with_flag_names(&fault.what), help: fault.help.as_deref().map(with_flag_names), at: None, ..fault }
 }
 
 #[cfg(test)]

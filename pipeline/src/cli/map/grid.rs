@@ -10,7 +10,7 @@ use numerics::maps::{
     plane_grid::PlaneGrid,
 };
 use schemas::Fault;
-use stages::map_grid::{MapGrid, MapGridProgress as Told, NO_HEIGHTS, SurveyMap, without_far};
+use stages::map_grid::{MapGrid, MapGridProgress, NO_HEIGHTS, SurveyMap, without_far};
 
 use super::{
     ExitReason, InvalidValueArgs, OutputArgs, ThreadArgs, apart,
@@ -86,7 +86,7 @@ pub fn run(args: &GridArgs) -> Result<(), ExitReason> {
         let refused = |fault| of_file(&args.points[0], in_flags::<MapGrid>(fault));
         let SurveyMap { map, error, report, levelled } = stage.apply(&mut points, &progress).map_err(refused)?;
         if let Some(levelled) = &levelled {
-            say(told(levelled, &points.lines))?;
+            say(levelling_report(levelled, &points.lines))?;
         }
         say(reported(&map.plane(), &report, &points, far))?;
         if matches!(map.height, GridHeight::Level(alt_m) if alt_m.is_nan()) {
@@ -100,7 +100,7 @@ pub fn run(args: &GridArgs) -> Result<(), ExitReason> {
 }
 
 /// All points in the projection of the first file, and the number of isolated points.
-fn read(args: &GridArgs, stage: &MapGrid, progress: Told) -> Result<(SurveyPointSet, usize), ExitReason> {
+fn read(args: &GridArgs, stage: &MapGrid, progress: MapGridProgress) -> Result<(SurveyPointSet, usize), ExitReason> {
     let c = &args.columns;
     let mut options = PointOptions {
         format: c.format.clone(),
@@ -211,7 +211,7 @@ fn name_far(far: &[usize], points: &SurveyPointSet, files: &[PathBuf], starts: &
 }
 
 /// Report of levelling.
-fn told(levelled: &LevellingResult, names: &[String]) -> String {
+fn levelling_report(levelled: &LevellingResult, names: &[String]) -> String {
     let row = |name: &str, m: &CrossoverMerit| {
         format!("{name:<22} {:>10.3} {:>10.3} {:>8}\n", m.figure_of_merit_crossings, m.median_nt, m.n)
     };

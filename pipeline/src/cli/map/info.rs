@@ -7,7 +7,7 @@ use datasets::SummaryValue;
 use schemas::Fault;
 use serde_json::{Map as Object, Value, json};
 
-use super::{ExitReason, InputArgs, say, tell};
+use super::{ExitReason, InputArgs, print_to_stderr, say};
 
 #[derive(Args)]
 pub struct InfoArgs {
@@ -51,7 +51,7 @@ pub fn run(args: &InfoArgs) -> Result<(), ExitReason> {
                 // The last error is reported on exit.
                 let before = std::mem::replace(&mut last, Err(stop));
                 if let Err(ExitReason::Wrong(text) | ExitReason::Failed(text)) = before {
-                    tell(&text);
+                    print_to_stderr(&text);
                 }
             }
         }

@@ -133,13 +133,13 @@ impl ScheduleArgs {
     }
 
     fn locked(&self, store: &Store, name: &str, begun: Instant, watch: &RunWatch) -> Result<PipelineLock, ExitReason> {
-        let mut told = false;
+        let mut reported = false;
         loop {
             let held = match store.lock(name)? {
                 LockOutcome::Mine(publisher) => return Ok(publisher),
                 LockOutcome::Held(held) => held,
             };
-            let what = held.told(name, store.root());
+            let what = held.message(name, store.root());
             match self.wait {
                 None => {
                     return Err(refused(
@@ -156,7 +156,7 @@ impl ScheduleArgs {
                 }
                 Some(_) => {}
             }
-            if !std::mem::replace(&mut told, true) {
+            if !std::mem::replace(&mut reported, true) {
                 note(&format!("{what}; waiting for that run"));
             }
             sleep(store.look_again());
@@ -203,9 +203,9 @@ fn refused(what: &str, help: &str, held: ForeignLock, watch: &RunWatch) -> ExitR
 pub struct ListenerPair<'a>(pub &'a dyn Listener, pub &'a dyn Listener);
 
 impl Listener for ListenerPair<'_> {
-    fn hear(&self, event: &Event) {
-        self.0.hear(event);
-        self.1.hear(event);
+    fn on_event(&self, event: &Event) {
+        self.0.on_event(event);
+        self.1.on_event(event);
     }
 }
 
@@ -213,7 +213,7 @@ impl Listener for ListenerPair<'_> {
 pub struct FinishFilter<'a>(pub &'a dyn Listener);
 
 impl Listener for FinishFilter<'_> {
-    fn hear(&self, event: &Event) {
+    fn on_event(&self, event: &Event) {
         match event {
             Event::Finished { .. } => {}
             Event::Reading { .. }
@@ -225,7 +225,7 @@ impl Listener for FinishFilter<'_> {
             | Event::Searching { .. }
             | Event::Trials { .. }
             | Event::Publishing { .. }
-            | Event::Table { .. } => self.0.hear(event),
+            | Event::Table { .. } => self.0.on_event(event),
         }
     }
 }
@@ -234,15 +234,15 @@ impl Listener for FinishFilter<'_> {
 pub struct ProgressFilter<'a>(pub &'a dyn Listener);
 
 impl Listener for ProgressFilter<'_> {
-    fn hear(&self, event: &Event) {
+    fn on_event(&self, event: &Event) {
         if matches!(event, Event::Working { .. } | Event::Computing { .. }) {
-            self.0.hear(event);
+            self.0.on_event(event);
         }
     }
 }
 
 /// Adds the results of a recomputation to the summary of a run.
-pub fn told_again(summary: &mut RunSummary, compared: Vec<run::TableComparison>) {
+pub fn report_comparison(summary: &mut RunSummary, compared: Vec<run::TableComparison>) {
     for one in &compared {
         let units = super::counted(one.units, "unit");
         let what = match one.differ.len() {

@@ -179,9 +179,9 @@ impl RunWatch {
         }
         let named = |name: &str| std::env::var(name).ok().filter(|v| !v.is_empty());
         let namespace = named("OPENLINEAGE_NAMESPACE").unwrap_or_else(|| "magline".to_owned());
-        let said = named("OPENLINEAGE_PARENT_ID");
-        let parent = said.as_deref().and_then(ParentRun::parse);
-        if let Some(text) = said.filter(|_| parent.is_none()) {
+        let parent_id = named("OPENLINEAGE_PARENT_ID");
+        let parent = parent_id.as_deref().and_then(ParentRun::parse);
+        if let Some(text) = parent_id.filter(|_| parent.is_none()) {
             err!("warning: OPENLINEAGE_PARENT_ID is not <namespace>/<job>/<run>: `{text}`");
         }
         let mut state = self.state();
@@ -201,8 +201,8 @@ impl RunWatch {
             Err(ExitReason::Wrong(text)) => (RunStatus::Wrong, Some(text.clone())),
             Err(ExitReason::Locked(text)) => (RunStatus::Locked, Some(text.clone())),
             Err(ExitReason::OutOfTime) => (RunStatus::OutOfTime, Some(super::STOPPED.to_owned())),
-            Err(ExitReason::Told(_)) => (RunStatus::Failed, None),
-            Err(ExitReason::Interrupted) => (RunStatus::Interrupted, Some(interrupt::SAID.to_owned())),
+            Err(ExitReason::Printed(_)) => (RunStatus::Failed, None),
+            Err(ExitReason::Interrupted) => (RunStatus::Interrupted, Some(interrupt::MESSAGE.to_owned())),
         };
         self.over(&RunEnd { status, error, summary });
     }
@@ -212,7 +212,7 @@ impl RunWatch {
         let (status, error) = if status == OUT_OF_TIME {
             (RunStatus::OutOfTime, super::STOPPED)
         } else {
-            (RunStatus::Interrupted, interrupt::SAID)
+            (RunStatus::Interrupted, interrupt::MESSAGE)
         };
         self.over(&RunEnd { status, error: Some(error.to_owned()), summary: None });
     }
@@ -244,20 +244,20 @@ impl RunWatch {
 
     /// Sends the last events: for unfinished tables and for the run.
     fn last(&self, state: &RunWatchState, end: &RunEnd) {
-        use openlineage::LineageEventType as Told;
+        use openlineage::LineageEventType as EventType;
         let Some(run) = &state.of else { return };
-        let told = match end.status {
-            RunStatus::Done => Told::Complete,
-            RunStatus::Failed | RunStatus::Wrong | RunStatus::Locked => Told::Fail,
-            RunStatus::OutOfTime | RunStatus::Interrupted => Told::Abort,
+        let event_type = match end.status {
+            RunStatus::Done => EventType::Complete,
+            RunStatus::Failed | RunStatus::Wrong | RunStatus::Locked => EventType::Fail,
+            RunStatus::OutOfTime | RunStatus::Interrupted => EventType::Abort,
         };
-        let stopped = if told == Told::Abort { Told::Abort } else { Told::Fail };
+        let stopped = if event_type == EventType::Abort { EventType::Abort } else { EventType::Fail };
         let open = state.begun_tables.difference(&state.ended_tables);
         let tables = open.filter_map(|name| state.lineage.iter().find(|t| t.name == *name));
         self.send(tables.map(|t| run.of_table(t, stopped, end.error.as_deref())));
         let failed = end.summary.and_then(|s| s.failures.first()).map(|f| f.fault.to_string());
         let error = end.error.clone().or(failed).or_else(|| state.first_error.clone());
-        self.send([run.event(told, error.as_deref().filter(|_| told != Told::Complete))]);
+        self.send([run.event(event_type, error.as_deref().filter(|_| event_type != EventType::Complete))]);
     }
 
     fn begun_table(&self, state: &mut RunWatchState, name: &str) {
@@ -280,18 +280,18 @@ impl RunWatch {
         let all = bad + count.computed + count.reused;
         let why = state.first_error.as_ref().map(|e| format!(": {e}")).unwrap_or_default();
         let error = (bad > 0).then(|| format!("{bad} of {all} units failed or were skipped{why}"));
-        let told = match (aborted, bad) {
+        let event_type = match (aborted, bad) {
             (true, _) => openlineage::LineageEventType::Abort,
             (false, 0) => openlineage::LineageEventType::Complete,
             (false, _) => openlineage::LineageEventType::Fail,
         };
         let of = state.of.as_ref().zip(state.lineage.iter().find(|t| t.name == name));
-        self.send(of.map(|(run, table)| run.of_table(table, told, error.as_deref())));
+        self.send(of.map(|(run, table)| run.of_table(table, event_type, error.as_deref())));
     }
 }
 
 impl Listener for RunWatch {
-    fn hear(&self, event: &Event) {
+    fn on_event(&self, event: &Event) {
         match event {
             Event::Started { run, graph, .. } => {
                 let mut state = self.state();

@@ -38,8 +38,8 @@ struct LeaseContent {
 impl LeaseContent {
     fn new(cache: String) -> LeaseContent {
         let (holder, once) = (LockHolder::this(), Uuid::new_v4().to_string());
-        let said = LeaseContent { holder, cache, once, sum: String::new() };
-        LeaseContent { sum: said.sum_of(), ..said }
+        let content = LeaseContent { holder, cache, once, sum: String::new() };
+        LeaseContent { sum: content.sum_of(), ..content }
     }
 
     fn sum_of(&self) -> String {
@@ -49,7 +49,7 @@ impl LeaseContent {
 
 /// Whether the object of a lease is intact.
 pub(super) fn is_lease_whole(bytes: &[u8]) -> bool {
-    let whole = |said: LeaseContent| said.holder.is_whole() && said.sum == said.sum_of();
+    let whole = |content: LeaseContent| content.holder.is_whole() && content.sum == content.sum_of();
     serde_json::from_slice(bytes).is_ok_and(whole)
 }
 
@@ -65,7 +65,7 @@ pub struct RemoteLease {
     remote: Arc<RemoteStore>,
     pipeline: String,
     number: u64,
-    said: LeaseContent,
+    content: LeaseContent,
     shared: Arc<RemoteHeartbeatState>,
     heart: Option<JoinHandle<()>>,
 }
@@ -81,8 +81,8 @@ fn start(pipeline: &str) -> String {
     format!("locks/{pipeline}.lease-")
 }
 
-fn text(said: &LeaseContent) -> Result<Vec<u8>, Fault> {
-    serde_json::to_vec(said).map_err(|e| Fault::machine(e.to_string()))
+fn text(content: &LeaseContent) -> Result<Vec<u8>, Fault> {
+    serde_json::to_vec(content).map_err(|e| Fault::machine(e.to_string()))
 }
 
 impl RemoteStore {
@@ -97,7 +97,7 @@ impl RemoteStore {
         Ok(found)
     }
 
-    fn said(&self, lease: &LeaseObject) -> Result<Option<LeaseContent>, Fault> {
+    fn read_lease(&self, lease: &LeaseObject) -> Result<Option<LeaseContent>, Fault> {
         Ok(self.bucket.get(&lease.key)?.and_then(|bytes| serde_json::from_slice(&bytes).ok()))
     }
 
@@ -119,7 +119,7 @@ impl RemoteStore {
     /// Fails when the server cannot be reached or reports an error.
     pub fn generation(&self, pipeline: &str) -> Result<Option<u64>, Fault> {
         let Some(last) = self.leases(pipeline)?.pop() else { return Ok(Some(0)) };
-        Ok(self.said(&last)?.filter(|said| said.holder.is_free()).map(|_| last.number))
+        Ok(self.read_lease(&last)?.filter(|content| content.holder.is_free()).map(|_| last.number))
     }
 
     /// Whether a run of any pipeline holds a lease.
@@ -127,7 +127,7 @@ impl RemoteStore {
         let now = self.time()?;
         for lease in self.bucket.list_flat("locks")?.into_iter().filter(|o| o.key.contains(".lease-")) {
             let lease = LeaseObject { number: 0, written: lease.modified, key: lease.key };
-            let free = self.said(&lease)?.is_some_and(|said| self.is_over(&said));
+            let free = self.read_lease(&lease)?.is_some_and(|content| self.is_over(&content));
             if !free && !is_silent(now, lease.written) {
                 return Ok(true);
             }
@@ -136,9 +136,9 @@ impl RemoteStore {
     }
 
     /// Whether the holder has released its lease, or would hold the lock of this cache.
-    fn is_over(&self, said: &LeaseContent) -> bool {
+    fn is_over(&self, content: &LeaseContent) -> bool {
         let boot = LockHolder::this().boot;
-        said.holder.is_free() || (said.cache == self.cache && !boot.is_empty() && said.holder.boot == boot)
+        content.holder.is_free() || (content.cache == self.cache && !boot.is_empty() && content.holder.boot == boot)
     }
 
     /// Takes the lease of `pipeline` for a process that has the lock of the cache, or returns the holder.
@@ -149,31 +149,32 @@ impl RemoteStore {
         let last = self.leases(pipeline)?.pop();
         let number = last.as_ref().map_or(1, |lease| lease.number.saturating_add(1));
         if let Some(lease) = last {
-            let said = self.said(&lease)?;
-            if !said.as_ref().is_some_and(|said| self.is_over(said)) {
+            let content = self.read_lease(&lease)?;
+            if !content.as_ref().is_some_and(|content| self.is_over(content)) {
                 let now = self.time()?;
                 if !is_silent(now, lease.written) {
                     let silent = now.duration_since(lease.written).ok();
-                    return Ok(Err(ForeignLock { holder: said.map(|s| s.holder), silent }));
+                    return Ok(Err(ForeignLock { holder: content.map(|s| s.holder), silent }));
                 }
             }
         }
-        let said = LeaseContent::new(self.cache.clone());
+        let content = LeaseContent::new(self.cache.clone());
         let key = format!("{}{number}", start(pipeline));
-        let made = self.bucket.create(&key, &text(&said)?)?;
+        let made = self.bucket.create(&key, &text(&content)?)?;
         let known = self.leases(pipeline)?;
         if !made || known.last().is_none_or(|lease| lease.number != number) {
             if made {
                 self.bucket.remove(&key)?;
             }
-            let holder = known.last().map(|lease| self.said(lease)).transpose()?.flatten().map(|said| said.holder);
+            let holder =
+                known.last().map(|lease| self.read_lease(lease)).transpose()?.flatten().map(|content| content.holder);
             return Ok(Err(ForeignLock { holder, silent: None }));
         }
         for older in known.iter().filter(|lease| lease.number < number) {
             // The highest number counts; the next holder removes the others.
             let _ = self.bucket.remove(&older.key);
         }
-        Ok(Ok(RemoteLease::start(self.clone(), pipeline, number, said)?))
+        Ok(Ok(RemoteLease::start(self.clone(), pipeline, number, content)?))
     }
 }
 
@@ -182,9 +183,14 @@ fn is_silent(now: SystemTime, written: SystemTime) -> bool {
 }
 
 impl RemoteLease {
-    fn start(remote: Arc<RemoteStore>, pipeline: &str, number: u64, said: LeaseContent) -> Result<RemoteLease, Fault> {
+    fn start(
+        remote: Arc<RemoteStore>,
+        pipeline: &str,
+        number: u64,
+        content: LeaseContent,
+    ) -> Result<RemoteLease, Fault> {
         let shared = Arc::new(RemoteHeartbeatState::default());
-        let (of_thread, store, name, bytes) = (shared.clone(), remote.clone(), pipeline.to_owned(), text(&said)?);
+        let (of_thread, store, name, bytes) = (shared.clone(), remote.clone(), pipeline.to_owned(), text(&content)?);
         let beat = move || {
             let mut over = of_thread.over.lock().unwrap_or_else(PoisonError::into_inner);
             while !*over {
@@ -206,7 +212,7 @@ impl RemoteLease {
         };
         let thread = std::thread::Builder::new().name("lease".to_owned()).spawn(beat);
         let thread = thread.map_err(|e| Fault::machine(format!("cannot start a thread: {e}")))?;
-        Ok(RemoteLease { remote, pipeline: pipeline.to_owned(), number, said, shared, heart: Some(thread) })
+        Ok(RemoteLease { remote, pipeline: pipeline.to_owned(), number, content, shared, heart: Some(thread) })
     }
 
     /// Number of the lease.
@@ -224,8 +230,8 @@ impl RemoteLease {
         if own && !self.shared.lost.load(Ordering::SeqCst) {
             return Ok(None);
         }
-        let said = last.map(|lease| self.remote.said(&lease)).transpose()?.flatten();
-        Ok(Some(said.map_or_else(|| "another process".to_owned(), |said| said.holder.to_string())))
+        let content = last.map(|lease| self.remote.read_lease(&lease)).transpose()?.flatten();
+        Ok(Some(content.map_or_else(|| "another process".to_owned(), |content| content.holder.to_string())))
     }
 }
 
@@ -237,9 +243,9 @@ impl Drop for RemoteLease {
         if self.shared.lost.load(Ordering::SeqCst) {
             return;
         }
-        self.said.holder.release();
+        self.content.holder.release();
         // If the write fails, the lease expires by its age.
-        if let Ok(bytes) = text(&self.said) {
+        if let Ok(bytes) = text(&self.content) {
             let _ = self.remote.bucket.put(&format!("{}{}", start(&self.pipeline), self.number), bytes);
         }
     }

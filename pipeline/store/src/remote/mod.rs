@@ -36,9 +36,8 @@ use uuid::Uuid;
 use super::{
     LAYOUT,
     catalogue::{self, StorePack},
-    checkpoints, is_other_layout, make_folder,
+    checkpoints, io_fault, is_other_layout, make_folder,
     sealed::{self, StoreFileFault},
-    trouble,
     unfinished::own_folder,
 };
 pub use lease::RemoteLease;
@@ -66,7 +65,7 @@ impl CacheMarker {
         match fs::read(&path) {
             Ok(bytes) => serde_json::from_slice(&bytes).map(Some).map_err(|_| CacheMarker::damaged(root)),
             Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => Ok(None),
-            Err(e) => Err(trouble("read", &path, &e)),
+            Err(e) => Err(io_fault("read", &path, &e)),
         }
     }
 
@@ -120,7 +119,7 @@ pub fn prepared(address: &ObjectAddress) -> Result<PathBuf, Fault> {
 /// Fails when the folder cannot be written, and for a folder that is a cache of another address.
 pub fn attach(root: &Path, bucket: Bucket) -> Result<(), Fault> {
     mark_cache(root, bucket.address())?;
-    let root = root.canonicalize().map_err(|e| trouble("read", root, &e))?;
+    let root = root.canonicalize().map_err(|e| io_fault("read", root, &e))?;
     let mark = CacheMarker::read(&root)?.filter(|mark| mark.address == bucket.address().to_string());
     let mark = mark.ok_or_else(|| Fault::new(format!("{} is the cache of another store", root.display())))?;
     RemoteStore::over(&root, bucket, mark.cache);
@@ -145,7 +144,7 @@ fn mark_cache(root: &Path, address: &ObjectAddress) -> Result<(), Fault> {
                 Ok(()) => Ok(()),
             });
         let _ = fs::remove_file(&unfinished);
-        made.map_err(|e| trouble("make", root, &e))?;
+        made.map_err(|e| io_fault("make", root, &e))?;
     }
     Ok(())
 }
@@ -233,8 +232,8 @@ impl RemoteStore {
     pub fn is_there(&self) -> Result<bool, Fault> {
         let mark = self.bucket.get("STORE")?;
         if let Some(bytes) = mark.as_ref().filter(|bytes| is_other_layout(bytes)) {
-            let said = String::from_utf8_lossy(bytes).trim().chars().take(40).collect::<String>();
-            let what = format!("{} is a store of another version of magline ({said})", self.bucket.address());
+            let start_of_text = String::from_utf8_lossy(bytes).trim().chars().take(40).collect::<String>();
+            let what = format!("{} is a store of another version of magline ({start_of_text})", self.bucket.address());
             return Err(Fault::new(what).help("use another prefix as `store`"));
         }
         let local = self.root.join("STORE");
@@ -266,7 +265,7 @@ impl RemoteStore {
         let mut tmp = locked(&self.tmp);
         if tmp.is_none() {
             let all = self.root.join("tmp");
-            let own = make_folder(&all).and_then(|()| own_folder(&all)).map_err(|e| trouble("write", &all, &e))?;
+            let own = make_folder(&all).and_then(|()| own_folder(&all)).map_err(|e| io_fault("write", &all, &e))?;
             *tmp = Some(own);
         }
         let folder = tmp.as_ref().map(|(folder, _)| folder.clone()).unwrap_or_default();
@@ -276,13 +275,13 @@ impl RemoteStore {
     /// Moves a file to its place in the cache.
     fn settle(&self, from: &Path, to: &Path) -> Result<(), Fault> {
         let moved = to.parent().map_or(Ok(()), make_folder).and_then(|()| fs::rename(from, to));
-        moved.map_err(|e| trouble("write", to, &e))
+        moved.map_err(|e| io_fault("write", to, &e))
     }
 
     /// Writes `bytes` to the cache.
     fn keep(&self, to: &Path, bytes: &[u8]) -> Result<(), Fault> {
         let tmp = self.temporary()?;
-        fs::write(&tmp, bytes).map_err(|e| trouble("write", &tmp, &e))?;
+        fs::write(&tmp, bytes).map_err(|e| io_fault("write", &tmp, &e))?;
         self.settle(&tmp, to)
     }
 

@@ -15,7 +15,7 @@ use super::{
         PARTS,
         version::{Manifest, ManifestFile, ManifestTable, Version, current, link, newest},
     },
-    RemoteStore, make_folder, trouble,
+    RemoteStore, io_fault, make_folder,
 };
 
 /// Folders with changing files, and the endings of these files.
@@ -52,7 +52,7 @@ impl RemoteStore {
     pub fn pull(&self) -> Result<bool, Fault> {
         for part in PARTS {
             let folder = self.root.join(part);
-            make_folder(&folder).map_err(|e| trouble("make", &folder, &e))?;
+            make_folder(&folder).map_err(|e| io_fault("make", &folder, &e))?;
         }
         let there = self.is_there()?;
         if !there {
@@ -144,7 +144,7 @@ impl RemoteStore {
             }
         };
         let folder = self.temporary()?;
-        let fail = |e: io::Error| trouble("write", &folder, &e);
+        let fail = |e: io::Error| io_fault("write", &folder, &e);
         make_folder(&folder.join("units")).map_err(fail)?;
         for table in manifest.tables.iter().filter(|t| is_plain(&t.name)) {
             make_folder(&folder.join("tables").join(&table.name)).map_err(fail)?;
@@ -163,7 +163,7 @@ impl RemoteStore {
         if to.exists() && !same(&to, folder) {
             // The folder of a removed store or an unpublished version is moved aside.
             let aside = self.temporary()?;
-            fs::rename(&to, &aside).map_err(|e| trouble("write", &to, &e))?;
+            fs::rename(&to, &aside).map_err(|e| io_fault("write", &to, &e))?;
             let _ = fs::remove_dir_all(&aside);
         }
         if !to.exists() {
@@ -175,7 +175,7 @@ impl RemoteStore {
         }
         let link = self.temporary()?;
         let target = format!("../{}/tables", folder_of(pipeline, number));
-        unix::fs::symlink(target, &link).map_err(|e| trouble("write", &link, &e))?;
+        unix::fs::symlink(target, &link).map_err(|e| io_fault("write", &link, &e))?;
         self.settle(&link, &self.root.join("tables").join(pipeline))
     }
 
@@ -216,7 +216,7 @@ impl RemoteStore {
             })?;
             remove(&path)?;
             return match link(&super::catalogue::path(&self.root, id), &path) {
-                Err(e) if e.kind() != io::ErrorKind::AlreadyExists => Err(trouble("write", &path, &e)),
+                Err(e) if e.kind() != io::ErrorKind::AlreadyExists => Err(io_fault("write", &path, &e)),
                 _ => Ok(()),
             };
         }
@@ -245,7 +245,7 @@ impl RemoteStore {
         let before = self.bucket.get_tagged(&name)?.map(|(_, tag)| tag);
         check()?;
         let path = folder.join("version.json");
-        let bytes = fs::read(&path).map_err(|e| trouble("read", &path, &e))?;
+        let bytes = fs::read(&path).map_err(|e| io_fault("read", &path, &e))?;
         let mut number = self.numbers(pipeline)?.last().map_or(1, |n| n + 1);
         // A number belongs to the process that creates its manifest.
         while !self.bucket.create(&format!("{}/version.json", folder_of(pipeline, number)), &bytes)? {
@@ -313,7 +313,7 @@ impl RemoteStore {
 
 fn remove(path: &Path) -> Result<(), Fault> {
     match fs::remove_file(path) {
-        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(trouble("remove", path, &e)),
+        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(io_fault("remove", path, &e)),
         _ => Ok(()),
     }
 }

@@ -107,8 +107,8 @@ fn unit_a_job_that_cannot_start_does_not_affect_the_others() {
     );
     let job = |training| TrainingJob::new(&shape, start(&shape), training, samples, None, Box::new(go_on));
     let found = train_together([&good, &bad, &good].map(job).into());
-    let said: Vec<bool> = found.iter().map(Result::is_ok).collect();
-    assert_eq!(said, [true, false, true]);
+    let succeeded: Vec<bool> = found.iter().map(Result::is_ok).collect();
+    assert_eq!(succeeded, [true, false, true]);
     assert_eq!(bits(&found[0]), bits(&found[2]));
     assert!(train_together(vec![]).is_empty());
 }

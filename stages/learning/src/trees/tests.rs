@@ -141,14 +141,14 @@ fn unit_early_stopping_keeps_the_trees_with_the_best_validation_loss() {
     let own = boost(&x, 8, &y, &how, Some((&x, &y)), &mut on).unwrap();
     assert_eq!((own.best, own.losses.len()), (50, 50));
     assert!(own.losses.iter().all(|(a, b)| (a / b - 1.0).abs() < 1e-9));
-    let mut told = vec![];
+    let mut reports = vec![];
     let mut third = |n: usize, train: f64, validation: f64| {
-        told.push((train, validation));
+        reports.push((train, validation));
         if n == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     let broken = boost(&x, 8, &y, &how, Some((&x, &y)), &mut third).unwrap();
     assert_eq!((broken.losses.len(), broken.forest.trees.len()), (3, 3));
-    assert_eq!(broken.losses, told);
+    assert_eq!(broken.losses, reports);
     assert_eq!(broken.forest.trees[..], own.forest.trees[..3]);
 }
 

@@ -200,7 +200,7 @@ impl<'a> TrainingSetup<'a> {
             curve: curve(trained),
             warning: [self.far, warning(self.task.model.keys, samples, constant, trained, self.validation.is_some())]
                 .into_iter()
-                .filter(|said| !said.is_empty())
+                .filter(|message| !message.is_empty())
                 .collect::<Vec<_>>()
                 .join("; "),
         })

@@ -62,7 +62,7 @@ impl<'a> EnsembleTraining<'a> {
     }
 
     /// Reports progress after an epoch and saves the state at intervals.
-    fn goes_on(
+    fn report_progress(
         &self,
         number: usize,
         (from, begun): (usize, Instant),
@@ -77,8 +77,8 @@ impl<'a> EnsembleTraining<'a> {
             work.keep(&states_bytes(&self.done, state));
         }
         let left_s = begun.elapsed().as_secs_f64() / (done - from).max(1) as f64 * (all - done) as f64;
-        let said = progress(epoch, done, all, number, keys.members, self.prepared.scale_nt(), left_s);
-        work.goes_on(&said).inspect_err(|_| work.keep(&states_bytes(&self.done, state)))
+        let message = progress(epoch, done, all, number, keys.members, self.prepared.scale_nt(), left_s);
+        work.report_progress(&message).inspect_err(|_| work.keep(&states_bytes(&self.done, state)))
     }
 }
 
@@ -134,7 +134,7 @@ impl<'a> MemberTraining<'a> {
         let start = state.clone();
         let each = move |epoch: &TrainingEpoch, now: &TrainingState| {
             state.clone_from(now);
-            match network.goes_on(*number, *from, epoch, now, kept) {
+            match network.report_progress(*number, *from, epoch, now, kept) {
                 Ok(()) => ControlFlow::Continue(()),
                 Err(fault) => {
                     *stopped = Some(fault);
@@ -227,7 +227,7 @@ mod tests {
             let second = InterruptMonitor::after(usize::MAX, first.state());
             let found = worked(&bent(), "m1", &keys(), &second).unwrap();
             assert_eq!(table(&found), whole_way, "stopped after {stop}");
-            assert!(second.told() <= 24 - stop, "it began again");
+            assert!(second.reports() <= 24 - stop, "it began again");
         }
         let damaged = InterruptMonitor::after(usize::MAX, Some(b"nothing".to_vec()));
         assert_eq!(table(&worked(&bent(), "m1", &keys(), &damaged).unwrap()), whole_way);
@@ -249,7 +249,7 @@ mod tests {
 
     #[test]
     fn unit_invalid_settings_are_reported_with_their_parameter() {
-        let said = |keys: &[(String, Literal)]| {
+        let fault_texts = |keys: &[(String, Literal)]| {
             let fault = match stage("m1", keys) {
                 Ok(_) => worked(&bent(), "m1", keys, &schemas::NullMonitor).err().unwrap(),
                 Err(mut faults) => faults.remove(0),
@@ -257,12 +257,12 @@ mod tests {
             format!("{} [{}]", fault.what, fault.param.unwrap_or_default())
         };
         assert_eq!(
-            said(&[words("validation", &["1.7"])]),
+            fault_texts(&[words("validation", &["1.7"])]),
             "`1.7` is neither a line nor a flight of the fit [validation]"
         );
-        assert_eq!(said(&[words("validation", &["1"])]), "no line remains for training [validation]");
-        assert_eq!(said(&[words("inputs", &["d"])]), "the features have no entry `d` [inputs]");
-        let diverged = said(&[number("learning_rate", 1e200), whole("batch", 10)]);
+        assert_eq!(fault_texts(&[words("validation", &["1"])]), "no line remains for training [validation]");
+        assert_eq!(fault_texts(&[words("inputs", &["d"])]), "the features have no entry `d` [inputs]");
+        let diverged = fault_texts(&[number("learning_rate", 1e200), whole("batch", 10)]);
         let expected = diverged.starts_with("training diverged in epoch 1:") && diverged.ends_with("[learning_rate]");
         assert!(expected, "{diverged}");
     }

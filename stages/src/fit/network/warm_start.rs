@@ -228,9 +228,9 @@ mod tests {
     /// Models with the keys that they need here.
     fn models() -> Vec<(&'static str, Keys)> {
         let terms = || vec![words("linear", &["a", "b"])];
-        let beside = ["m2a", "m2b", "m2c", "m2d", "tlnn"].map(|model| (model, terms()));
+        let with_linear_terms = ["m2a", "m2b", "m2c", "m2d", "tlnn"].map(|model| (model, terms()));
         let windowed = ["gru", "lstm", "tcn"].map(|model| (model, vec![whole("window", 4)]));
-        [("m1", vec![]), ("etlnn", vec![])].into_iter().chain(beside).chain(windowed).collect()
+        [("m1", vec![]), ("etlnn", vec![])].into_iter().chain(with_linear_terms).chain(windowed).collect()
     }
 
     /// The weights of a table and its target's scale.
@@ -327,27 +327,30 @@ mod tests {
             fault.what
         };
         let m1 = first("m1", &[]);
-        let says = |found: String, what: &str| assert!(found.contains(what), "{found}");
-        says(why(&m1, "m1", &[words("inputs", &["a", "b"])]), "has the inputs `c`, which this fit lacks");
-        says(why(&first("m1", &[words("inputs", &["a"])]), "m1", &[]), "does not have the inputs `b`, `c` of this fit");
-        says(why(&m1, "m1", &[word("activation", "tanh")]), "has `activation` swish, but this fit has tanh");
+        let assert_reason = |found: String, what: &str| assert!(found.contains(what), "{found}");
+        assert_reason(why(&m1, "m1", &[words("inputs", &["a", "b"])]), "has the inputs `c`, which this fit lacks");
+        assert_reason(
+            why(&first("m1", &[words("inputs", &["a"])]), "m1", &[]),
+            "does not have the inputs `b`, `c` of this fit",
+        );
+        assert_reason(why(&m1, "m1", &[word("activation", "tanh")]), "has `activation` swish, but this fit has tanh");
         let eight = ("hidden".to_owned(), Literal::List(vec![Literal::Int(8), Literal::Int(4)]));
-        says(why(&m1, "m1", std::slice::from_ref(&eight)), "has `hidden` [8], but this fit has [8, 4]");
-        says(why(&m1, "m1", &[whole("members", 2)]), "has `members` 1, but this fit has 2");
-        says(why(&m1, "m1", &[number("whiten", 2.0)]), "uses no principal components");
+        assert_reason(why(&m1, "m1", std::slice::from_ref(&eight)), "has `hidden` [8], but this fit has [8, 4]");
+        assert_reason(why(&m1, "m1", &[whole("members", 2)]), "has `members` 1, but this fit has 2");
+        assert_reason(why(&m1, "m1", &[number("whiten", 2.0)]), "uses no principal components");
         let m2c = first("m2c", &[words("linear", &["a"])]);
-        says(why(&m2c, "m2b", &[words("linear", &["a"])]), "has `model` m2c, but this fit has m2b");
-        says(why(&m2c, "m2c", &[words("linear", &["b"])]), "has the linear terms `a` instead of `b`");
-        says(why(&m1, "gru", &[]), "uses single samples, but this model uses a window");
+        assert_reason(why(&m2c, "m2b", &[words("linear", &["a"])]), "has `model` m2c, but this fit has m2b");
+        assert_reason(why(&m2c, "m2c", &[words("linear", &["b"])]), "has the linear terms `a` instead of `b`");
+        assert_reason(why(&m1, "gru", &[]), "uses single samples, but this model uses a window");
         let gru = first("gru", &[whole("window", 4)]);
-        says(why(&gru, "lstm", &[whole("window", 4)]), "has `model` gru, but this fit has lstm");
-        says(why(&gru, "gru", &[]), "has `window` 4 with 8 units, but this fit has 16 with 8 units");
-        says(why(&fitted_to(&bent(), "ridge", &[flag("intercept", true)]), "m1", &[]), "is linear");
-        says(why(&first_trees(), "m1", &[]), "is not a network");
+        assert_reason(why(&gru, "lstm", &[whole("window", 4)]), "has `model` gru, but this fit has lstm");
+        assert_reason(why(&gru, "gru", &[]), "has `window` 4 with 8 units, but this fit has 16 with 8 units");
+        assert_reason(why(&fitted_to(&bent(), "ridge", &[flag("intercept", true)]), "m1", &[]), "is linear");
+        assert_reason(why(&first_trees(), "m1", &[]), "is not a network");
         let mut cut = first("m1", &[]);
         cut.term.remove(9);
         cut.value.remove(9);
-        says(why(&cut, "m1", &[]), "the model cannot be used");
+        assert_reason(why(&cut, "m1", &[]), "the model cannot be used");
         // If `hidden` is unset, the layers are those of the initial network.
         let deep = first("m1", &[eight]);
         assert!(begun_with(&deep, &delayed(), "m1", &[whole("epochs", 1)]).is_ok());

@@ -48,8 +48,8 @@ fn computed(cluster: &Cluster) -> BTreeMap<String, usize> {
 }
 
 fn assert_no_secret(cluster: &Cluster) {
-    let said = cluster.said() + &cluster.receipts().concat();
-    assert!(!said.contains("geheim") && !said.contains("AKIA"), "{said}");
+    let printed = cluster.worker_stderr() + &cluster.receipts().concat();
+    assert!(!printed.contains("geheim") && !printed.contains("AKIA"), "{printed}");
 }
 
 #[test]
@@ -57,7 +57,7 @@ fn user_a_cluster_with_its_store_in_a_bucket_gives_the_bytes_of_a_local_run() {
     let (lab, units) = scene();
     let cluster = cluster(&lab);
     let run = ran(&lab, &cluster, &lab.cache());
-    assert_eq!(run.counts(), (0, units, 0), "{} {}", run.err, cluster.said());
+    assert_eq!(run.counts(), (0, units, 0), "{} {}", run.err, cluster.worker_stderr());
     let counted = computed(&cluster);
     assert!(counted.len() as u64 == units && counted.values().all(|n| *n == 1), "{counted:?}");
     assert_same(&tables(&lab.path("whole")), &tables(&lab.server.path("one")), "a cluster");
@@ -77,23 +77,23 @@ fn user_a_worker_killed_at_a_write_to_the_bucket_costs_only_its_unfinished_tasks
     let (lab, units) = scene();
     let mut cluster = cluster(&lab);
     // The third pack written by a worker does not arrive.
-    let (tell, told) = channel();
+    let (sender, lost_jobs) = channel();
     let mut seen = 0;
     lab.server.faults(move |asked| {
         seen += usize::from(asked.writes_pack() && asked.user != USERS[0]);
         if asked.writes_pack() && seen == 3 {
             seen += 1;
-            tell.send(asked.user.clone()).unwrap();
+            sender.send(asked.user.clone()).unwrap();
             return Fault::Silent;
         }
         Fault::None
     });
     let cache = lab.cache();
     let run = lab.begun(&address("one"), USERS[0], &cache, &["--engine", &cluster.engine(), "--key-file", KEY_FILE]);
-    let lost = received(&told);
+    let lost = received(&lost_jobs);
     cluster.kill(usize::from(lost == USERS[2]));
     let run = ended(run);
-    assert_eq!(run.code, 0, "{} {}", run.err, cluster.said());
+    assert_eq!(run.code, 0, "{} {}", run.err, cluster.worker_stderr());
     assert_eq!(run.total("computed") + run.total("reused"), units);
     let counted = computed(&cluster);
     assert!(counted.values().all(|n| *n == 1), "{counted:?}");
@@ -103,10 +103,10 @@ fn user_a_worker_killed_at_a_write_to_the_bucket_costs_only_its_unfinished_tasks
     assert_no_secret(&cluster);
 }
 
-fn received(told: &Receiver<String>) -> String {
+fn received(lost_jobs: &Receiver<String>) -> String {
     let mut lost = None;
     until("a worker writes its third pack", || {
-        lost = told.try_recv().ok();
+        lost = lost_jobs.try_recv().ok();
         lost.is_some()
     });
     lost.unwrap()

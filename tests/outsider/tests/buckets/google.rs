@@ -40,7 +40,7 @@ pub fn may(headers: &HeaderMap, file: &Path) -> bool {
 }
 
 /// Adds the generation of the object in `file` to a response.
-pub fn tell(headers: &mut HeaderMap, file: &Path) {
+pub fn set_generation_header(headers: &mut HeaderMap, file: &Path) {
     let there = Some(generation(file)).filter(|n| *n > 0);
     there.into_iter().for_each(|n| drop(headers.insert(GENERATION, HeaderValue::from_str(&n.to_string()).unwrap())));
 }

@@ -101,8 +101,8 @@ pub fn ended(child: Child) -> Done {
     let output = child.wait_with_output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     let done = Done { code: output.status.code().unwrap(), out: text(&output.stdout), err: text(&output.stderr) };
-    let said = format!("{}{}", done.out, done.err);
-    assert!(!said.contains("geheim") && !said.contains("AKIA"), "a credential is shown: {said}");
+    let printed = format!("{}{}", done.out, done.err);
+    assert!(!printed.contains("geheim") && !printed.contains("AKIA"), "a credential is shown: {printed}");
     done
 }
 

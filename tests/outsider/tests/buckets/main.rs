@@ -153,7 +153,7 @@ fn user_a_killed_run_resumes() {
     // The kill moves to later and later writes, before or after their execution. Once a version has its manifest but
     // not its files.
     loop {
-        let (tell, told) = channel();
+        let (sender, answered) = channel();
         let (mut left, fault) = (1 + 2 * killed, if killed % 2 == 0 { Fault::Late } else { Fault::Silent });
         let listed = listed.clone();
         lab.server.faults(move |asked| {
@@ -163,11 +163,11 @@ fn user_a_killed_run_resumes() {
             left -= 1;
             if asked.key.contains("/tables/failures/") && !listed.swap(true, Ordering::SeqCst) {
                 left = 0;
-                tell.send(()).unwrap();
+                sender.send(()).unwrap();
                 return Fault::Silent;
             }
             if left == 0 {
-                tell.send(()).unwrap();
+                sender.send(()).unwrap();
                 return fault;
             }
             Fault::None
@@ -176,7 +176,7 @@ fn user_a_killed_run_resumes() {
         let mut over = false;
         until("the run is to be killed, or is over", || {
             over = child.try_wait().unwrap().is_some();
-            over || told.try_recv().is_ok()
+            over || answered.try_recv().is_ok()
         });
         if over {
             let run = ended(child);
@@ -272,8 +272,8 @@ fn user_the_first_published_version_is_not_overwritten() {
     let cache = lab.cache();
     let late = lab.run(&address("one"), &cache, &["--set", "axes.corner=[0.4]"]);
     assert_eq!(late.code, 1, "{}", late.err);
-    let said = format!("{}{}", late.out, late.err);
-    assert!(said.contains("another run published `small`") && said.contains("run the spec again"), "{said}");
+    let printed = format!("{}{}", late.out, late.err);
+    assert!(printed.contains("another run published `small`") && printed.contains("run the spec again"), "{printed}");
     assert!(fs::read_to_string(lab.server.path(newest)).unwrap().contains("theirs"));
     // The other writer is gone too, and the computed results are stored.
     lab.server.faults(|_| Fault::None);
@@ -398,12 +398,12 @@ fn user_refused_requests_are_reported_without_secrets() {
             scope.spawn(move || {
                 let begun = Instant::now();
                 let done = ended(lab.start(&["run", "spec.toml", "--set", &format!("store={store}")], &env));
-                let said = format!("{store} {more:?}: {} after {:?}: {}", done.code, begun.elapsed(), done.err);
-                assert_eq!(done.code, code, "{said}");
-                assert!(words.iter().all(|word| done.err.contains(word)), "{said}");
+                let printed = format!("{store} {more:?}: {} after {:?}: {}", done.code, begun.elapsed(), done.err);
+                assert_eq!(done.code, code, "{printed}");
+                assert!(words.iter().all(|word| done.err.contains(word)), "{printed}");
                 // Eight more attempts within 2 min. `pipeline/OBJECTS.md` states about 10 s.
-                assert!(begun.elapsed() < Duration::from_secs(100), "{said}");
-                assert!(done.err.len() < 1500, "{said}");
+                assert!(begun.elapsed() < Duration::from_secs(100), "{printed}");
+                assert!(done.err.len() < 1500, "{printed}");
             });
         }
     });

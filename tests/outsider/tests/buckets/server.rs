@@ -287,7 +287,7 @@ async fn done(shared: &Shared, asked: &Asked, request: s3s::HttpRequest) -> (Sta
         Ok(response) => {
             let (mut parts, body) = response.into_parts();
             if shared.kind == Kind::Google {
-                google::tell(&mut parts.headers, &file);
+                google::set_generation_header(&mut parts.headers, &file);
             }
             (parts.status, parts.headers, read(body).await.unwrap_or_default())
         }

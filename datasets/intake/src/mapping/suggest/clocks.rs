@@ -8,7 +8,7 @@ use crate::{clock_digits, mapping::clock::TimeTextFormat};
 /// Suggested clock of a table.
 pub struct ClockGuess {
     /// Text of the clock in the mapping.
-    pub said: String,
+    pub toml: String,
     /// Reason for the guess.
     pub why: String,
     /// The column.
@@ -57,7 +57,7 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
         // Other text formats are not guessed, because day and month cannot be distinguished.
         TimeTextFormat::Iso.read(text)?;
         return Some(ClockGuess {
-            said: format!("{{ from = {}, clock = \"text\" }}", quoted(&column.name)),
+            toml: format!("{{ from = {}, clock = \"text\" }}", quoted(&column.name)),
             why: format!("ISO 8601 text, such as {}; UTC unless the text has an offset", quoted(text)),
             column: column.name.clone(),
             unit: "s",
@@ -70,7 +70,7 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
     let repeats = known.windows(2).any(|w| w[1] == w[0]);
     if clock_digits::minute_after(&known).is_some() {
         return Some(ClockGuess {
-            said: format!("{{ from = {}, clock = \"text\", format = \"%H%M%S%.f\" }}", quoted(&column.name)),
+            toml: format!("{{ from = {}, clock = \"text\", format = \"%H%M%S%.f\" }}", quoted(&column.name)),
             why: "guess: clock times in digits, hhmmss; the date is not known".to_owned(),
             column: column.name.clone(),
             unit: "s",
@@ -97,7 +97,7 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
     };
     let (name, hz) = (quoted(&column.name), 1.0 / (step * seconds));
     Some(ClockGuess {
-        said: format!("{{ from = {name}, unit = \"{unit}\", clock = \"{clock}\" }}"),
+        toml: format!("{{ from = {name}, unit = \"{unit}\", clock = \"{clock}\" }}"),
         why: format!("guess: {why}; {unit}: {why_unit}; about {hz:.3} Hz"),
         column: column.name.clone(),
         unit,
@@ -185,7 +185,7 @@ fn of_topic(topic: &TopicSample) -> Option<String> {
             .iter()
             .filter(|c| c.name != week.name)
             .find(|c| names.contains(&c.words().concat().as_str()) && millis(c))?;
-        let boot = boot_beside(topic, &of_week.name)?;
+        let boot = boot_column(topic, &of_week.name)?;
         rows.push(format!("\"{}\" > 0", week.name));
         lines.push(format!("from      = {}", quoted(&of_week.name)));
         lines.push("unit      = \"ms\"   # of the week: up to 604,800,000".to_owned());
@@ -211,7 +211,7 @@ fn of_topic(topic: &TopicSample) -> Option<String> {
 }
 
 /// Log's own clock in a topic that also has the time of the week.
-fn boot_beside(topic: &TopicSample, of_week: &str) -> Option<(String, &'static str)> {
+fn boot_column(topic: &TopicSample, of_week: &str) -> Option<(String, &'static str)> {
     if let Some(clock) = topic.clock.as_ref().filter(|c| c.boot && c.column != of_week) {
         return Some((clock.column.clone(), clock.unit));
     }

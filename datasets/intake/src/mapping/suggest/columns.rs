@@ -13,7 +13,7 @@ pub struct ColumnGuess {
     /// The names in the file.
     pub theirs: Vec<String>,
     /// Text of the column in the mapping; empty if it is skipped.
-    pub said: String,
+    pub toml: String,
     /// Reason for the guess.
     pub why: String,
     /// Whether it is a vector.
@@ -23,7 +23,7 @@ pub struct ColumnGuess {
 impl ColumnGuess {
     /// Whether it is part of the mapping.
     pub fn is_used(&self) -> bool {
-        !self.said.is_empty()
+        !self.toml.is_empty()
     }
 
     fn left_out(name: &str, why: &str) -> ColumnGuess {
@@ -31,7 +31,7 @@ impl ColumnGuess {
         ColumnGuess {
             ours: name.to_owned(),
             theirs,
-            said: String::new(),
+            toml: String::new(),
             why: format!("omitted: {why}"),
             is_vector: false,
         }
@@ -121,7 +121,7 @@ fn magnitude(axes: &[&ColumnSample; 3]) -> Option<f64> {
 }
 
 /// Unit given by the file or the name of a column, if it converts to `wanted`.
-fn said_unit(column: &ColumnSample, wanted: &str) -> Option<String> {
+fn declared_unit(column: &ColumnSample, wanted: &str) -> Option<String> {
     if is_unit(&column.unit) && convert(&column.unit, wanted).is_some() {
         return Some(column.unit.clone());
     }
@@ -176,14 +176,14 @@ fn vector(
         Some(ColumnGuess {
             ours: shown,
             theirs: theirs.clone(),
-            said: String::new(),
+            toml: String::new(),
             why: format!("omitted: {why}"),
             is_vector: true,
         })
     };
     let made = |ours: String, unit: &str, rest: &str, why: String| {
-        let said = format!("{{ {from}, unit = \"{unit}\"{rest} }}");
-        Some(ColumnGuess { ours, theirs: theirs.clone(), said, why: format!("guess: {why}"), is_vector: true })
+        let toml = format!("{{ {from}, unit = \"{unit}\"{rest} }}");
+        Some(ColumnGuess { ours, theirs: theirs.clone(), toml, why: format!("guess: {why}"), is_vector: true })
     };
     let first = axes[0];
     if has(words, &["ofs", "offset", "offsets", "mofs", "bias", "var", "innov", "variance", "mo"]) {
@@ -191,7 +191,7 @@ fn vector(
     }
     if has(words, &["mag", "magnetometer", "compass", "flux", "fluxgate", "field"]) {
         let fits = |unit: &&(&str, f64)| (15_000.0..100_000.0).contains(&(size * unit.1));
-        let (unit, why) = match said_unit(first, "nT") {
+        let (unit, why) = match declared_unit(first, "nT") {
             Some(unit) => (unit, "its unit is in the file".to_owned()),
             None => match FIELD.iter().find(fits) {
                 Some((unit, factor)) => (
@@ -220,7 +220,7 @@ fn vector(
     }
     let about = |text: &str| format!(", role = \"sensor\", description = \"{text}, axes of the sensor\"");
     if has(words, &["acc", "accel", "accelerometer", "acceleration"]) {
-        let unit = said_unit(first, "m/s2").or_else(|| {
+        let unit = declared_unit(first, "m/s2").or_else(|| {
             let near = |g: f64| (size / g - 1.0).abs() < 0.15;
             [("m/s2", 9.81), ("g0", 1.0)].into_iter().find(|(_, g)| near(*g)).map(|(u, _)| u.to_owned())
         });
@@ -235,7 +235,7 @@ fn vector(
         };
     }
     if has(words, &["gyr", "gyro", "gyroscope"]) {
-        return match said_unit(first, "deg/s") {
+        return match declared_unit(first, "deg/s") {
             Some(unit) => made("gyro".to_owned(), &unit, &about("angular rate"), "its unit is in the file".to_owned()),
             None => left(
                 "an angular rate in rad/s or deg/s; the values do not determine the unit; set its `unit`".to_owned(),
@@ -252,22 +252,22 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
     let is_ins = has(&words, &["ins", "nav", "ekf", "est"]);
     let from = quoted(&column.name);
     let made = |ours: &str, unit: &str, why: &str| {
-        let said = format!("{{ from = {from}, unit = \"{unit}\" }}");
+        let toml = format!("{{ from = {from}, unit = \"{unit}\" }}");
         let theirs = vec![column.name.clone()];
-        Some(ColumnGuess { ours: ours.to_owned(), theirs, said, why: format!("guess: {why}"), is_vector: false })
+        Some(ColumnGuess { ours: ours.to_owned(), theirs, toml, why: format!("guess: {why}"), is_vector: false })
     };
     let left = |why: &str| Some(ColumnGuess::left_out(&column.name, why));
     if ["year", "doy"].contains(&column.name.as_str()) {
         let theirs = vec![column.name.clone()];
-        let dated = topic.clock.as_ref().is_some_and(|c| !c.said.contains("\"day\""));
+        let dated = topic.clock.as_ref().is_some_and(|c| !c.toml.contains("\"day\""));
         if dated {
             return left("the date follows from the time");
         }
-        let said = format!("{{ from = {from} }}");
+        let toml = format!("{{ from = {from} }}");
         return Some(ColumnGuess {
             ours: column.name.clone(),
             theirs,
-            said,
+            toml,
             why: "a column name of the flight table".to_owned(),
             is_vector: false,
         });
@@ -275,7 +275,7 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
     // The column already has a name of the flight table, and a unit of its dimension.
     let listed = flight::COLUMNS.iter().any(|(name, _)| *name == column.name);
     if (listed || flight::is_scalar_reading(&column.name) || flight::vector_part(&column.name).is_some())
-        && let Some(unit) = said_unit(column, known.unit).filter(|unit| can_be(column, &column.name, unit))
+        && let Some(unit) = declared_unit(column, known.unit).filter(|unit| can_be(column, &column.name, unit))
     {
         return made(&column.name, &unit, "a column name of the flight table; its unit is in the file");
     }
@@ -293,7 +293,7 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
         if low == high && low == 0.0 {
             return left("all values are 0");
         }
-        return match said_unit(column, "deg").filter(|unit| can_be(column, ours, unit)) {
+        return match declared_unit(column, "deg").filter(|unit| can_be(column, ours, unit)) {
             Some(unit) => made(ours, &unit, "its unit is in the file"),
             None if largest <= ends.0 => made(
                 ours,
@@ -309,10 +309,10 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
     }
     let angle = ["roll", "pitch", "yaw"]
         .into_iter()
-        .find(|a| joined == *a || (words.len() > 1 && has(&words, &[a]) && said_unit(column, "deg").is_some()));
+        .find(|a| joined == *a || (words.len() > 1 && has(&words, &[a]) && declared_unit(column, "deg").is_some()));
     if let Some(angle) = angle {
         let ours = format!("ins_{angle}");
-        return match said_unit(column, "deg") {
+        return match declared_unit(column, "deg") {
             Some(unit) => made(&ours, &unit, "its unit is in the file; an estimate of the autopilot, not truth"),
             None if largest > 6.4 => made(
                 &ours,
@@ -323,13 +323,13 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
         };
     }
     if has(&words, &["baro"]) && has(&words, &["alt", "altitude", "height"]) {
-        return match said_unit(column, "m") {
+        return match declared_unit(column, "m") {
             Some(unit) => made("baro", &unit, "its unit is in the file"),
             None => left("a barometric height in m or ft; set its `unit`"),
         };
     }
     if has(&words, &["alt", "altitude", "height"]) && !has(&words, &["rel", "max", "min", "des", "sp", "var"]) {
-        let unit = said_unit(column, "m");
+        let unit = declared_unit(column, "m");
         return match (has(&words, &["ellipsoid", "hae", "wgs"]), has(&words, &["msl", "amsl"]), unit) {
             (true, _, Some(unit)) => made("alt", &unit, "its unit is in the file"),
             (_, true, Some(unit)) => made("msl", &unit, "its unit is in the file"),
@@ -338,7 +338,7 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
     }
     if has(&words, &["mag", "magnetometer"]) && !has(&words, &["x", "y", "z"]) && !column.whole {
         let median = column.median()?;
-        let unit = said_unit(column, "nT")
+        let unit = declared_unit(column, "nT")
             .filter(|u| convert(u, "nT").is_some_and(|f| (15_000.0..80_000.0).contains(&(median * f))));
         let unit = unit.or_else(|| (15_000.0..80_000.0).contains(&median).then(|| "nT".to_owned()));
         if let Some(unit) = unit {
@@ -348,7 +348,7 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
     }
     if has(&words, &["curr", "current"]) && !has(&words, &["tot", "total", "average", "filtered"]) {
         let ours = format!("cur_{}", own_word(&words));
-        return match said_unit(column, "A") {
+        return match declared_unit(column, "A") {
             Some(unit) => made(&ours, &unit, "its unit is in the file"),
             None => {
                 left("a current in A, mA or 0.01 A; the values do not determine the unit; set its `unit` (and `scale`)")
@@ -357,7 +357,7 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
     }
     if has(&words, &["volt", "voltage"]) && !has(&words, &["filtered", "cell"]) {
         let ours = format!("vol_{}", own_word(&words));
-        return match said_unit(column, "V") {
+        return match declared_unit(column, "V") {
             Some(unit) => made(&ours, &unit, "its unit is in the file"),
             None => {
                 left("a voltage in V, mV or 0.01 V; the values do not determine the unit; set its `unit` (and `scale`)")
@@ -368,7 +368,7 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
     if has(&words, &["vel", "velocity", "vn", "ve", "vd"]) && !wind {
         let axis = [("n", ["north", "n", "vn"]), ("e", ["east", "e", "ve"]), ("d", ["down", "d", "vd"])];
         let axis = axis.iter().find(|(_, names)| has(&words, names)).map(|(axis, _)| *axis);
-        if let (Some(axis), Some(unit)) = (axis, said_unit(column, "m/s")) {
+        if let (Some(axis), Some(unit)) = (axis, declared_unit(column, "m/s")) {
             let ours = if is_ins { format!("ins_v{axis}") } else { format!("v{axis}") };
             return made(&ours, &unit, "its unit is in the file");
         }

@@ -125,7 +125,7 @@ fn table(name: &str, topic: &TopicSample, clock: &ClockGuess, found: &[ColumnGue
     if !topic.name.is_empty() {
         text += &format!("topic = {}\n", quoted(&topic.name));
     }
-    text += &format!("time  = {}   # {}\n", clock.said, clock.why);
+    text += &format!("time  = {}   # {}\n", clock.toml, clock.why);
     if clock.repeats {
         text += "drop_repeated = true   # some rows have the time of the previous row\n";
     }
@@ -136,7 +136,7 @@ fn table(name: &str, topic: &TopicSample, clock: &ClockGuess, found: &[ColumnGue
         }
         text += &format!("[tables.{name}.{section}]\n");
         for guess in of {
-            text += &format!("{} = {}   # {}\n", key(&guess.ours), guess.said, guess.why);
+            text += &format!("{} = {}   # {}\n", key(&guess.ours), guess.toml, guess.why);
         }
     }
     let left: Vec<&ColumnGuess> = found.iter().filter(|g| !g.is_used()).collect();
@@ -149,8 +149,8 @@ fn table(name: &str, topic: &TopicSample, clock: &ClockGuess, found: &[ColumnGue
     }
     let named = |c: &&ColumnSample| {
         let quoted_name = quoted(&c.name);
-        clock.said.contains(&quoted_name)
-            || found.iter().any(|g| g.said.contains(&quoted_name) || g.theirs.contains(&c.name))
+        clock.toml.contains(&quoted_name)
+            || found.iter().any(|g| g.toml.contains(&quoted_name) || g.theirs.contains(&c.name))
     };
     let others: Vec<String> =
         topic.columns.iter().filter(|c| !named(c)).map(|c| c.name.escape_default().to_string()).collect();

@@ -77,31 +77,31 @@ fn law_the_eddy_field_is_the_derivative_of_the_field_in_the_body_frame() {
 
 /// A level turn at a constant rate with roll and pitch held, sampled at 10 Hz.
 fn turn(roll_deg: f64, pitch_deg: f64, turn_degps: f64) -> TrueTrajectory {
-    let mut flown = TrueTrajectory::default();
+    let mut true_track = TrueTrajectory::default();
     let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) =
         (roll_deg.to_radians().sin_cos(), pitch_deg.to_radians().sin_cos());
     let rates = [-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch].map(|part| turn_degps * part);
     for k in 0..600 {
         let tt_s = 0.1 * f64::from(k);
-        flown.tt_s.push(tt_s);
+        true_track.tt_s.push(tt_s);
         for (axis, angle) in [roll_deg, pitch_deg, turn_degps * tt_s].into_iter().enumerate() {
-            flown.attitude_deg[axis].push(angle);
-            flown.rates_degps[axis].push(rates[axis]);
+            true_track.attitude_deg[axis].push(angle);
+            true_track.rates_degps[axis].push(rates[axis]);
         }
     }
-    flown
+    true_track
 }
 
 #[test]
 fn law_in_a_steady_turn_the_rate_is_that_of_the_rotating_horizontal_field() {
     let (roll_deg, pitch_deg, turn_degps) = (25.0_f64, 3.0_f64, 6.0_f64);
-    let flown = turn(roll_deg, pitch_deg, turn_degps);
+    let true_track = turn(roll_deg, pitch_deg, turn_degps);
     let ned_nt = Vector3::new(30_000.0, 3000.0, -40_000.0);
     let w = turn_degps.to_radians();
     let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) =
         (roll_deg.to_radians().sin_cos(), pitch_deg.to_radians().sin_cos());
-    for i in 0..flown.tt_s.len() {
-        let (sin, cos) = (w * flown.tt_s[i]).sin_cos();
+    for i in 0..true_track.tt_s.len() {
+        let (sin, cos) = (w * true_track.tt_s[i]).sin_cos();
         // The components ahead and to the right in the horizontal plane, rotated by pitch and roll.
         let ahead = w * (ned_nt.y * cos - ned_nt.x * sin);
         let right = -w * (ned_nt.x * cos + ned_nt.y * sin);
@@ -110,8 +110,8 @@ fn law_in_a_steady_turn_the_rate_is_that_of_the_rotating_horizontal_field() {
             ahead * sin_pitch * sin_roll + right * cos_roll,
             ahead * sin_pitch * cos_roll - right * sin_roll,
         );
-        let body_nt = flown.attitude(i).transpose() * ned_nt;
-        let found = flown.rate_in_body(i, &Vector3::zeros(), &body_nt);
+        let body_nt = true_track.attitude(i).transpose() * ned_nt;
+        let found = true_track.rate_in_body(i, &Vector3::zeros(), &body_nt);
         // Rounding of 4e4 nT at 0.1 rad/s.
         assert!((found - expected).norm() < 1e-9, "{i}: {found} {expected}");
     }

@@ -41,8 +41,8 @@ waypoints = [[-22.1, 140.65], [-21.9, 140.65]]
     let lifted: Vec<f64> = (10..100).map(|k| up[k] - here[k]).collect();
     assert!(sd(&missed) < 0.1 * sd(&lifted), "{} {}", sd(&missed), sd(&lifted));
     let east = fly(&north.replace("140.65", "140.650484"));
-    let beside = column(&east, "mag_2_uc");
-    let missed: Vec<f64> = (10..100).map(|k| right[k] - beside[k]).collect();
+    let shifted_east = column(&east, "mag_2_uc");
+    let missed: Vec<f64> = (10..100).map(|k| right[k] - shifted_east[k]).collect();
     let across: Vec<f64> = (10..100).map(|k| right[k] - here[k]).collect();
     assert!(sd(&missed) < 0.1 * sd(&across), "{} {}", sd(&missed), sd(&across));
 }

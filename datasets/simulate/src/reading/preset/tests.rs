@@ -79,11 +79,11 @@ fn unit_the_spec_overrides_its_preset() {
 
 #[test]
 fn gold_faults_of_a_spec_with_a_preset_keep_their_places() {
-    let said = |top: &str, more: &str| read(top, more).unwrap_err().to_string();
-    let unknown = said("seed = 1\npreset = 'cesna'", "");
+    let fault_text = |top: &str, more: &str| read(top, more).unwrap_err().to_string();
+    let unknown = fault_text("seed = 1\npreset = 'cesna'", "");
     assert!(unknown.contains("there is no preset `cesna`") && unknown.contains("p.synth.toml:2:10\n"), "{unknown}");
     assert!(unknown.contains("did you mean `cessna`?"), "{unknown}");
-    let wrong = said(
+    let wrong = fault_text(
         "preset = 'cessna'\nwithout = ['mag_6_uc']",
         "[[magnetometers]]\nname = 'mag_4_uc'\nnoise = 7.0\nheading_nt = 'x'",
     );
@@ -94,8 +94,8 @@ fn gold_faults_of_a_spec_with_a_preset_keep_their_places() {
     ] {
         assert!(wrong.contains(what) && wrong.contains(&format!("p.synth.toml:{place}\n")), "{what}\n{wrong}");
     }
-    let odd = said("preset = 3", "");
+    let odd = fault_text("preset = 3", "");
     assert!(odd.contains("`preset` must be the name of a preset"), "{odd}");
-    let alone = said("without = ['mag_5_uc']", "");
+    let alone = fault_text("without = ['mag_5_uc']", "");
     assert!(alone.contains("`without` removes entries of a preset; set `preset`"), "{alone}");
 }

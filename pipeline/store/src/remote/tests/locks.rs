@@ -15,7 +15,7 @@ fn unit_one_host_at_a_time_locks_a_pipeline() {
     let LockOutcome::Held(held) = two.lock("p").unwrap() else { unreachable!("it is held") };
     // The two caches differ, so the lock of the operating system does not exclude the other host.
     assert_eq!(held.holder.as_ref().unwrap().pid, std::process::id());
-    assert!(held.told("p", there.path()).contains("holds the lock in s3://bucket/lab/store: process"));
+    assert!(held.message("p", there.path()).contains("holds the lock in s3://bucket/lab/store: process"));
     mine(two.lock("q").unwrap());
     drop(first);
     let second = mine(two.lock("p").unwrap());

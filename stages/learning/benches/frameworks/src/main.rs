@@ -56,8 +56,8 @@ fn all(mut bench: Command) -> Result<(), Failure> {
     if !output.status.success() {
         return Err(format!("the bench of magline failed: {}", String::from_utf8_lossy(&output.stderr)).into());
     }
-    let said = String::from_utf8(output.stdout)?;
-    let ours = [magline(&said, 1)?, magline(&said, 2)?];
+    let printed = String::from_utf8(output.stdout)?;
+    let ours = [magline(&printed, 1)?, magline(&printed, 2)?];
     println!(
         "{ROWS} samples of {INPUTS} inputs, batches of {BATCH}; the fastest of {} epochs: clock, processors",
         EPOCHS - 1
@@ -68,9 +68,9 @@ fn all(mut bench: Command) -> Result<(), Failure> {
     for precision in ["f32", "f64"] {
         let mut losses = vec![];
         for framework in FRAMEWORKS {
-            let told = [case(framework, precision, "1")?, case(framework, precision, "2")?];
-            for (threads, (case, base)) in (1..).zip(told.iter().zip(&ours)) {
-                let Told { clock_ms, processors_ms, loss, .. } = case;
+            let cases = [case(framework, precision, "1")?, case(framework, precision, "2")?];
+            for (threads, (case, base)) in (1..).zip(cases.iter().zip(&ours)) {
+                let BenchResult { clock_ms, processors_ms, loss, .. } = case;
                 let (clock, processors) = (clock_ms / base[0], processors_ms / base[1]);
                 println!(
                     "{framework} {precision}, {threads} threads: {clock_ms:.1} ms, {processors_ms:.1} ms; {clock:.1} and \
@@ -78,7 +78,7 @@ fn all(mut bench: Command) -> Result<(), Failure> {
                 );
                 losses.push(*loss);
             }
-            let same = if told[0].bits == told[1].bits { "the same" } else { "other" };
+            let same = if cases[0].bits == cases[1].bits { "the same" } else { "other" };
             println!("{framework} {precision}: {same} bits on one and two threads");
         }
         assert!(losses.iter().all(|loss| (loss / losses[0] - 1.0).abs() < 0.01), "the frameworks disagree: {losses:?}");
@@ -87,35 +87,35 @@ fn all(mut bench: Command) -> Result<(), Failure> {
 }
 
 /// Wall-clock time and processor time of magline for `m1` with one hidden layer of 8 units, ms.
-fn magline(said: &str, threads: usize) -> Result<[f64; 2], Failure> {
+fn magline(printed: &str, threads: usize) -> Result<[f64; 2], Failure> {
     let row = format!("m1 [8], {threads} threads: ");
-    let found = said.lines().find_map(|line| line.strip_prefix(&row)).and_then(|times| {
+    let found = printed.lines().find_map(|line| line.strip_prefix(&row)).and_then(|times| {
         let mut times = times.split(", ").map(|time| time.trim_end_matches(" ms").parse());
         Some([times.next()?.ok()?, times.next()?.ok()?])
     });
-    found.ok_or_else(|| format!("the bench of magline printed {said}").into())
+    found.ok_or_else(|| format!("the bench of magline printed {printed}").into())
 }
 
 /// Printed output of a case.
-struct Told {
+struct BenchResult {
     clock_ms: f64,
     processors_ms: f64,
     loss: f64,
     bits: String,
 }
 
-fn case(framework: &str, precision: &str, threads: &str) -> Result<Told, Failure> {
+fn case(framework: &str, precision: &str, threads: &str) -> Result<BenchResult, Failure> {
     let mut command = Command::new(std::env::current_exe()?);
     let output = command.args([framework, precision]).env("RAYON_NUM_THREADS", threads).output()?;
-    let said = String::from_utf8(output.stdout)?;
+    let printed = String::from_utf8(output.stdout)?;
     if !output.status.success() {
         return Err(format!("{framework} failed: {}", String::from_utf8_lossy(&output.stderr)).into());
     }
-    let fields: Vec<&str> = said.split_whitespace().collect();
+    let fields: Vec<&str> = printed.split_whitespace().collect();
     let [clock, processors, loss, bits] = fields[..] else {
-        return Err(format!("{framework} printed {said}").into());
+        return Err(format!("{framework} printed {printed}").into());
     };
-    Ok(Told {
+    Ok(BenchResult {
         clock_ms: clock.parse()?,
         processors_ms: processors.parse()?,
         loss: loss.parse()?,
@@ -184,8 +184,8 @@ impl Draws {
 /// Processor time of all threads, s; NaN if the system does not report it.
 fn processors() -> f64 {
     let of = |task: std::fs::DirEntry| -> Option<f64> {
-        let told = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
-        told.split_whitespace().next()?.parse().ok()
+        let schedstat = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
+        schedstat.split_whitespace().next()?.parse().ok()
     };
     std::fs::read_dir("/proc/self/task").map_or(f64::NAN, |tasks| tasks.flatten().filter_map(of).sum::<f64>() * 1e-9)
 }

@@ -111,20 +111,20 @@ fn user_trees_and_random_features_compensate_and_are_explained() {
 #[test]
 fn user_invalid_keys_of_trees_and_random_features_are_rejected() {
     let bench = Bench::new();
-    let said = |keys: &str, importance: &str| {
+    let check_fault = |keys: &str, importance: &str| {
         bench.spec(&spec("", keys, importance));
         let checked = bench.magline(&["check", "spec.toml"]);
         assert_eq!(checked.status.code(), Some(2), "{keys}: {}", stdout(&checked));
         stderr(&checked)
     };
-    let alone = said("model = \"boosted_trees\"\npatience = 5", "");
+    let alone = check_fault("model = \"boosted_trees\"\npatience = 5", "");
     assert!(alone.contains("name lines or flights in `validation`"), "{alone}");
-    let whole = said("model = \"boosted_trees\"\nseed = 5", "");
+    let whole = check_fault("model = \"boosted_trees\"\nseed = 5", "");
     assert!(whole.contains("has no effect without `subsample`"), "{whole}");
-    let foreign = said("model = \"random_features\"\ntrees = 5", "");
+    let foreign = check_fault("model = \"random_features\"\ntrees = 5", "");
     assert!(foreign.contains("`trees` belongs to `boosted_trees`"), "{foreign}");
-    let idle = said("model = \"random_features\"", "method = \"spearman\"\nblock_s = 5.0");
-    assert!(idle.contains("`block_s` has no effect without the method `permutation`"), "{idle}");
+    let unused = check_fault("model = \"random_features\"", "method = \"spearman\"\nblock_s = 5.0");
+    assert!(unused.contains("`block_s` has no effect without the method `permutation`"), "{unused}");
 }
 
 #[test]
