@@ -17,6 +17,7 @@ mod list;
 mod logical;
 #[cfg(test)]
 mod object_store_tests;
+mod pass;
 mod processes;
 mod publish;
 mod quality;
@@ -135,9 +136,6 @@ impl Default for RunOptions<'_> {
     }
 }
 
-/// Maximum number of restarts of a run after it finds damage in the store.
-const MAX_REPAIRS: usize = 5;
-
 /// Runs `plan` in `store`, on rayon's current thread pool. Damaged files are quarantined and recomputed. For a search,
 /// runs only the trials of the plan; [`search()`] runs it to its end.
 ///
@@ -178,194 +176,6 @@ fn as_planned(plan: &Plan, store: &Store, until: Option<usize>, listener: &dyn L
     let pass = PlanPass { last: true, rows: &[], known: Some(&[]), relay: None };
     let options = RunOptions { until, ..RunOptions::default() };
     Ok(run_with_repair(plan, store, options, &publisher, listener, &pass)?.interrupted)
-}
-
-/// Purpose of a pass over a plan.
-struct PlanPass<'a> {
-    /// Whether the tables of this pass are published.
-    last: bool,
-    /// Trials of the plan.
-    rows: &'a [SearchTrial],
-    /// Goals of the trials, if already known.
-    known: Option<&'a [SearchTrialScore]>,
-    /// Events of the previous passes.
-    relay: Option<&'a search::EventRelay<'a>>,
-}
-
-/// Pass, repeated while it finds damaged parts of the store.
-fn run_with_repair(
-    plan: &Plan,
-    store: &Store,
-    options: RunOptions<'_>,
-    publisher: &PipelineLock,
-    listener: &dyn Listener,
-    pass: &PlanPass,
-) -> Result<RunSummary, SpecFaults> {
-    let mut passes = 0;
-    let mut summary = loop {
-        let before = store.damaged().len();
-        let summary = run_pass(plan, store, options, publisher, listener, pass)?;
-        passes += 1;
-        if summary.interrupted || store.damaged().len() == before || passes > MAX_REPAIRS {
-            break summary;
-        }
-    };
-    let recomputed =
-        |what| format!("{what}; it was moved to {} and recomputed", store.root().join("damaged").display());
-    summary.notes.extend(store.damaged().into_iter().map(recomputed));
-    if let Err(fault) = store.write_index() {
-        summary.failures.push(unpublished(fault));
-    }
-    if pass.last {
-        summary.unused = tend::unused(store);
-    }
-    Ok(summary)
-}
-
-fn unpublished(fault: Fault) -> Failure {
-    Failure { table: "publish".into(), point: Default::default(), line: None, fault }
-}
-
-/// Single pass over an intact store.
-fn run_pass(
-    plan: &Plan,
-    store: &Store,
-    options: RunOptions<'_>,
-    publisher: &PipelineLock,
-    listener: &dyn Listener,
-    pass: &PlanPass,
-) -> Result<RunSummary, SpecFaults> {
-    let (damaged, begun) = (store.damaged().len(), Instant::now());
-    let tick = |table: &str, step: &ReadProgress| listener.on_event(&Event::Reading { table, step });
-    let graph = PlanGraph::new(plan, store, &tick)?;
-    trials::check(&graph).map_err(|f| plan.spec.faults(vec![f]))?;
-    STARTED.store(true, Ordering::SeqCst);
-    let mut asked = until::TargetTables::new(plan, options.until);
-    let units: usize = (0..plan.tables.len()).filter(|t| asked.is(*t)).map(|t| graph.unit_count(t)).sum();
-    let run = run_id(&graph);
-    let pipeline = &plan.spec.name;
-    listener.on_event(&Event::Started { pipeline, units, run: &run, notes: &plan.notes, graph: &graph });
-    let recorded = if options.engine.is_local() { None } else { Some(recorded(&graph, store)?) };
-    let worker = UnitWorker::new(&graph, store, listener);
-    let mut runner = PlanRunner::new(&worker, listener, options, recorded);
-    runner.sources();
-    let mut watch = CostMeter::new(&graph, store);
-    let (mut tables, mut packs) = (vec![], vec![]);
-    for (t, node) in plan.tables.iter().enumerate() {
-        if INTERRUPTED.load(Ordering::Relaxed) {
-            break;
-        }
-        if !asked.is(t) && runner.is_left(t, &asked.left) {
-            asked.left.push(t);
-            packs.push(vec![]);
-            runner.seconds.push((0, 0.0));
-            continue;
-        }
-        // This process cannot measure the resources of other processes.
-        let before = if options.engine.is_local() { watch.table(t) } else { None };
-        let started = Instant::now();
-        let (count, found) = runner.table(t);
-        packs.push(found);
-        let seconds = started.elapsed().as_secs_f64();
-        watch.done(before, count, packs.last().map_or(&[], Vec::as_slice));
-        runner.seconds.push((count.computed, seconds));
-        listener.on_event(&Event::Table { table: &node.name, count, seconds });
-        tables.push((node.name.clone(), count));
-    }
-    store.drop_attempts(|key| store.find(key).is_some(), None);
-    store.drop_checkpoints(|name| HashKey::parse(name).is_some_and(|key| store.has(key)), None);
-    let interrupted = INTERRUPTED.load(Ordering::Relaxed);
-    let PlanRunner { failures, mut seconds, states, .. } = runner;
-    let mut failures: Vec<Failure> = failures.into_iter().map(|(_, failure)| failure).collect();
-    if let Some(relay) = pass.relay {
-        let sums = relay.sums(tables.iter().map(|(name, _)| name.as_str()));
-        tables.iter_mut().zip(&sums).for_each(|((_, count), (sum, _))| *count = *sum);
-        seconds = sums.into_iter().map(|(count, seconds)| (count.computed, seconds)).collect();
-    }
-    let mut trials = vec![];
-    if !interrupted {
-        match pass.known.map_or_else(|| trials::scored(&graph, store, pass.rows, true), |t| Ok(Some(t.to_vec()))) {
-            Ok(found) => trials = found.unwrap_or_default(),
-            Err(fault) => failures.push(unpublished(fault)),
-        }
-    }
-    if pass.last {
-        failures.extend(trials::no_trial_succeeded(plan, &trials));
-    }
-    let (mut warnings, mut pooled) = (vec![], vec![]);
-    if pass.last && !interrupted && store.damaged().len() == damaged {
-        let there = |unit: PlanUnit| states.get(unit) == UnitState::Done;
-        let last = warnings::find(&graph, store, &there).and_then(|found| {
-            let (failed, found) = failure::of_metrics(plan, found);
-            failures.extend(failed);
-            warnings = found;
-            pooled = pooled::find(&graph, store, &there)?;
-            if store.damaged().len() > damaged {
-                return Ok(());
-            }
-            // Tables that were not requested and their pooled scores stay unchanged.
-            let before = if asked.left.is_empty() { None } else { pooled::written(plan, store)? };
-            let left = before.into_iter().flatten().filter(|p| asked.left.contains(&p.table));
-            let published: Vec<PooledMetric> = pooled.iter().cloned().chain(left).collect();
-            plan.tables.iter().for_each(|node| listener.on_event(&Event::Publishing { table: &node.name }));
-            let left = &asked.left;
-            let publication =
-                publish::Publication { graph: &graph, store, run: &run, packs: &packs, left, there: &there };
-            publication.publish(publisher, &failures, &warnings, &published, &trials)?;
-            let snapshot = results::record(&graph, store, &seconds, &asked.left)?;
-            let total = tables.iter().fold(OutcomeCounts::default(), |sum, (_, c)| sum + *c);
-            let past = RunRecord {
-                time: clock::now(),
-                run: run.clone(),
-                version: env!("CARGO_PKG_VERSION").to_owned(),
-                tables: current(store.root(), &plan.spec.name).map_or(0, |v| v.number),
-                seconds: begun.elapsed().as_secs_f64(),
-                units: [total.computed, total.reused, total.failed, total.skipped],
-                ..RunRecord::default()
-            };
-            history::add(store, &plan.spec.name, past, &snapshot)
-        });
-        failures.extend(last.err().map(unpublished));
-    }
-    watch.keep(pass.last && !interrupted);
-    let (quality, quality_lines) = quality::count(&graph);
-    let folder = store.root().join("tables").join(&plan.spec.name);
-    let mut scores = scores::all(plan, &pooled, &warnings);
-    let left: Vec<String> = asked.names(plan).map(str::to_owned).collect();
-    scores.retain(|(name, _)| !left.contains(name));
-    let spent = seconds.into_iter().enumerate().filter(|(t, _)| !asked.left.contains(t));
-    let seconds = spent.map(|(_, (_, s))| s).collect();
-    let mut notes: Vec<String> = plan.notes.iter().cloned().chain(asked.note(plan).filter(|_| !interrupted)).collect();
-    if !scores.is_empty() {
-        notes.extend(pooled::repeats(&graph));
-        notes.extend(pooled::mixed(&graph).unwrap_or_default());
-    }
-    for (name, found) in &scores {
-        notes.extend(found.at_edges().into_iter().map(|text| format!("`{name}`: {text}")));
-    }
-    Ok(RunSummary {
-        tables,
-        failures,
-        quality,
-        quality_lines,
-        warnings,
-        scores,
-        trials,
-        notes,
-        seconds,
-        run,
-        interrupted,
-        folder,
-        left,
-        compared: vec![],
-        unused: 0,
-    })
-}
-
-/// Writes the plan for worker processes, and the index from which they open the store.
-fn recorded(graph: &PlanGraph, store: &Store) -> Result<HashKey, SpecFaults> {
-    let written = RecordedPlan::keep(graph, store).and_then(|key| store.write_index().map(|()| key));
-    written.map_err(|fault| graph.plan.spec.faults(vec![fault]))
 }
 
 /// Hash of the computation and its data, in 16 hexadecimal digits: pipeline, seed, and the key of every unit of every
