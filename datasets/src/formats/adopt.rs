@@ -20,8 +20,8 @@ pub(super) struct FlightColumnTarget {
 
 /// The name and unit of a column.
 ///
-/// `own` holds its name in the file and, if different, its name in the format; `said` is the unit in the file. The unit
-/// in the options takes precedence, then the unit in the file, then the unit in the name.
+/// `own` holds its name in the file and, if different, its name in the format; `declared` is the unit in the file. The
+/// unit in the options takes precedence, then the unit in the file, then the unit in the name.
 ///
 /// # Errors
 /// Fails for a unit that does not convert to the unit of the column, and for a name whose unit contradicts the unit in

@@ -102,11 +102,11 @@ fn table(graph: &PlanGraph, store: &Store, t: usize, node: &TableNode, cost: Opt
     let inputs: Vec<&str> = node.sources().into_iter().map(|r| plan.name_of(r)).collect();
     let _ = writeln!(out, "{}  {} v{} <- {}", node.name, node.entry.name, node.entry.version, inputs.join(", "));
     let searched = &plan.spec.searched;
-    let once = |i: &&usize| !searched.contains(i) || **i == searched.start;
+    let is_own_axis = |i: &&usize| !searched.contains(i) || **i == searched.start;
     let sizes: Vec<String> = node
         .axes
         .iter()
-        .filter(once)
+        .filter(is_own_axis)
         .map(|i| format!("{} ({})", plan.spec.axes[*i].name, plan.spec.axes[*i].values.len()))
         .collect();
     let over =

@@ -39,7 +39,7 @@ pub struct MotionChord {
     pub integrated: [f64; 2],
 }
 
-/// Chords of at least `chord_s` of time, latitude and longitude; without velocities `flown` is zero.
+/// Chords of at least `chord_s` of time, latitude and longitude; without velocities `integrated` is zero.
 pub fn chords([tt, lat, lon]: [&[f64]; 3], velocity: Option<(&[f64], &[f64])>, chord_s: f64) -> Vec<MotionChord> {
     let mut found = vec![];
     let (mut start, mut integrated) = (0, [0.0; 2]);
