@@ -31,9 +31,13 @@ mod trials;
 mod until;
 mod work;
 
-use std::{sync::atomic::Ordering, time::Instant};
-
-use schemas::Fault;
+use plan::{
+    Plan, PlanGraph, PlanUnit,
+    spec::{SearchState, SearchTrialScore, SpecFaults, best},
+};
+use results::{history, scores::Scores, warnings::Warning};
+use schemas::keys::HashKey;
+use store::{PipelineLock, Store, scrub::RecordChecks};
 
 pub use again::{TableComparison, again};
 pub use engine::{EngineCapacity, LocalEngine, TaskEngine, TaskWave};
@@ -41,35 +45,15 @@ pub use events::{Event, Listener, OutcomeCounts, SilentListener, UnitOutcome};
 pub use failure::{Failure, deduplicated};
 pub use interrupt::{INTERRUPTED, STARTED};
 pub use list::{TaskList, list};
+use pass::{PlanPass, run_with_repair};
 pub use processes::ProcessEngine;
 pub use remote::{WorkerLimits, WorkerTally, serve};
 pub use search::search;
 pub use task::{Receipt, Task, TaskUnit, UnitAnswer};
-/// Checks of the records of runs and costs, for the verification of a store.
-pub const RECORD_CHECKS: RecordChecks = RecordChecks { runs: history::is_whole, costs: cost::is_whole };
-
 pub use trials::{SourceReadCallback, plan_all_trials, settled};
 
-use cut::TableAssembler;
-use layout::TableLayout;
-use runner::PlanRunner;
-use states::UnitState;
-use work::UnitWorker;
-
-use crate::cost::CostMeter;
-use plan::{
-    Plan, PlanGraph, PlanUnit, RecordedPlan,
-    sources::ReadProgress,
-    spec::{SearchState, SearchTrial, SearchTrialScore, SpecFaults, best},
-};
-use results::{
-    history::{self, RunRecord},
-    pooled::{self, PooledMetric},
-    scores::{self, Scores},
-    warnings::{self, Warning},
-};
-use schemas::keys::HashKey;
-use store::{PipelineLock, Store, clock, current, scrub::RecordChecks, tend};
+/// Checks of the records of runs and costs, for the verification of a store.
+pub const RECORD_CHECKS: RecordChecks = RecordChecks { runs: history::is_whole, costs: cost::is_whole };
 
 /// Summary of a run.
 pub struct RunSummary {

@@ -5,8 +5,8 @@ use schemas::{Fault, FaultOwner};
 use store::Store;
 
 use super::{
-    OutcomeCounts, RunOptions, SilentListener, engine::EngineCapacity, recorded, runner::PlanRunner, table::LayoutTask,
-    task::Task, trials, work::UnitWorker,
+    OutcomeCounts, RunOptions, SilentListener, engine::EngineCapacity, pass::recorded, runner::PlanRunner,
+    table::LayoutTask, task::Task, trials, work::UnitWorker,
 };
 
 /// Tasks of the next wave, with counts of skipped units.

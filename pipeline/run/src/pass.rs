@@ -73,7 +73,7 @@ pub(super) fn run_with_repair(
     Ok(summary)
 }
 
-fn unpublished(fault: Fault) -> Failure {
+pub(super) fn unpublished(fault: Fault) -> Failure {
     Failure { table: "publish".into(), point: Default::default(), line: None, fault }
 }
 
@@ -96,9 +96,10 @@ fn run_pass(
     let run = run_id(&graph);
     let pipeline = &plan.spec.name;
     listener.on_event(&Event::Started { pipeline, units, run: &run, notes: &plan.notes, graph: &graph });
+    let worker = UnitWorker::new(&graph, store, listener);
     let this = GraphPass { graph: &graph, store, options, listener, pass, run: &run, damaged, begun };
     let mut watch = CostMeter::new(&graph, store);
-    let mut computed = this.compute(targets, &mut watch)?;
+    let mut computed = this.compute(&worker, targets, &mut watch)?;
     let trials = this.trials(&mut computed);
     let mut judged = Judgement::default();
     if pass.last && !computed.interrupted && !this.is_damaged() {
@@ -154,11 +155,15 @@ impl<'a> GraphPass<'a> {
     }
 
     /// Computes the tables in the order of the plan.
-    fn compute(&self, mut targets: TargetTables, watch: &mut CostMeter) -> Result<ComputedTables<'a>, SpecFaults> {
+    fn compute(
+        &self,
+        worker: &'a UnitWorker<'a>,
+        mut targets: TargetTables,
+        watch: &mut CostMeter,
+    ) -> Result<ComputedTables<'a>, SpecFaults> {
         let (graph, store, listener, engine) = (self.graph, self.store, self.listener, self.options.engine);
         let recorded = if engine.is_local() { None } else { Some(recorded(graph, store)?) };
-        let worker = UnitWorker::new(graph, store, listener);
-        let mut runner = PlanRunner::new(&worker, listener, self.options, recorded);
+        let mut runner = PlanRunner::new(worker, listener, self.options, recorded);
         runner.sources();
         let (mut tables, mut packs) = (vec![], vec![]);
         for (t, node) in graph.plan.tables.iter().enumerate() {
@@ -301,7 +306,7 @@ impl<'a> GraphPass<'a> {
 }
 
 /// Writes the plan for worker processes, and the index from which they open the store.
-fn recorded(graph: &PlanGraph, store: &Store) -> Result<HashKey, SpecFaults> {
+pub(super) fn recorded(graph: &PlanGraph, store: &Store) -> Result<HashKey, SpecFaults> {
     let written = RecordedPlan::keep(graph, store).and_then(|key| store.write_index().map(|()| key));
     written.map_err(|fault| graph.plan.spec.faults(vec![fault]))
 }

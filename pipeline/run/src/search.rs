@@ -17,8 +17,10 @@ use schemas::{Fault, FaultOwner, StageEntry, keys::HashKey};
 use store::{PipelineLock, Store};
 
 use super::{
-    Event, Failure, Listener, OutcomeCounts, PlanPass, RunOptions, RunSummary, UnitOutcome, run_locked,
-    run_with_repair, trials::in_order,
+    Event, Failure, Listener, OutcomeCounts, RunOptions, RunSummary, UnitOutcome,
+    pass::{PlanPass, run_with_repair},
+    run_locked,
+    trials::in_order,
 };
 
 /// Runs `plan` in a process that has the lock of its pipeline; a search is run with all trials that follow from the

@@ -10,13 +10,14 @@ use schemas::{Fault, Grain, keys::HashKey};
 use store::{FAILED, PackedUnit};
 
 use super::{
-    UnitOutcome, UnitState,
+    UnitOutcome,
     cut::TableAssembler,
     engine::{LocalEngine, TaskEngine, TaskWave},
     layout::{PackCover, TableLayout, cover, scattered},
+    pass::unpublished,
     runner::{PlanRunner, UnitLookup, emit_outcome},
+    states::UnitState,
     task::{Task, TaskUnit},
-    unpublished,
 };
 use crate::{Event, OutcomeCounts, cost::UnitTimeModel};
 

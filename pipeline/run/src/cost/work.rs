@@ -15,7 +15,7 @@ use super::{
     fit::UnitPrices,
     observed::{TableWork, WorkAmounts},
 };
-use crate::{TableAssembler, TableLayout};
+use crate::{cut::TableAssembler, layout::TableLayout};
 
 /// Number of points of a line that are computed together.
 const TOGETHER: usize = 8;
