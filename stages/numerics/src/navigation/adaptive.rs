@@ -70,15 +70,13 @@
 //! as in [`ekf`](crate::navigation::ekf).
 
 use crate::navigation::field::PredictedField;
+use crate::navigation::gaussian::recursion::{self, FilterRecursion};
+use crate::navigation::gaussian::{LinearisedMeasurement, Sensitivity, StateEstimate};
 use crate::navigation::ins_error::ParameterError;
 use crate::navigation::line::NavigationLine;
+use crate::navigation::measurement::Measurements;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use params::{Fault, Rule, choice, obeys};
-use pulp::{Simd, WithSimd};
-
-use crate::navigation::estimate::{FilterRecursion, LinearisedMeasurement, StateEstimate};
-use crate::navigation::measurement::Measurements;
-use crate::navigation::sensitivity::Sensitivity;
 
 mod aided;
 mod noise;
@@ -270,7 +268,9 @@ pub fn run(
         navigation,
         given_back: Vec::with_capacity(rows),
     };
-    pulp::Arch::new().dispatch(filter)
+    let AdaptiveEkf { learners, navigation, given_back, .. } = recursion::run(filter, line)?;
+    let magnetometers = learners.into_iter().map(|learner| learner.adapted).collect();
+    Ok(AdaptiveOutput { navigation, magnetometers, given_back })
 }
 
 /// Adaptive extended Kalman filter with its state along a line.
@@ -287,23 +287,19 @@ struct AdaptiveEkf<'a> {
     given_back: Vec<f64>,
 }
 
+/// Share ε of a covariance decrease to return, from the last values of NIS minus 1. Appends a NIS.
+#[inline(always)]
+fn excess_share(excess: &mut SlidingSum, nis: f64) -> f64 {
+    excess.push(nis - 1.0);
+    // Missing entries of the window count with their expected value.
+    (excess.sum() / excess.capacity() as f64).clamp(0.0, 1.0)
+}
+
 /// Share of a covariance decrease that is added as process noise.
 struct ProcessNoiseIncrement {
     at: LinearisedMeasurement,
     noise_nt2: f64,
     share: f64,
-}
-
-impl WithSimd for AdaptiveEkf<'_> {
-    type Output = Result<AdaptiveOutput, NavigationError>;
-
-    #[inline(always)]
-    fn with_simd<V: Simd>(mut self, _: V) -> Self::Output {
-        let line = self.line;
-        self.along(line.ins, &line.errors, |row| line.fixes_at(row))?;
-        let magnetometers = self.learners.into_iter().map(|learner| learner.adapted).collect();
-        Ok(AdaptiveOutput { navigation: self.navigation, magnetometers, given_back: self.given_back })
-    }
 }
 
 impl FilterRecursion for AdaptiveEkf<'_> {
@@ -368,9 +364,7 @@ impl AdaptiveEkf<'_> {
         if self.parameters.adapt == AdaptiveNoise::R {
             return;
         }
-        self.excess.push(nis - 1.0);
-        // Missing entries of the window count with their expected value.
-        let share = (self.excess.sum() / self.parameters.window as f64).clamp(0.0, 1.0);
+        let share = excess_share(&mut self.excess, nis);
         self.pending = (share > 0.0).then_some(ProcessNoiseIncrement { at, noise_nt2, share });
     }
 }

@@ -18,14 +18,12 @@
 use crate::navigation::aided::filter::AidedFilter;
 use crate::navigation::aided::{AidedOutput, AidedParameters, Aids};
 use crate::navigation::field::PredictedField;
+use crate::navigation::gaussian::recursion::{self, FilterRecursion};
+use crate::navigation::gaussian::{Sensitivity, StateEstimate};
 use crate::navigation::ins_series::{InsSeries, SeriesError};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::position_fixes::StateFix;
-use pulp::{Simd, WithSimd};
-
-use crate::navigation::estimate::{FilterRecursion, StateEstimate};
-use crate::navigation::sensitivity::Sensitivity;
 
 /// True path, one value per sample in every column.
 #[derive(Clone, Copy, Debug)]
@@ -89,7 +87,10 @@ pub fn run(
     let (offset_nt, samples) = field.offset(&truth, line.measurement_nt, line.offset_window_s);
     output.report.offset_nt = offset_nt;
     output.report.offset_samples = samples;
-    pulp::Arch::new().dispatch(CramerRaoBound { line, truth, field, offset_nt, output })
+    // The estimate is the truth: an aiding position adds its information, but does not change the state.
+    let still = |fix: Option<StateFix>| fix.map(|fix| StateFix { error: 0.0, ..fix });
+    let bound = CramerRaoBound { line, truth, field, offset_nt, output };
+    Ok(recursion::run_along(bound, &truth, &line.errors, |row| line.fixes_at(row).map(still))?.output)
 }
 
 /// [`run`] with further measurements in addition to the scalar field. The residual of each is measurement minus truth;
@@ -120,19 +121,6 @@ struct CramerRaoBound<'a> {
     field: PredictedField<'a>,
     offset_nt: f64,
     output: NavigationOutput,
-}
-
-impl WithSimd for CramerRaoBound<'_> {
-    type Output = Result<NavigationOutput, NavigationError>;
-
-    #[inline(always)]
-    fn with_simd<V: Simd>(mut self, _: V) -> Self::Output {
-        let (truth, line) = (self.truth, self.line);
-        // The estimate is the truth: an aiding position adds its information, but does not change the state.
-        let still = |fix: Option<StateFix>| fix.map(|fix| StateFix { error: 0.0, ..fix });
-        self.along(&truth, &line.errors, |row| line.fixes_at(row).map(still))?;
-        Ok(self.output)
-    }
 }
 
 impl FilterRecursion for CramerRaoBound<'_> {

@@ -10,9 +10,8 @@ use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::measurement::Measurements;
 use crate::navigation::output::NavigationError;
-use crate::navigation::pinson::{STATES, StateMatrix, pinson_matrix};
+use crate::navigation::pinson::StateMatrix;
 use crate::navigation::position_fixes::{NO_FIX, PositionFixes, StateFix};
-use crate::navigation::transition::{step_covariance, transition_matrix};
 
 /// Flight line with measurements of the scalar field over a map.
 #[derive(Clone, Copy, Debug)]
@@ -44,7 +43,7 @@ pub struct NavigationLine<'a> {
 pub struct LineStep {
     /// Length, in s.
     pub dt_s: f64,
-    /// Ground speed at the beginning of the step, in m/s.
+    /// Mean ground speed, in m/s; the speed at the beginning for a step between two samples.
     pub speed_mps: f64,
     /// Φ.
     pub phi: StateMatrix,
@@ -100,19 +99,5 @@ impl<'a> NavigationLine<'a> {
     #[inline]
     pub fn step(&self, row: usize) -> LineStep {
         LineStep::new(self.ins, &self.errors, row)
-    }
-}
-
-impl LineStep {
-    /// Step of an INS from the sample before `row` to `row`, which is at least 1.
-    #[inline]
-    pub fn new(ins: &InsSeries<'_>, errors: &InsErrorModel, row: usize) -> Self {
-        let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];
-        let f = pinson_matrix(&ins.point(row - 1), &errors.time_constants(), errors.pinson);
-        let phi = transition_matrix(&f, dt_s);
-        let none = [[0.0; STATES]; STATES];
-        let noise = step_covariance(&none, &f, &phi, &errors.noise_density(), dt_s, errors.noise);
-        let speed_mps = ins.vn_mps[row - 1].hypot(ins.ve_mps[row - 1]);
-        Self { dt_s, speed_mps, phi, noise }
     }
 }

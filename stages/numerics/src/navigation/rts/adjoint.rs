@@ -1,13 +1,8 @@
 //! Adjoint state λ and its matrix Λ of the backward pass. [Bierman 1973]
 
-use crate::navigation::pinson::{ACC, GYRO, HA, S, STATES, StateMatrix, StateVector};
-
-use crate::navigation::sensitivity::{MEASURED, Sensitivity, add_scaled, inner, mirror};
-
-/// Gauss-Markov states: their rows of Φ are diagonal.
-const GAUSS_MARKOV: [usize; 8] = [ACC, ACC + 1, ACC + 2, GYRO, GYRO + 1, GYRO + 2, HA, S];
-/// Other states.
-const COUPLED: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 16];
+use crate::navigation::gaussian::{MEASURED, Sensitivity, inner, mirror};
+use crate::navigation::pinson::{COUPLED, GAUSS_MARKOV, STATES, StateMatrix, StateVector};
+use crate::navigation::transition::add_scaled;
 
 /// Measurement update of the forward pass.
 #[derive(Clone, Copy, Debug)]
