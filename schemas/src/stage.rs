@@ -97,11 +97,16 @@ pub trait LineStage: Stage {
     /// Data shared by all lines, such as the spline coefficients of a map; `()` for none.
     type Prepared: Send + Sync + 'static;
 
-    /// Builds the data shared by all lines, once. `inputs` holds models and maps; line tables are empty batches.
+    /// Builds the data shared by all lines, once. `inputs` holds models and maps; line tables are empty batches. A
+    /// stage whose data are `()` needs no implementation; for any other data, its absence is a compile error.
     ///
     /// # Errors
     /// Fails for a model or map that cannot be used.
-    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Self::Prepared, Fault>;
+    fn prepare(&self, _inputs: &[RecordBatch]) -> Result<Self::Prepared, Fault> {
+        const { assert!(size_of::<Self::Prepared>() == 0, "a stage with shared data must implement `prepare`") };
+        let unit: Box<dyn Any> = Box::new(());
+        unit.downcast().map(|unit| *unit).map_err(|_| Fault::bug("a stage with shared data has no `prepare`"))
+    }
 
     /// The parameters that [`LineStage::prepare`] depends on, in canonical spelling: all, unless a stage restricts them
     /// to share prepared data between the points of a sweep.

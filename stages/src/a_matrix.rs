@@ -2,7 +2,6 @@
 
 use std::ops::Range;
 
-use arrow_array::RecordBatch;
 use numerics::{
     compensation::tolles_lawson::{BodyFieldColumns, TermSelection, matrix_in_runs},
     signal::segments::RowMask,
@@ -93,10 +92,6 @@ impl Stage for AMatrix {
 impl LineStage for AMatrix {
     type Prepared = ();
 
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
-
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
@@ -129,7 +124,7 @@ pub fn runs_of(terms: &TermSelection, tt_s: &[f64], [x, y, z]: [&[f64]; 3]) -> R
 mod tests {
     use std::sync::Arc;
 
-    use arrow_array::{Array, ArrayRef, Float64Array, cast::AsArray, types::Float64Type};
+    use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
     use schemas::{ColumnType, Role, TableShape};
 
     use super::*;

@@ -1,6 +1,5 @@
 //! Band-pass filters columns.
 
-use arrow_array::RecordBatch;
 use numerics::signal::filter::{FilterBand, ZeroPhaseFilter};
 use schemas::{Column, Fault, LineInput, LineOutput, LineStage, Role, Rule, Stage, StageSchema, Table, stage};
 
@@ -85,10 +84,6 @@ impl Stage for Bandpass {
 impl LineStage for Bandpass {
     type Prepared = ();
 
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
-
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         filtered(&line.inputs[0], &self.columns, AngleTreatment::AsNumbers, |rate_hz| {
             design(self.low_hz, self.high_hz, self.order, rate_hz)?
@@ -102,7 +97,7 @@ impl LineStage for Bandpass {
 mod tests {
     use std::{f64::consts::TAU, sync::Arc};
 
-    use arrow_array::{ArrayRef, Float64Array, cast::AsArray, types::Float64Type};
+    use arrow_array::{ArrayRef, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
     use schemas::TableShape;
 
     use super::*;

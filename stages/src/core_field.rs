@@ -169,10 +169,6 @@ impl Stage for CoreFieldStage {
 impl LineStage for CoreFieldStage {
     type Prepared = ();
 
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
-
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = &line.inputs[0];
         let [lat, lon, alt] = self.position.columns();

@@ -1,6 +1,5 @@
 //! Rates of change of columns.
 
-use arrow_array::RecordBatch;
 use numerics::{
     angle::unwrapped_deg,
     signal::{
@@ -120,10 +119,6 @@ impl Stage for Derivative {
 
 impl LineStage for Derivative {
     type Prepared = ();
-
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
 
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = &line.inputs[0];

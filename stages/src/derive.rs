@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use arrow_array::RecordBatch;
 use arrow_schema::DataType;
 use expressions::{Expression, ExpressionUnit};
 use schemas::{
@@ -156,10 +155,6 @@ impl Stage for Derive {
 
 impl LineStage for Derive {
     type Prepared = ();
-
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
 
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = &line.inputs[0];

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use arrow_array::{ArrayRef, Int64Array, RecordBatch};
+use arrow_array::{ArrayRef, Int64Array};
 use numerics::signal::{
     segments::{RowMask, STEP_TOLERANCE, check_increasing, sample_rate},
     spikes::{fourth_difference, hampel},
@@ -155,10 +155,6 @@ impl Stage for Despike {
 
 impl LineStage for Despike {
     type Prepared = ();
-
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
 
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = &line.inputs[0];

@@ -343,10 +343,6 @@ impl Stage for Features {
 impl LineStage for Features {
     type Prepared = ();
 
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
-
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = &line.inputs[0];
         let recipes = self.recipes(&|name| batch.column_by_name(name).is_some());

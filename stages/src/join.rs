@@ -143,10 +143,6 @@ fn nearest(times: &[f64], tt: &[f64], within_s: f64) -> Vec<Option<u64>> {
 impl LineStage for Join {
     type Prepared = ();
 
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
-
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let [input, with] = line.inputs.as_slice() else { return Err(Fault::bug("a join of other than two tables")) };
         let times = floats(input, "tt")?;

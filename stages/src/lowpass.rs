@@ -1,6 +1,5 @@
 //! Low-pass filters columns.
 
-use arrow_array::RecordBatch;
 use numerics::signal::{
     filter::{FilterBand, ZeroPhaseFilter},
     resample::{ANTI_ALIAS_FRACTION, ANTI_ALIAS_ORDER},
@@ -84,10 +83,6 @@ impl Stage for Lowpass {
 
 impl LineStage for Lowpass {
     type Prepared = ();
-
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
 
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let high_hz = self.corner().ok_or_else(|| Fault::new("the filter has no corner frequency"))?;

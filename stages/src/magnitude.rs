@@ -1,6 +1,5 @@
 //! The magnitude of a vector magnetometer.
 
-use arrow_array::RecordBatch;
 use schemas::{Column, Fault, LineInput, LineOutput, LineStage, Stage, StageSchema, Table, stage};
 
 use crate::columns::{array, faults_of, floats, no_truth, shape, vector_axes};
@@ -42,10 +41,6 @@ impl Stage for Magnitude {
 
 impl LineStage for Magnitude {
     type Prepared = ();
-
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
 
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let [x, y, z] = vector_axes(&self.vector);

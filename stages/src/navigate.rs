@@ -37,14 +37,15 @@ use schemas::{
     NumberOrAuto, PassThroughColumns, Rule, Stage, StageEntry, StageSchema, Table, TableShape, stage,
 };
 
-use aiding::{Aiding, GnssPositions};
+use aiding::{Aiding, GnssPositions, both};
 pub(crate) use aiding::{GNSS_UPDATE, GnssOutcome};
 pub use calibrations::CalibrationPrior;
 pub use filter::{
-    FilterDecl, FilterFlight, FilterInput, FilterMagnetometer, FilterPoint, FilterTrack, NavigationFilter,
-    UpdateOutcome, filter, navigate_points,
+    FilterDecl, FilterFlight, FilterGroups, FilterInput, FilterMagnetometer, FilterPoint, FilterTrack,
+    NavigationFilter, UpdateOutcome, filter, navigate_points,
 };
 pub use filters::FILTERS;
+use further::AuxiliaryMeasurements;
 pub use geometry::{DeadZones, SensorGeometry};
 pub use prepared::NavigationResources;
 pub use start::{StartKeys, StartSource};
@@ -257,7 +258,13 @@ impl Stage for Navigate {
         let unused = key == "noise_column" && !self.filter.keys.takes_field();
         let what = || Fault::new(format!("the filter `{}` does not use `noise_column`", self.filter.kind.name));
         let noise = unused.then(what);
-        self.filter.foreign(key).or(noise).or_else(|| self.geometry.idle(key)).or_else(|| self.filter.keys.idle(key))
+        let filter = &self.filter.keys;
+        let of_groups = || {
+            let of_aiding = filter.aiding().and_then(|aiding| aiding.idle(key));
+            of_aiding.or_else(|| filter.further().and_then(|further| further.idle(key)))
+        };
+        let own = self.filter.foreign(key).or(noise).or_else(|| self.geometry.idle(key));
+        own.or_else(|| filter.idle(key)).or_else(of_groups)
     }
 
     fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
@@ -293,7 +300,11 @@ impl Stage for Navigate {
         };
         let filter = &self.filter.keys;
         faults.extend(self.geometry.faults(shape, filter.takes_direction()));
-        let further = filter.reads(&flight).map_err(|more| faults.extend(more)).unwrap_or_default();
+        let of_groups = both(
+            filter.aiding().map_or(Ok(vec![]), |aiding| aiding.reads(&flight)),
+            filter.further().map_or(Ok(vec![]), |further| further.reads(&flight)),
+        );
+        let further = both(filter.reads(&flight), of_groups).map_err(|more| faults.extend(more)).unwrap_or_default();
         let tables = &inputs[1..];
         let map = tables.iter().position(|table| matches!(table, Table::Map(_)));
         let models: Vec<usize> = (0..tables.len()).filter(|i| matches!(tables[*i], Table::Model { .. })).collect();
@@ -336,6 +347,7 @@ impl Stage for Navigate {
         columns.push(made(Column::float(MAP_HEIGHT_ERROR, "nT", height)));
         columns.extend(self.noise_columns(map.is_some()).into_iter().map(made));
         columns.extend(filter.columns(&flight).into_iter().map(made));
+        columns.extend(filter.further().into_iter().flat_map(AuxiliaryMeasurements::columns).map(made));
         columns.extend(filter.aiding().into_iter().flat_map(Aiding::columns).map(made));
         let mut yields = StageSchema::append(columns, &reads);
         yields.reads.extend(tables.iter().map(|table| match table {

@@ -1,6 +1,5 @@
 //! Removes power-line frequencies from columns.
 
-use arrow_array::RecordBatch;
 use numerics::signal::filter::{ZeroPhaseFilter, alias_hz};
 use schemas::{Fault, LineInput, LineOutput, LineStage, Rule, Stage, StageSchema, Table, stage};
 
@@ -91,10 +90,6 @@ impl Stage for Notch {
 
 impl LineStage for Notch {
     type Prepared = ();
-
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
 
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         filtered(&line.inputs[0], &self.columns, AngleTreatment::Unwrapped, |rate_hz| {

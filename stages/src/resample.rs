@@ -238,10 +238,6 @@ struct ResampleInput<'a> {
 impl LineStage for Resample {
     type Prepared = ();
 
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
-
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let inputs = self.samples(line)?;
         let grid = self.grid(&inputs)?;

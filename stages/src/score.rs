@@ -15,7 +15,7 @@ mod track;
 use std::sync::Arc;
 
 use arrow_array::{
-    Array, ArrayRef, Float64Array, Int64Array, ListArray, RecordBatch, StringArray,
+    Array, ArrayRef, Float64Array, Int64Array, ListArray, StringArray,
     builder::{Float64Builder, ListBuilder},
     cast::AsArray,
     types::Float64Type,
@@ -228,10 +228,6 @@ impl Stage for Score {
 
 impl LineStage for Score {
     type Prepared = ();
-
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
 
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         same_samples(line)?;

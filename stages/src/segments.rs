@@ -228,10 +228,6 @@ impl Stage for Segments {
 impl LineStage for Segments {
     type Prepared = ();
 
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
-
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let kinds = self.kinds(batch)?;

@@ -1,6 +1,6 @@
 //! Selects rows and columns of lines.
 
-use arrow_array::{BooleanArray, RecordBatch};
+use arrow_array::BooleanArray;
 use arrow_schema::DataType;
 use arrow_select::filter::filter;
 use expressions::Expression;
@@ -110,10 +110,6 @@ impl Stage for Select {
 
 impl LineStage for Select {
     type Prepared = ();
-
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
 
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;

@@ -236,10 +236,6 @@ impl Stage for SimulateIns {
 impl LineStage for SimulateIns {
     type Prepared = ();
 
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
-
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let truth = TrueMotion::new(&line.inputs[0], self.smooth_s)?;
         let series = truth.series();

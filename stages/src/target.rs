@@ -1,6 +1,5 @@
 //! Computes the target of a compensation model.
 
-use arrow_array::RecordBatch;
 use schemas::{
     Column, CorrectionSet, Fault, LineInput, LineOutput, LineStage, MagneticCorrection, Role, Stage, StageSchema,
     Table, TableShape, choice, stage,
@@ -177,10 +176,6 @@ impl Stage for Target {
 
 impl LineStage for Target {
     type Prepared = ();
-
-    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
-        Ok(())
-    }
 
     fn run(&self, line: &LineInput, (): &()) -> LineOutput {
         let batch = &line.inputs[0];

@@ -119,9 +119,6 @@ impl StageEntry {
 /// }
 /// impl LineStage for Scale {
 ///     type Prepared = ();
-///     fn prepare(&self, _: &[arrow_array::RecordBatch]) -> Result<(), Fault> {
-///         Ok(())
-///     }
 ///     fn run(&self, _: &LineInput, _: &()) -> Result<Vec<arrow_array::ArrayRef>, Fault> {
 ///         Ok(vec![])
 ///     }

@@ -45,34 +45,19 @@ impl NavigationFilter for Crlb {
         let faults: Vec<Fault> =
             TRUTH.iter().filter_map(|(name, unit)| flight.shape.number(name, unit).err()).collect();
         let truth = if faults.is_empty() { Ok(TRUTH.map(|(name, _)| name.to_owned()).to_vec()) } else { Err(faults) };
-        both(truth, both(self.aiding.reads(flight), both(self.further.reads(flight), self.further.no_latency())))
-    }
-
-    fn takes_field(&self) -> bool {
-        self.further.use_scalar
-    }
-
-    fn takes_direction(&self) -> bool {
-        self.further.takes_direction()
+        both(truth, self.further.no_latency())
     }
 
     fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let bound = Column::float(DRMS_BOUND, "m", "Cramér-Rao bound of the horizontal error (drms)");
         // There is no state.
         let state = state_columns().into_iter().filter(|column| self.save_state && column.name == "p");
-        [bound].into_iter().chain(state).chain(self.further.columns()).collect()
-    }
-
-    fn aiding(&self) -> Option<&Aiding> {
-        Some(&self.aiding)
+        [bound].into_iter().chain(state).collect()
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let what = "`flat_over_m` has no effect on the bound, which uses every sample";
-        (key == "flat_over_m")
-            .then(|| Fault::new(what).of_param(key))
-            .or_else(|| self.aiding.idle(key))
-            .or_else(|| self.further.idle(key))
+        (key == "flat_over_m").then(|| Fault::new(what).of_param(key))
     }
 
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {

@@ -10,7 +10,7 @@ use numerics::navigation::{
 };
 use schemas::{Column, Fault, Rule};
 
-use super::aiding::{Aiding, both};
+use super::aiding::Aiding;
 use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, filter, state_arrays, state_columns};
 use super::further::AuxiliaryMeasurements;
 use crate::columns::data;
@@ -41,27 +41,7 @@ impl NavigationFilter for Ekf {
 
     fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let states = if self.save_state { state_columns() } else { vec![] };
-        states.into_iter().chain(self.further.columns()).collect()
-    }
-
-    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
-        both(self.aiding.reads(flight), self.further.reads(flight))
-    }
-
-    fn takes_field(&self) -> bool {
-        self.further.use_scalar
-    }
-
-    fn takes_direction(&self) -> bool {
-        self.further.takes_direction()
-    }
-
-    fn aiding(&self) -> Option<&Aiding> {
-        Some(&self.aiding)
-    }
-
-    fn idle(&self, key: &str) -> Option<Fault> {
-        self.aiding.idle(key).or_else(|| self.further.idle(key))
+        states.into_iter().collect()
     }
 
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {

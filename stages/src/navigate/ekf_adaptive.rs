@@ -12,7 +12,7 @@ use numerics::navigation::{
 };
 use schemas::{Column, Fault, Rule};
 
-use super::aiding::{Aiding, both};
+use super::aiding::Aiding;
 use super::filter::{
     FilterFlight, FilterInput, FilterTrack, NavigationFilter, enough, filter, state_arrays, state_columns,
 };
@@ -71,13 +71,8 @@ impl NavigationFilter for EkfAdaptive {
         self.gate_nis.is_some()
     }
 
-    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
-        let further = both(self.further.reads(flight), self.further.needs_scalar("its noise"));
-        both(self.aiding.reads(flight), further)
-    }
-
-    fn takes_direction(&self) -> bool {
-        self.further.takes_direction()
+    fn reads(&self, _: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
+        self.further.needs_scalar("its noise")
     }
 
     fn each_magnetometer(&self) -> bool {
@@ -99,19 +94,13 @@ impl NavigationFilter for EkfAdaptive {
         if self.save_state {
             columns.extend(state_columns());
         }
-        columns.extend(self.further.columns());
         columns
-    }
-
-    fn aiding(&self) -> Option<&Aiding> {
-        Some(&self.aiding)
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let bounds_r = ["sigma_min_nt", "sigma_max_nt", "form"].contains(&key);
-        let idle = (bounds_r && self.adapt == AdaptiveNoise::Q)
-            .then(|| Fault::new(format!("`{key}` has no effect with `adapt = \"q\"`")));
-        idle.or_else(|| self.aiding.idle(key)).or_else(|| self.further.idle(key))
+        (bounds_r && self.adapt == AdaptiveNoise::Q)
+            .then(|| Fault::new(format!("`{key}` has no effect with `adapt = \"q\"`")))
     }
 
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {

@@ -100,12 +100,7 @@ impl NavigationFilter for EkfOnlineNn {
                 both(features, Err(vec![fault]))
             }
         };
-        let further = both(self.further.reads(flight), self.further.needs_scalar("the aircraft's field"));
-        both(both(features, self.aiding.reads(flight)), further)
-    }
-
-    fn takes_direction(&self) -> bool {
-        self.further.takes_direction()
+        both(features, self.further.needs_scalar("the aircraft's field"))
     }
 
     fn columns(&self, flight: &FilterFlight) -> Vec<Column> {
@@ -119,16 +114,7 @@ impl NavigationFilter for EkfOnlineNn {
             names.extend(unit("bias").into_iter().chain(unit("output")).chain(["output_bias".to_owned()]));
             columns.push(Column::list("weights", "", "weights of the network", names));
         }
-        columns.extend(self.further.columns());
         columns
-    }
-
-    fn aiding(&self) -> Option<&Aiding> {
-        Some(&self.aiding)
-    }
-
-    fn idle(&self, key: &str) -> Option<Fault> {
-        self.aiding.idle(key).or_else(|| self.further.idle(key))
     }
 
     fn takes_models(&self) -> bool {

@@ -72,8 +72,7 @@ impl NavigationFilter for EkfOnlineTl {
             faults.push(Fault::new(what).of_param("flux_bias_sigma_nt"));
         }
         let bias = if faults.is_empty() { Ok(vec![]) } else { Err(faults) };
-        let further = both(self.further.reads(flight), self.further.needs_scalar("the aircraft's field"));
-        both(both(both(self.aircraft.reads(flight), self.aiding.reads(flight)), bias), further)
+        both(both(self.aircraft.reads(flight), bias), self.further.needs_scalar("the aircraft's field"))
     }
 
     fn each_magnetometer(&self) -> bool {
@@ -94,20 +93,12 @@ impl NavigationFilter for EkfOnlineTl {
         if self.save_state {
             columns.extend(state_columns());
         }
-        columns.extend(self.further.columns());
         columns
-    }
-
-    fn aiding(&self) -> Option<&Aiding> {
-        Some(&self.aiding)
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let of_bias = ["flux_bias_tau_s", "bt_scale_nt"].contains(&key) && self.flux_bias_sigma_nt.is_none();
-        of_bias
-            .then(|| Fault::new(format!("`{key}` has no effect without `flux_bias_sigma_nt`")).of_param(key))
-            .or_else(|| self.aiding.idle(key))
-            .or_else(|| self.further.idle(key))
+        of_bias.then(|| Fault::new(format!("`{key}` has no effect without `flux_bias_sigma_nt`")).of_param(key))
     }
 
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {

@@ -26,6 +26,7 @@ use schemas::{
 use super::{
     CalibrationPrior,
     aiding::{Aiding, GnssPositions},
+    further::AuxiliaryMeasurements,
     tuning::LineNoiseEstimate,
 };
 use crate::columns::list;
@@ -305,8 +306,15 @@ pub fn state_arrays(out: &mut NavigationOutput) -> Result<Vec<ArrayRef>, Fault> 
     Ok(vec![list(x.into_flattened(), STATES)?, list(p.into_flattened().into_flattened(), STATES * STATES)?])
 }
 
-/// A filter with its keys.
-pub trait NavigationFilter: Any + Send + Sync {
+/// Groups of keys that a filter shares with others. Implemented by [`filter!`](crate::filter!).
+pub trait FilterGroups {
+    /// Groups, in the order of their declaration.
+    fn groups(&self) -> Vec<&dyn Any>;
+}
+
+/// A filter with its keys. The columns, inputs and faults of its groups [`Aiding`] and [`AuxiliaryMeasurements`] are
+/// added to its own.
+pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
     /// Columns in addition to the track.
     fn columns(&self, _flight: &FilterFlight) -> Vec<Column> {
         vec![]
@@ -322,7 +330,12 @@ pub trait NavigationFilter: Any + Send + Sync {
 
     /// Keys of the aiding positions, if the filter uses any: [`FilterInput::fixes`].
     fn aiding(&self) -> Option<&Aiding> {
-        None
+        self.groups().into_iter().find_map(|group| group.downcast_ref())
+    }
+
+    /// Keys of the measurements in addition to the scalar field, if the filter uses any.
+    fn further(&self) -> Option<&AuxiliaryMeasurements> {
+        self.groups().into_iter().find_map(|group| group.downcast_ref())
     }
 
     /// Whether it has an innovation gate.
@@ -342,7 +355,7 @@ pub trait NavigationFilter: Any + Send + Sync {
 
     /// Whether it uses the measured field.
     fn takes_field(&self) -> bool {
-        true
+        self.further().is_none_or(|further| further.use_scalar)
     }
 
     /// Whether it requires a map.
@@ -362,7 +375,7 @@ pub trait NavigationFilter: Any + Send + Sync {
 
     /// Whether it requires the direction of the field in the sensor, `vector`.
     fn takes_direction(&self) -> bool {
-        false
+        self.further().is_some_and(AuxiliaryMeasurements::takes_direction)
     }
 
     /// Fault of a key that has no effect with the other keys; `None` if it has an effect.
@@ -507,6 +520,12 @@ macro_rules! filter {
             $(#[doc = $d])*
             pub struct $Ty $(, groups [$($g: $gt),*])?;
             $($keys)*
+        }
+
+        impl $crate::navigate::FilterGroups for $Ty {
+            fn groups(&self) -> Vec<&dyn std::any::Any> {
+                vec![$($(&self.$g),*)?]
+            }
         }
 
         impl $Ty {

@@ -67,8 +67,7 @@ filter! {
 
 impl NavigationFilter for FixedLag {
     fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
-        let further = both(self.further.reads(flight), self.further.needs_scalar("the aircraft's field"));
-        both(both(self.aircraft.reads(flight), self.aiding.reads(flight)), further)
+        both(self.aircraft.reads(flight), self.further.needs_scalar("the aircraft's field"))
     }
 
     fn each_magnetometer(&self) -> bool {
@@ -84,11 +83,7 @@ impl NavigationFilter for FixedLag {
     }
 
     fn columns(&self, flight: &FilterFlight) -> Vec<Column> {
-        aircraft_columns(flight).into_iter().chain(self.further.columns()).collect()
-    }
-
-    fn aiding(&self) -> Option<&Aiding> {
-        Some(&self.aiding)
+        aircraft_columns(flight).into_iter().collect()
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
@@ -101,7 +96,7 @@ impl NavigationFilter for FixedLag {
                 Fault::new("`aircraft_tau_s` has no effect with `aircraft_sigma_nt = 0.0`")
                     .help("remove it, or set `aircraft_sigma_nt` above 0"),
             ),
-            _ => self.aiding.idle(key).or_else(|| self.further.idle(key)),
+            _ => None,
         }
     }
 

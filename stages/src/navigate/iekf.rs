@@ -8,7 +8,7 @@ use numerics::navigation::{
 };
 use schemas::{Column, Fault, Rule};
 
-use super::aiding::{Aiding, both};
+use super::aiding::Aiding;
 use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, filter, state_arrays, state_columns};
 use super::further::AuxiliaryMeasurements;
 use crate::columns::data;
@@ -41,32 +41,14 @@ impl NavigationFilter for Iekf {
         self.gate_nis.is_some()
     }
 
-    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
-        both(self.aiding.reads(flight), self.further.reads(flight))
-    }
-
     fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let states = if self.save_state { state_columns() } else { vec![] };
-        states.into_iter().chain(self.further.columns()).collect()
-    }
-
-    fn takes_field(&self) -> bool {
-        self.further.use_scalar
-    }
-
-    fn takes_direction(&self) -> bool {
-        self.further.takes_direction()
-    }
-
-    fn aiding(&self) -> Option<&Aiding> {
-        Some(&self.aiding)
+        states.into_iter().collect()
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let idle = key == "tolerance_m" && self.iterations == 1;
         idle.then(|| Fault::new("`tolerance_m` has no effect with `iterations = 1`").of_param("tolerance_m"))
-            .or_else(|| self.aiding.idle(key))
-            .or_else(|| self.further.idle(key))
     }
 
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {

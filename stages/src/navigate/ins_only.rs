@@ -4,7 +4,7 @@ use numerics::navigation::{ins_only, output::NavigationOutput};
 use schemas::Fault;
 
 use super::aiding::Aiding;
-use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, UpdateOutcome, filter};
+use super::filter::{FilterInput, FilterTrack, NavigationFilter, UpdateOutcome, filter};
 use crate::columns::data;
 
 filter! {
@@ -15,10 +15,6 @@ filter! {
 }
 
 impl NavigationFilter for InsOnly {
-    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
-        self.aiding.reads(flight)
-    }
-
     fn takes_field(&self) -> bool {
         false
     }
@@ -29,14 +25,6 @@ impl NavigationFilter for InsOnly {
 
     fn takes_map(&self) -> bool {
         true
-    }
-
-    fn aiding(&self) -> Option<&Aiding> {
-        Some(&self.aiding)
-    }
-
-    fn idle(&self, key: &str) -> Option<Fault> {
-        self.aiding.idle(key)
     }
 
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {

@@ -76,11 +76,10 @@ impl NavigationFilter for Mpf {
                         modes of the position, the most probable first; NaN for absent modes";
             columns.push(Column::list("modes", "", what, names));
         }
-        columns.extend(self.further.columns());
         columns
     }
 
-    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
+    fn reads(&self, _: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         let flat = self.further.flat_over_m.map(|_| {
             let what = "the weights of particles do not depend on the map slope: `flat_over_m` is not available";
             Fault::new(what)
@@ -88,26 +87,12 @@ impl NavigationFilter for Mpf {
                 .help("remove `flat_over_m`, and set `map_sigma_nt` to the map error")
         });
         let flat = flat.map_or(Ok(vec![]), |fault| Err(vec![fault]));
-        both(both(self.aiding.reads(flight), both(self.further.reads(flight), self.further.no_latency())), flat)
-    }
-
-    fn takes_field(&self) -> bool {
-        self.further.use_scalar
-    }
-
-    fn takes_direction(&self) -> bool {
-        self.further.takes_direction()
-    }
-
-    fn aiding(&self) -> Option<&Aiding> {
-        Some(&self.aiding)
+        both(self.further.no_latency(), flat)
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
         (key == "smooth_over_m" && !self.regularise)
             .then(|| Fault::new("`smooth_over_m` has no effect without `regularise`"))
-            .or_else(|| self.aiding.idle(key))
-            .or_else(|| self.further.idle(key))
     }
 
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {

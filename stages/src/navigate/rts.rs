@@ -12,7 +12,7 @@ use numerics::navigation::{
 };
 use schemas::{Column, Fault, Rule};
 
-use super::aiding::{Aiding, both};
+use super::aiding::Aiding;
 use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, filter, state_arrays, state_columns};
 use super::further::{AuxiliaryMeasurements, updates};
 use crate::columns::{array, data};
@@ -53,16 +53,8 @@ filter! {
 }
 
 impl NavigationFilter for Rts {
-    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
-        both(self.aiding.reads(flight), both(self.further.reads(flight), self.further.no_latency()))
-    }
-
-    fn takes_field(&self) -> bool {
-        self.further.use_scalar
-    }
-
-    fn takes_direction(&self) -> bool {
-        self.further.takes_direction()
+    fn reads(&self, _: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
+        self.further.no_latency()
     }
 
     fn columns(&self, _: &FilterFlight) -> Vec<Column> {
@@ -73,19 +65,14 @@ impl NavigationFilter for Rts {
         if self.save_state {
             columns.extend(state_columns());
         }
-        columns.extend(self.further.columns());
         columns
-    }
-
-    fn aiding(&self) -> Option<&Aiding> {
-        Some(&self.aiding)
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let what = match key {
             "loss_scale" if self.loss == TrajectoryLoss::None => "`loss_scale` has no effect with `loss = \"none\"`",
             "tolerance_m" if self.iterations == 1 => "`tolerance_m` has no effect with `iterations = 1`",
-            _ => return self.aiding.idle(key).or_else(|| self.further.idle(key)),
+            _ => return None,
         };
         Some(Fault::new(what).of_param(key))
     }

@@ -138,18 +138,7 @@ impl NavigationFilter for Slam {
         columns
     }
 
-    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
-        self.aiding.reads(flight)
-    }
-
-    fn aiding(&self) -> Option<&Aiding> {
-        Some(&self.aiding)
-    }
-
     fn idle(&self, key: &str) -> Option<Fault> {
-        if let Some(fault) = self.aiding.idle(key) {
-            return Some(fault);
-        }
         let by_radius = self.expected_measurement != ExpectedMeasurement::NearestNeighbour;
         let belongs = |what: &str| {
             let help = "remove it".to_owned();

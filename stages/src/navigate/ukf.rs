@@ -8,7 +8,7 @@ use numerics::navigation::{
 };
 use schemas::{Column, Fault, Rule};
 
-use super::aiding::{Aiding, both};
+use super::aiding::Aiding;
 use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, filter, state_arrays, state_columns};
 use super::further::AuxiliaryMeasurements;
 use crate::columns::{array, data};
@@ -48,10 +48,6 @@ impl NavigationFilter for Ukf {
         self.gate_nis.is_some()
     }
 
-    fn reads(&self, flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
-        both(self.aiding.reads(flight), self.further.reads(flight))
-    }
-
     fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let mut columns = vec![Column::float(
             "sd_nonlinear",
@@ -61,24 +57,7 @@ impl NavigationFilter for Ukf {
         if self.save_state {
             columns.extend(state_columns());
         }
-        columns.extend(self.further.columns());
         columns
-    }
-
-    fn takes_field(&self) -> bool {
-        self.further.use_scalar
-    }
-
-    fn takes_direction(&self) -> bool {
-        self.further.takes_direction()
-    }
-
-    fn aiding(&self) -> Option<&Aiding> {
-        Some(&self.aiding)
-    }
-
-    fn idle(&self, key: &str) -> Option<Fault> {
-        self.aiding.idle(key).or_else(|| self.further.idle(key))
     }
 
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {

@@ -1,85 +1,82 @@
-//! Extended Kalman filter that estimates its noise from its innovations, for one or more magnetometers.
+//! Extended Kalman filter that estimates its noise from its innovations, for one or several magnetometers.
 //!
 //! Covariance matching makes the variance of the innovations equal to their predicted variance [Mehra 1970, 1972;
-//! Mohamed & Schwarz 1999; Gnadt 2022, (5.46)-(5.49)]. Let v_j be the innovations of the last N samples of a
-//! magnetometer before the present sample.
+//! Mohamed & Schwarz 1999; Gnadt 2022, (5.46)-(5.49)]. With v_j the innovations of the last N samples of a magnetometer
+//! before the present one:
 //!
 //! ```text
 //! R̂ = C − H P Hᵀ,     C = (1/N) Σ v_j²,     bounded by sigma_min² and sigma_max²
 //! ```
 //!
-//! [`AdaptiveForm::Matched`] subtracts H P Hᵀ from the square of each innovation: R̂ = (1/N) Σ (v_j² − H_j P_j H_jᵀ).
-//! P_j is the covariance with which the innovation was predicted. As long as there are only n < N innovations, the
+//! [`AdaptiveForm::Matched`] subtracts H P Hᵀ of every innovation from its own square, R̂ = (1/N) Σ (v_j² − H_j P_j
+//! H_jᵀ), because each innovation was predicted with the covariance of its time. While there are n < N innovations, the
 //! assumed variance has the weight 1 − n/N. [`AdaptiveForm::Compatible`] follows MagNav.jl: until there are N
-//! innovations, R̂ is the mean of the two bounds, as variances. After that, it is the printed equation with the
+//! innovations, R̂ is the mean of the two bounds (as variances). After that, it is the printed equation with the
 //! covariance of the present sample.
 //!
-//! If H P Hᵀ is small compared with R, the mean of 1/R̂ is N/(N − 2) times 1/R. Otherwise it is larger in these two
-//! forms. With a short window, R̂ is occasionally near 0, and the filter then gives its measurements almost full
-//! weight. With MagNav.jl's window of 10 and wide bounds, the matched form has an R/R̂ of 2.4 on the simulated flights
-//! of the tests, and six times the squared error that the filter predicts. With a window of 50, both ratios are correct
-//! within 10 %. A short window requires tight bounds.
+//! Where H P Hᵀ is small compared with R, the mean of 1/R̂ is N/(N − 2) times 1/R. Elsewhere it is larger in these two
+//! forms. With a short window R̂ is occasionally near 0, and the filter then follows its measurements. With MagNav.jl's
+//! window of 10 and wide bounds, the matched form gives R/R̂ of 2.4 on the simulated flights of the tests, and six
+//! times the squared error that the filter predicts. With a window of 50, both are correct within 10 %. A short window
+//! requires tight bounds.
 //!
 //! # Position less accurate than the measurement
 //!
-//! If H P Hᵀ is large compared with R, then v² − H P Hᵀ is a small difference of large numbers, with either sign. A few
-//! such innovations move R̂ to one of its bounds; at the lower bound the filter gives its measurements almost full
-//! weight. [`AdaptiveForm::Residual`], the default, instead uses the expected square of the noise given the sample's
-//! own measurement [Mohamed & Schwarz 1999; Dempster, Laird & Rubin 1977],
+//! H P Hᵀ is then large compared with R, and v² − H P Hᵀ is a small difference of large numbers, of either sign. A few
+//! such innovations drive R̂ to one of its bounds; at the lower bound the filter follows its measurements.
+//! [`AdaptiveForm::Residual`], the default, instead uses the expected square of the noise given the sample's own
+//! measurement [Mohamed & Schwarz 1999; Dempster, Laird & Rubin 1977],
 //!
 //! ```text
 //! R̂ = (1/N) Σ (ε_j² + H_j P_j⁺ H_jᵀ),     ε = z − h(x⁺) = v R/(H P Hᵀ + R),     H P⁺ Hᵀ = H P Hᵀ R/(H P Hᵀ + R)
 //! ```
 //!
-//! which is never near 0. With a window of 10, R/R̂ on the same flights is 1.27, slightly above N/(N − 2), and the
-//! squared error is 7 % above the predicted one. If R̂ equals R, the mean of the estimate is R. An innovation changes
-//! the estimate by (R/(H P Hᵀ + R))² times the change in the other forms, so an innovation without information on the
-//! noise does not change it. If H P Hᵀ is small compared with R, it equals the matched form.
+//! which is never near 0. With a window of 10 the same flights have R/R̂ of 1.27, slightly above N/(N − 2), and 7 %
+//! more squared error than the filter predicts. The mean of the estimate is R if R̂ is R. An innovation changes the
+//! estimate by (R/(H P Hᵀ + R))² of its change in the other forms, so an innovation without information on the noise
+//! does not change it. With H P Hᵀ small compared with R it equals the matched form.
 //!
-//! If the assumed noise σ changes along the line ([`AdaptiveParameters::relative`]), each innovation is divided by σ:
-//! R̂ = σ² (1/N) Σ (v_j² − H_j P_j H_jᵀ)/σ_j². The filter then estimates a single factor of σ and keeps its variation
-//! along the line.
+//! Where the assumed noise σ changes along the line ([`AdaptiveParameters::relative`]), each innovation counts in units
+//! of σ, R̂ = σ² (1/N) Σ (v_j² − H_j P_j H_jᵀ)/σ_j². The filter then estimates one factor of σ and keeps its variation.
 //!
 //! # Several magnetometers
 //!
-//! All magnetometers measure the same field and the same S, so their rows of H are equal; their noises are independent.
-//! The update with R = diag(R_1, R_2, …) therefore equals the update with their mean weighted by 1/R_i, which has the
-//! variance 1/Σ 1/R_i. If a magnetometer fails, its R̂ increases and its weight decreases. (MagNav.jl adds R to every
-//! element of H P Hᵀ, so the matrix is singular for more than one magnetometer.)
+//! All magnetometers measure the same field and the same S, so their rows of H are equal and their noises independent.
+//! The update with R = diag(R_1, R_2, …) therefore equals the update with their mean weighted by 1/R_i, whose variance
+//! is 1/Σ 1/R_i. If a magnetometer fails, its R̂ grows and its weight falls. (MagNav.jl adds R to every element of H P
+//! Hᵀ, which is singular for more than one.)
 //!
 //! # Process noise
 //!
 //! (5.47) of Gnadt 2022, Q̂ = K C Kᵀ, is the steady state of Q̂ = Q + K (C − H P Hᵀ − R) Kᵀ [Mohamed & Schwarz 1999].
-//! In its printed form the covariance stays at its initial value. Instead, the filter adds the excess to the model's Q,
-//! with the mean of v²/(H P Hᵀ + R) of the last N samples in place of C/(H P Hᵀ + R):
+//! In its printed form it keeps the initial covariance. Instead, the filter adds the excess to the model's Q, with the
+//! mean of v²/(H P Hᵀ + R) of the last N samples in place of C/(H P Hᵀ + R):
 //!
 //! ```text
 //! Q̂ = Q + ε K (H P Hᵀ + R) Kᵀ,     ε = mean of v²/(H P Hᵀ + R), less 1, between 0 and 1
 //! ```
 //!
 //! K (H P Hᵀ + R) Kᵀ is the decrease of the covariance by the measurement update, so at most the whole decrease is
-//! restored. The covariance never exceeds the covariance of the unaided INS and cannot diverge. For a correct model,
-//! chance makes ε 0.56/√N on average. This is a weak remedy: an unmodelled drift becomes visible in the innovations
-//! only when it is as large as the noise.
+//! returned. The covariance never exceeds the covariance of the unaided INS and cannot diverge. For a correct model, ε
+//! is 0.56/√N on average by chance. This is a weak remedy: an unmodelled drift appears in the innovations only when it
+//! is as large as the noise.
 //!
 //! # Irregularities
 //!
-//! A measurement that is not finite, or whose sigma is not above 0, is skipped and leaves the window of its
-//! magnetometer unchanged. A sample without any measurement is missing. If the estimated position is off the map, all
-//! magnetometers are skipped. A gated measurement is not used, but the largest accepted innovation enters the window in
-//! its place. An increase of the noise therefore reopens the gate, while a single spike changes R̂ little. In all other
-//! respects the filter equals [`ekf`](crate::navigation::ekf).
+//! A measurement that is not finite, or whose sigma is not above 0, is skipped and does not change the window of its
+//! magnetometer. A sample without any measurement is missing. If the estimated position is off the map, all
+//! magnetometers are skipped. A gated measurement is not used, but enters the window as the largest accepted
+//! innovation. Noise that has increased therefore reopens the gate, while a single spike changes R̂ little. All else is
+//! as in [`ekf`](crate::navigation::ekf).
 
 use crate::navigation::field::PredictedField;
+use crate::navigation::gaussian::recursion::{self, FilterRecursion};
+use crate::navigation::gaussian::{LinearisedMeasurement, Sensitivity, StateEstimate};
 use crate::navigation::ins_error::ParameterError;
 use crate::navigation::line::NavigationLine;
+use crate::navigation::measurement::Measurements;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use params::{Fault, Rule, choice, obeys};
-use pulp::{Simd, WithSimd};
-
-use crate::navigation::estimate::{FilterRecursion, LinearisedMeasurement, StateEstimate};
-use crate::navigation::measurement::Measurements;
-use crate::navigation::sensitivity::Sensitivity;
 
 mod aided;
 mod noise;
@@ -107,14 +104,14 @@ choice! {
     /// Estimator of R from the innovations.
     #[derive(Default)]
     pub enum AdaptiveForm {
-        /// Residual a posteriori of every innovation, starting from the assumed noise. It is also suitable if the
-        /// position is less accurate than the measurement.
+        /// Residual a posteriori of every innovation, starting from the assumed noise. It also works where the position
+        /// is less accurate than the measurement.
         #[default]
         Residual = "residual",
         /// Each innovation with the covariance of its time, starting from the assumed noise.
         Matched = "matched",
         /// Form of MagNav.jl: mean of the bounds until the window is full, then all innovations with the covariance of
-        /// the present sample. For comparison with MagNav.jl.
+        /// the present sample. For comparison with that program.
         Compatible = "compatible",
     }
 }
@@ -226,18 +223,18 @@ pub struct MagnetometerNoise {
 /// Output of the filter on a line.
 #[derive(Clone, Debug, Default)]
 pub struct AdaptiveOutput {
-    /// Estimate of the line. `residual_nt` is the innovation of the weighted mean of the used measurements, or of all
-    /// if the gate rejected all; `nis` is its square over its variance. A sample counts as gated if all its
-    /// measurements were. The offset is that of the first magnetometer.
+    /// Estimate. `residual_nt` is the innovation of the weighted mean of the used measurements (of all, if the gate
+    /// rejected all); `nis` is its square over its variance. A sample counts as gated if all its measurements were. The
+    /// offset is the offset of the first magnetometer.
     pub navigation: NavigationOutput,
     /// Estimated noise of each magnetometer, in their order.
     pub magnetometers: Vec<MagnetometerNoise>,
-    /// Share ε of the covariance decrease that is restored as process noise after each sample; 0 if Q is not estimated.
+    /// Share ε of the covariance decrease that is returned as process noise after each sample; 0 if Q is not estimated.
     pub given_back: Vec<f64>,
 }
 
 /// Filters one line with all of its magnetometers. The line's own measurement and sigma must match its length, but are
-/// not used; [`AdaptiveMagnetometer::from_line`] makes a magnetometer from them. Takes about 3 µs per sample.
+/// not read; [`AdaptiveMagnetometer::from_line`] makes a magnetometer of them. Costs about 3 µs per sample.
 ///
 /// # Errors
 /// Fails as [`AdaptiveParameters::check`] and [`NavigationLine::check`]; for bounds of a sigma that are not finite
@@ -271,7 +268,9 @@ pub fn run(
         navigation,
         given_back: Vec::with_capacity(rows),
     };
-    pulp::Arch::new().dispatch(filter)
+    let AdaptiveEkf { learners, navigation, given_back, .. } = recursion::run(filter, line)?;
+    let magnetometers = learners.into_iter().map(|learner| learner.adapted).collect();
+    Ok(AdaptiveOutput { navigation, magnetometers, given_back })
 }
 
 /// Adaptive extended Kalman filter with its state along a line.
@@ -282,10 +281,18 @@ struct AdaptiveEkf<'a> {
     learners: Vec<NoiseEstimator<'a>>,
     /// Last values of NIS minus 1.
     excess: SlidingSum,
-    /// Process noise that the next step adds.
+    /// Process noise that the next step returns.
     pending: Option<ProcessNoiseIncrement>,
     navigation: NavigationOutput,
     given_back: Vec<f64>,
+}
+
+/// Share ε of a covariance decrease to return, from the last values of NIS minus 1. Appends a NIS.
+#[inline(always)]
+fn excess_share(excess: &mut SlidingSum, nis: f64) -> f64 {
+    excess.push(nis - 1.0);
+    // Missing entries of the window count with their expected value.
+    (excess.sum() / excess.capacity() as f64).clamp(0.0, 1.0)
 }
 
 /// Share of a covariance decrease that is added as process noise.
@@ -293,18 +300,6 @@ struct ProcessNoiseIncrement {
     at: LinearisedMeasurement,
     noise_nt2: f64,
     share: f64,
-}
-
-impl WithSimd for AdaptiveEkf<'_> {
-    type Output = Result<AdaptiveOutput, NavigationError>;
-
-    #[inline(always)]
-    fn with_simd<V: Simd>(mut self, _: V) -> Self::Output {
-        let line = self.line;
-        self.along(line.ins, &line.errors, |row| line.fixes_at(row))?;
-        let magnetometers = self.learners.into_iter().map(|learner| learner.adapted).collect();
-        Ok(AdaptiveOutput { navigation: self.navigation, magnetometers, given_back: self.given_back })
-    }
 }
 
 impl FilterRecursion for AdaptiveEkf<'_> {
@@ -363,15 +358,13 @@ impl AdaptiveEkf<'_> {
         Innovation { residual_nt, nis }
     }
 
-    /// Records the NIS and the share of the covariance decrease to restore.
+    /// Records the NIS and the share of the covariance decrease to return.
     #[inline(always)]
     fn learn_process_noise(&mut self, at: LinearisedMeasurement, noise_nt2: f64, nis: f64) {
         if self.parameters.adapt == AdaptiveNoise::R {
             return;
         }
-        self.excess.push(nis - 1.0);
-        // Missing entries of the window are replaced by their expected value.
-        let share = (self.excess.sum() / self.parameters.window as f64).clamp(0.0, 1.0);
+        let share = excess_share(&mut self.excess, nis);
         self.pending = (share > 0.0).then_some(ProcessNoiseIncrement { at, noise_nt2, share });
     }
 }

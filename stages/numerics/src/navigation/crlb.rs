@@ -1,7 +1,7 @@
 //! Cramér-Rao bound of magnetic navigation along a known path: lower bound on the error of any unbiased filter.
 //!
-//! The covariance recursion of the filter is evaluated at the truth, with the map's slope there, without an estimate.
-//! For the linear error dynamics with Gaussian noise this is the recursion of the information matrix
+//! The covariance recursion of the filter is evaluated at the truth, with the map's slope there and without any
+//! estimate. For the linear error dynamics with Gaussian noise this is the recursion of the information matrix
 //!
 //! ```text
 //! J₀ = P₀⁻¹,     J ← J + Hᵀ H/σ²,     J ← (Φ J⁻¹ Φᵀ + Q)⁻¹
@@ -9,23 +9,21 @@
 //!
 //! of [Tichavský, Muravchik & Nehorai 1998, (21)] for the one path that was flown (no expectation over paths). It is
 //! written with P = J⁻¹, as in MagNav.jl's `crlb`. No filter with the same models can have a smaller mean squared error
-//! over the noise realisations, except through the nonlinearity of the map within the filter's own error.
+//! over the draws of noise, except by the nonlinearity of the map within its own error.
 //!
-//! The INS contributes only the velocity, specific force and attitude in F. Measurement values are not used, only
-//! whether they exist. A measurement that is NaN, or whose sigma is not above 0, adds no information. The same holds
-//! for a sample where the true position is off the map or in an unknown cell. Both cases are counted.
+//! The INS enters only by the velocity, specific force and attitude in F. Of the measurements, only their presence
+//! matters. A measurement that is NaN, or whose sigma is not above 0, adds no information. The same holds for a sample
+//! where the true position is off the map or in an unknown cell. Both are counted.
 
 use crate::navigation::aided::filter::AidedFilter;
 use crate::navigation::aided::{AidedOutput, AidedParameters, Aids};
 use crate::navigation::field::PredictedField;
+use crate::navigation::gaussian::recursion::{self, FilterRecursion};
+use crate::navigation::gaussian::{Sensitivity, StateEstimate};
 use crate::navigation::ins_series::{InsSeries, SeriesError};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::position_fixes::StateFix;
-use pulp::{Simd, WithSimd};
-
-use crate::navigation::estimate::{FilterRecursion, StateEstimate};
-use crate::navigation::sensitivity::Sensitivity;
 
 /// True path, one value per sample in every column.
 #[derive(Clone, Copy, Debug)]
@@ -36,7 +34,7 @@ pub struct TruePath<'a> {
     pub lon_deg: &'a [f64],
     /// Height above the ellipsoid, in m.
     pub alt_m: &'a [f64],
-    /// Velocity north, east and down, in m/s; `None` uses the INS velocity.
+    /// Velocity north, east and down, in m/s; `None` uses the velocity of the INS.
     pub velocity_ned_mps: Option<[&'a [f64]; 3]>,
 }
 
@@ -44,7 +42,7 @@ impl<'a> TruePath<'a> {
     /// INS output along the path without position error.
     ///
     /// # Errors
-    /// Fails for columns of another length than the line, values that are not finite, and latitudes at or beyond a
+    /// Fails for columns of another length than the line's, values that are not finite, and latitudes at or beyond a
     /// pole. Errors use the column names of a flight table.
     pub fn along(&self, ins: &InsSeries<'a>) -> Result<InsSeries<'a>, SeriesError> {
         let [vn_mps, ve_mps, vd_mps] = self.velocity_ned_mps.unwrap_or([ins.vn_mps, ins.ve_mps, ins.vd_mps]);
@@ -68,11 +66,11 @@ impl<'a> TruePath<'a> {
 
 /// Computes the bound along a path.
 ///
-/// The estimate is the truth: its positions, and its velocities if given, otherwise those of the INS. `sd_n_m`,
-/// `sd_e_m`, `cov_ne_m2` and, if kept, `p` are the bound; `x` is empty. `residual_nt` is the measurement minus the
-/// offset and the field at the true position: the temporal variation plus the noise. `nis` is the squared residual over
-/// its variance σ_S² + σ²; a mean of 1 confirms the assumed noise. It is not the innovation of a filter. The offset is
-/// the mean residual over the first `offset_window_s` seconds.
+/// The estimate is the truth: positions, and velocities if given, else those of the INS. `sd_n_m`, `sd_e_m` and
+/// `cov_ne_m2` are the bound, and so is `p` if it is kept; `x` is empty. `residual_nt` is the measurement minus the
+/// offset and the field at the true position, which is the temporal variation plus the noise. `nis` is its square over
+/// their variance σ_S² + σ²; a mean of 1 confirms the assumed noise. It is not the innovation of a filter. The offset
+/// is the mean residual over the first `offset_window_s` seconds.
 ///
 /// # Errors
 /// Fails as [`NavigationLine::check`] and [`TruePath::along`], and with [`NavigationError::Diverged`] when a variance
@@ -89,11 +87,14 @@ pub fn run(
     let (offset_nt, samples) = field.offset(&truth, line.measurement_nt, line.offset_window_s);
     output.report.offset_nt = offset_nt;
     output.report.offset_samples = samples;
-    pulp::Arch::new().dispatch(CramerRaoBound { line, truth, field, offset_nt, output })
+    // The estimate is the truth: an aiding position adds its information, but does not change the state.
+    let still = |fix: Option<StateFix>| fix.map(|fix| StateFix { error: 0.0, ..fix });
+    let bound = CramerRaoBound { line, truth, field, offset_nt, output };
+    Ok(recursion::run_along(bound, &truth, &line.errors, |row| line.fixes_at(row).map(still))?.output)
 }
 
 /// [`run`] with further measurements in addition to the scalar field. The residual of each is measurement minus truth;
-/// its NIS is the squared residual over the variance of noise and slow error.
+/// its NIS is the square over the variance of noise and slow error.
 ///
 /// The bound uses the exact map, so [`Aids::flat_over_m`] is ignored.
 ///
@@ -120,19 +121,6 @@ struct CramerRaoBound<'a> {
     field: PredictedField<'a>,
     offset_nt: f64,
     output: NavigationOutput,
-}
-
-impl WithSimd for CramerRaoBound<'_> {
-    type Output = Result<NavigationOutput, NavigationError>;
-
-    #[inline(always)]
-    fn with_simd<V: Simd>(mut self, _: V) -> Self::Output {
-        let (truth, line) = (self.truth, self.line);
-        // The estimate is the truth: an aiding position adds information, but does not change the state.
-        let still = |fix: Option<StateFix>| fix.map(|fix| StateFix { error: 0.0, ..fix });
-        self.along(&truth, &line.errors, |row| line.fixes_at(row).map(still))?;
-        Ok(self.output)
-    }
 }
 
 impl FilterRecursion for CramerRaoBound<'_> {

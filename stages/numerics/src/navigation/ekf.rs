@@ -18,10 +18,8 @@
 //! filter runs the same code with registers of one lane. Lanes are independent, so the results of a filter are
 //! bit-identical for any number of filters.
 
-mod measurement;
 mod pack;
 mod parameters;
-mod steps;
 
 use std::sync::Arc;
 
@@ -29,12 +27,12 @@ use pulp::{Scalar, Simd, WithSimd};
 
 use crate::earth::core_field::CoreField;
 use crate::maps::map_stack::FieldMap;
+use crate::navigation::gaussian::StepModel;
 use crate::navigation::ins_series::{InsSeries, SeriesError};
 use crate::navigation::output::{NavigationError, NavigationOutput};
 use crate::navigation::position_fixes::PositionFixes;
 use pack::{EkfLane, EkfPack};
 pub use parameters::EkfParameters;
-use steps::EkfStepModel;
 
 /// Filters one line.
 ///
@@ -87,11 +85,11 @@ pub struct EkfInput<'a> {
 pub fn run_together(ins: &InsSeries<'_>, points: &[EkfInput<'_>]) -> Vec<Result<NavigationOutput, NavigationError>> {
     let series = ins.check();
     let mut answers: Vec<Option<Result<NavigationOutput, NavigationError>>> = vec![];
-    let mut groups: Vec<(EkfStepModel, Vec<usize>)> = vec![];
+    let mut groups: Vec<(StepModel, Vec<usize>)> = vec![];
     for (place, point) in points.iter().enumerate() {
         let refused = point.check(ins, &series).err();
         if refused.is_none() {
-            let model = EkfStepModel::from_error_model(&point.parameters.errors);
+            let model = StepModel::shared(&point.parameters.errors);
             match groups.iter_mut().find(|(of, _)| *of == model) {
                 Some((_, places)) => places.push(place),
                 None => groups.push((model, vec![place])),
@@ -142,7 +140,7 @@ const FEW: usize = 2;
 /// Filters with common steps, dispatched together to the vector unit of the machine.
 struct EkfBatch<'a> {
     ins: &'a InsSeries<'a>,
-    model: EkfStepModel,
+    model: StepModel,
     filters: Vec<EkfLane<'a>>,
 }
 
@@ -159,7 +157,7 @@ impl<'a> WithSimd for EkfBatch<'a> {
         for first in (1..ins.len()).step_by(BLOCK) {
             steps.clear();
             for row in first..(first + BLOCK).min(ins.len()) {
-                steps.push(model.step(ins, row));
+                steps.push(model.lane_step(ins, row));
             }
             for pack in &mut packs {
                 pack.advance(simd, ins, first, &steps);
@@ -178,7 +176,7 @@ impl<'a> WithSimd for EkfBatch<'a> {
 fn packed<'a, S: Simd>(
     simd: S,
     filters: Vec<EkfLane<'a>>,
-    model: &EkfStepModel,
+    model: &StepModel,
     ins: &InsSeries<'_>,
 ) -> Vec<EkfPack<'a, S>> {
     let mut packs = vec![];

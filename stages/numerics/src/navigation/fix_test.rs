@@ -21,13 +21,12 @@
 //! before it detects a drift. An offset that is present from the first fix on cannot be detected. Fixes with more noise
 //! than assumed widen both tests by the median of z² over the last [`SCALE_OVER`] fixes.
 
-use crate::navigation::estimate::{InsProcessModel, StateEstimate};
+use crate::navigation::gaussian::{Sensitivity, StateEstimate, StepModel};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::output::NavigationError;
 use crate::navigation::pinson::{ALT, LAT, LON, StateMatrix, TILT_D, TILT_N, VD, VN};
 use crate::navigation::position_fixes::{PositionFixes, StateFix};
-use crate::navigation::sensitivity::Sensitivity;
 
 /// NIS per component above which one fix is rejected, for a height and for a pair of coordinates. The probability for a
 /// valid fix is 1e-6.
@@ -106,7 +105,7 @@ struct FixTestChannel {
 struct FixMonitor<'a> {
     ins: &'a InsSeries<'a>,
     errors: &'a InsErrorModel,
-    model: InsProcessModel,
+    model: StepModel,
     fixes: &'a PositionFixes,
     now: StateEstimate,
     channels: [FixTestChannel; 2],
@@ -180,7 +179,7 @@ impl<'a> FixMonitor<'a> {
         (TILT_N..=TILT_D).for_each(|state| at_least(state, START_ATTITUDE_DEG[0].to_radians()));
         at_least(TILT_D, START_ATTITUDE_DEG[1].to_radians());
         let channels = CHANNELS.map(|coordinates| FixTestChannel::new(coordinates, ins.len()));
-        Self { ins, errors, model: InsProcessModel::from_error_model(errors), fixes, now, channels, alarms: vec![] }
+        Self { ins, errors, model: StepModel::from_error_model(errors), fixes, now, channels, alarms: vec![] }
     }
 
     fn step(&mut self, row: usize) {

@@ -287,16 +287,15 @@ fn layout(magnetometers: &[FixedLagMagnetometer<'_>], states: &AidStates) -> Sta
 
 /// States at the first sample, before its measurements are applied.
 fn prior(line: &NavigationLine<'_>, magnetometers: &[FixedLagMagnetometer<'_>], layout: &StateLayout) -> Gaussian {
-    let dim = layout.dim();
-    let Gaussian { mut x, mut p } = Gaussian::start_of(line, layout);
+    let mut start = Gaussian::start_of(line, layout);
     for (one, block) in magnetometers.iter().zip(&layout.blocks) {
-        x[block.clone()].copy_from_slice(one.coefficients.mean);
+        start.x[block.clone()].copy_from_slice(one.coefficients.mean);
         let rows = one.coefficients.covariance.chunks_exact(block.len().max(1));
-        for (row, entries) in block.clone().zip(rows) {
-            p[row * dim + block.start..row * dim + block.end].copy_from_slice(entries);
+        for (row, entries) in start.p.rows_mut().skip(block.start).zip(rows) {
+            row[block.clone()].copy_from_slice(entries);
         }
     }
-    Gaussian { x, p }
+    start
 }
 
 fn check(magnetometer: usize, one: &FixedLagMagnetometer<'_>, rows: usize) -> Result<(), FixedLagError> {

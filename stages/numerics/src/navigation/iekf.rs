@@ -31,11 +31,11 @@ use crate::navigation::ins_error::ParameterError;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use params::{Rule, obeys};
-use pulp::{Simd, WithSimd};
 
-use crate::navigation::estimate::{FilterRecursion, LinearisedMeasurement, StateEstimate};
-use crate::navigation::scalar_problem::{Optimum, ScalarProblem, ScalarSearch};
-use crate::navigation::sensitivity::{MEASURED, Sensitivity, add_scaled};
+use crate::navigation::gaussian::linearise::{Optimum, ScalarProblem, ScalarSearch};
+use crate::navigation::gaussian::recursion::{self, FilterRecursion};
+use crate::navigation::gaussian::{LinearisedMeasurement, MEASURED, Sensitivity, StateEstimate};
+use crate::navigation::transition::add_scaled;
 
 /// Parameters of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,7 +101,7 @@ pub fn run(line: &NavigationLine<'_>, parameters: &IekfParameters) -> Result<Iek
     parameters.check()?;
     line.check()?;
     obeys(&line.offset_window_s, "offset_window_s", Rule::NotNegative).map_err(ParameterError)?;
-    pulp::Arch::new().dispatch(IteratedEkf::new(line, parameters))
+    Ok(recursion::run(IteratedEkf::new(line, parameters), line)?.output)
 }
 
 struct IteratedEkf<'a> {
@@ -109,17 +109,6 @@ struct IteratedEkf<'a> {
     parameters: &'a IekfParameters,
     field: PredictedField<'a>,
     output: IekfOutput,
-}
-
-impl WithSimd for IteratedEkf<'_> {
-    type Output = Result<IekfOutput, NavigationError>;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(mut self, _: S) -> Self::Output {
-        let line = self.line;
-        self.along(line.ins, &line.errors, |row| line.fixes_at(row))?;
-        Ok(self.output)
-    }
 }
 
 impl FilterRecursion for IteratedEkf<'_> {

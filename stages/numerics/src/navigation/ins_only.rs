@@ -1,6 +1,7 @@
 //! INS without measurements of the field, with its covariance.
 
-use crate::navigation::estimate::{FilterRecursion, StateEstimate};
+use crate::navigation::gaussian::StateEstimate;
+use crate::navigation::gaussian::recursion::{FilterRecursion, run_along};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
@@ -20,9 +21,9 @@ pub fn run(
     errors.check()?;
     ins.check()?;
     fixes.map_or(Ok(()), |fixes| fixes.check(ins.len()))?;
-    let mut unmeasured = InsOnlyFilter { output: NavigationOutput::with_capacity(ins.len(), false, false) };
-    unmeasured.along(ins, errors, |row| fixes.map_or(NO_FIX, |fixes| fixes.at(ins, row, errors.earth)))?;
-    Ok(unmeasured.output)
+    let filter = InsOnlyFilter { output: NavigationOutput::with_capacity(ins.len(), false, false) };
+    let fixes_at = |row| fixes.map_or(NO_FIX, |fixes| fixes.at(ins, row, errors.earth));
+    Ok(run_along(filter, ins, errors, fixes_at)?.output)
 }
 
 /// Filter without measurements of the field.

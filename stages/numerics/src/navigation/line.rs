@@ -10,9 +10,8 @@ use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::measurement::Measurements;
 use crate::navigation::output::NavigationError;
-use crate::navigation::pinson::{STATES, StateMatrix, pinson_matrix};
+use crate::navigation::pinson::StateMatrix;
 use crate::navigation::position_fixes::{NO_FIX, PositionFixes, StateFix};
-use crate::navigation::transition::{step_covariance, transition_matrix};
 
 /// Flight line with measurements of the scalar field over a map.
 #[derive(Clone, Copy, Debug)]
@@ -31,12 +30,11 @@ pub struct NavigationLine<'a> {
     pub core: Option<&'a Arc<CoreField>>,
     /// Error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
-    /// Length, in s, of the window over which the mean of measurement minus prediction is computed and subtracted; 0
-    /// subtracts nothing.
+    /// Length, in s, of the window whose mean of measurement minus prediction is subtracted; 0 subtracts nothing.
     pub offset_window_s: f64,
     /// Aiding positions, each used before the measurement of its sample.
     pub fixes: Option<&'a PositionFixes>,
-    /// Adds the variance from the curvature of the map within the position uncertainty to the measurement noise.
+    /// Adds the variance from the curvature of the map over the position uncertainty to the measurement noise.
     pub second_order: bool,
 }
 
@@ -45,7 +43,7 @@ pub struct NavigationLine<'a> {
 pub struct LineStep {
     /// Length, in s.
     pub dt_s: f64,
-    /// Ground speed at the beginning of the step, in m/s.
+    /// Mean ground speed, in m/s; the speed at the beginning for a step between two samples.
     pub speed_mps: f64,
     /// Φ.
     pub phi: StateMatrix,
@@ -97,23 +95,9 @@ impl<'a> NavigationLine<'a> {
         (at.d_lat_nt_per_rad / north).hypot(at.d_lon_nt_per_rad / east)
     }
 
-    /// Step from the previous sample to `row`, which is at least 1.
+    /// Step from the sample before `row` to `row`, which is at least 1.
     #[inline]
     pub fn step(&self, row: usize) -> LineStep {
         LineStep::new(self.ins, &self.errors, row)
-    }
-}
-
-impl LineStep {
-    /// Step of an INS from the previous sample to `row`, which is at least 1.
-    #[inline]
-    pub fn new(ins: &InsSeries<'_>, errors: &InsErrorModel, row: usize) -> Self {
-        let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];
-        let f = pinson_matrix(&ins.point(row - 1), &errors.time_constants(), errors.pinson);
-        let phi = transition_matrix(&f, dt_s);
-        let none = [[0.0; STATES]; STATES];
-        let noise = step_covariance(&none, &f, &phi, &errors.noise_density(), dt_s, errors.noise);
-        let speed_mps = ins.vn_mps[row - 1].hypot(ins.ve_mps[row - 1]);
-        Self { dt_s, speed_mps, phi, noise }
     }
 }

@@ -5,14 +5,12 @@
 //! therefore evaluated at the position that an extended Kalman filter predicts for each sample. That filter uses the
 //! scalar field, with the map error as part of its measurement noise.
 
-use pulp::{Simd, WithSimd};
-
 use crate::maps::map_stack::FieldMap;
-use crate::navigation::estimate::{FilterRecursion, StateEstimate};
 use crate::navigation::field::PredictedField;
+use crate::navigation::gaussian::recursion::{self, FilterRecursion};
+use crate::navigation::gaussian::{Sensitivity, StateEstimate};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
-use crate::navigation::sensitivity::Sensitivity;
 
 /// Standard deviation of the map error at each sample of a line, in nT, times `factor`. NaN where the map has a value
 /// but no error; 0 off the map. `error_nt` holds the standard deviation of each node. The noise of the line's own
@@ -27,7 +25,8 @@ pub fn along(line: &NavigationLine<'_>, error_nt: &FieldMap, factor: f64) -> Res
     let (offset_nt, _) = field.offset(line.ins, line.measurement_nt, line.offset_window_s);
     let output = NavigationOutput::with_capacity(line.ins.len(), false, false);
     let sigma_nt = Vec::with_capacity(line.ins.len());
-    pulp::Arch::new().dispatch(MapNoiseEkf { line, error_nt, factor, field, offset_nt, sigma_nt, output })
+    let filter = MapNoiseEkf { line, error_nt, factor, field, offset_nt, sigma_nt, output };
+    Ok(recursion::run(filter, line)?.sigma_nt)
 }
 
 struct MapNoiseEkf<'a> {
@@ -38,17 +37,6 @@ struct MapNoiseEkf<'a> {
     offset_nt: f64,
     sigma_nt: Vec<f64>,
     output: NavigationOutput,
-}
-
-impl WithSimd for MapNoiseEkf<'_> {
-    type Output = Result<Vec<f64>, NavigationError>;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(mut self, _: S) -> Self::Output {
-        let line = self.line;
-        self.along(line.ins, &line.errors, |row| line.fixes_at(row))?;
-        Ok(self.sigma_nt)
-    }
 }
 
 impl MapNoiseEkf<'_> {

@@ -126,7 +126,6 @@ pub mod aided;
 pub mod aids;
 pub mod crlb;
 pub mod ekf;
-mod estimate;
 pub mod field;
 pub mod fix_test;
 pub mod fixed_lag;
@@ -154,10 +153,8 @@ pub mod output;
 pub mod pinson;
 pub mod position_fixes;
 pub mod rts;
-mod scalar_problem;
 #[cfg(test)]
 mod scenes;
-mod sensitivity;
 pub mod slam;
 pub mod strapdown;
 pub mod track_map;

@@ -40,7 +40,6 @@
 //!   with the row.
 
 pub(crate) mod augmented;
-pub(crate) mod covariance;
 mod fluxgate;
 mod prior;
 

@@ -45,6 +45,11 @@ pub const A_HAT: usize = 16;
 /// Temporal variation of the field, nT.
 pub const S: usize = 17;
 
+/// States with off-diagonal entries in F: all except the Gauss-Markov ones.
+pub(crate) const COUPLED: [usize; 10] = [LAT, LON, ALT, VN, VE, VD, TILT_N, TILT_E, TILT_D, A_HAT];
+/// Gauss-Markov states, which depend only on their own past.
+pub(crate) const GAUSS_MARKOV: [usize; 8] = [ACC, ACC + 1, ACC + 2, GYRO, GYRO + 1, GYRO + 2, HA, S];
+
 /// Index of each of these states in MagNav.jl, which has the two barometer states before the biases.
 /// `MAGNAV_POSITION[i]` is the index in its vectors (from 0) of magline's state `i`.
 pub const MAGNAV_POSITION: [usize; STATES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 12, 13, 14, 15, 16, 9, 10, 17];

@@ -3,32 +3,32 @@
 //! All functions are inlined into the filter's loop, which is compiled for each kind of vector unit. Products and sums
 //! are not fused, so the results of all units are bit-identical.
 
-pub(super) mod lanes;
-
 use params::choice;
 
+use crate::navigation::gaussian::lanes::{TransitionEntries, propagate_covariances};
 use crate::navigation::pinson::{
-    A_HAT, ACC, ALT, GYRO, HA, LAT, LON, S, STATES, StateMatrix, StateVector, TILT_D, TILT_E, TILT_N, VD, VE, VN,
+    A_HAT, ACC, ALT, COUPLED, GAUSS_MARKOV, GYRO, HA, LAT, LON, S, STATES, StateMatrix, StateVector, TILT_D, TILT_E,
+    TILT_N, VD, VE, VN,
 };
 
 choice! {
     /// Discretisation of the white driving noise over a step.
     #[derive(Default)]
     pub enum NoiseDiscretisation {
-        /// Half of q Δt before the step and half after it: second order, positive semidefinite, without additional
-        /// cost. With steps of 1 s, the filter's NEES equals that of the Van Loan method to five digits.
+        /// Half of q Δt before the step and half after it: second order and positive semidefinite, without additional
+        /// cost. With steps of 1 s, the filter's NEES equals that of Van Loan's to five digits.
         #[default]
         Trapezoidal = "trapezoidal",
         /// q Δt added after the step (MagNav.jl): first order.
         Rectangular = "rectangular",
-        /// The integral of Φ(s) Q Φ(s)ᵀ over the step, exact to rounding; the filter then takes five times as long.
-        /// [Van Loan 1978]
+        /// The integral of Φ(s) Q Φ(s)ᵀ over the step, to rounding; a filter with it takes five times
+        /// as long. [Van Loan 1978]
         VanLoan = "van_loan",
     }
 }
 
-/// Coupled states, each with the coupled states on which it depends.
-const COUPLED: [(usize, &[usize]); 10] = [
+/// Coupled states, with the coupled states that each depends on.
+const COUPLING: [(usize, &[usize]); COUPLED.len()] = [
     (LAT, &[ALT, VN]),
     (LON, &[LAT, ALT, VE]),
     (ALT, &[ALT, VD]),
@@ -53,11 +53,8 @@ const DRIVEN: [(usize, &[usize]); 8] = [
     (A_HAT, &[HA]),
 ];
 
-/// Gauss-Markov states, which depend only on their own past.
-const DECAYING: [usize; 8] = [ACC, ACC + 1, ACC + 2, GYRO, GYRO + 1, GYRO + 2, HA, S];
-
-/// Scales that make the couplings between different states comparable: metres of position, metres per 30 s of velocity,
-/// and correspondingly along the chain gyroscope, tilt, velocity, position.
+/// Scales that make the coupling between different states comparable: metres of position, metres per 30 s of velocity,
+/// and so on along the chain gyroscope, tilt, velocity, position.
 const SCALE: StateVector = {
     const RADIUS: f64 = 6.4e6;
     const T: f64 = 30.0;
@@ -73,10 +70,9 @@ const LARGEST: f64 = 0.5;
 
 /// Transition matrix exp(F Δt) of a matrix from `pinson_matrix`.
 ///
-/// The Gauss-Markov states decay by their exponentials. The remaining states use the Taylor series over the nonzero
-/// entries. Its order gives a remainder θ^(k+1)/(k+1)! e^θ below 1e-16, where θ is the largest row sum of |F Δt| in
-/// scaled states (6 terms at 0.1 s, 8 at 1 s). A step with θ above one half (several seconds) is divided by repeated
-/// halving.
+/// The Gauss-Markov states decay by their exponentials. The rest is the Taylor series over the nonzero entries. Its
+/// order gives a remainder θ^(k+1)/(k+1)! e^θ below 1e-16, where θ is the largest row sum of |F Δt| in scaled states (6
+/// terms at 0.1 s, 8 at 1 s). A step with θ above one half (several seconds) is made of halves.
 #[inline(always)]
 pub fn transition_matrix(f: &StateMatrix, dt_s: f64) -> StateMatrix {
     let norm = scaled_norm(f);
@@ -95,13 +91,13 @@ fn scaled_norm(f: &StateMatrix) -> f64 {
         columns.iter().map(|column| f[row][*column].abs() * SCALE[row] / SCALE[*column]).sum()
     };
     let mut sums = [0.0; STATES];
-    for (row, columns) in COUPLED.iter().chain(&DRIVEN) {
+    for (row, columns) in COUPLING.iter().chain(&DRIVEN) {
         sums[*row] += row_sum(*row, columns);
     }
-    for state in DECAYING {
+    for state in GAUSS_MARKOV {
         sums[state] = f[state][state].abs();
     }
-    // A NaN must propagate to the matrix instead of causing a wrong order.
+    // A NaN must propagate, so that it appears in the matrix instead of giving a wrong order.
     sums.into_iter().fold(0.0, |largest, sum| if sum <= largest { largest } else { sum })
 }
 
@@ -127,7 +123,7 @@ fn series(f: &StateMatrix, norm: f64, dt_s: f64) -> StateMatrix {
     for order in 1..40_u32 {
         next_term(f, term, dt_s / f64::from(order), next);
         std::mem::swap(&mut term, &mut next);
-        for (row, _) in COUPLED {
+        for row in COUPLED {
             add_scaled(&mut phi[row], 1.0, &term[row]);
         }
         bound *= theta / f64::from(order);
@@ -135,7 +131,7 @@ fn series(f: &StateMatrix, norm: f64, dt_s: f64) -> StateMatrix {
             break;
         }
     }
-    for state in DECAYING {
+    for state in GAUSS_MARKOV {
         phi[state][state] = (f[state][state] * dt_s).exp();
     }
     phi
@@ -144,7 +140,7 @@ fn series(f: &StateMatrix, norm: f64, dt_s: f64) -> StateMatrix {
 /// F times a term of the series times `factor`, over the pattern.
 #[inline(always)]
 fn next_term(f: &StateMatrix, term: &StateMatrix, factor: f64, next: &mut StateMatrix) {
-    for (row, columns) in COUPLED {
+    for (row, columns) in COUPLING {
         let mut sum = [0.0; STATES];
         for column in columns {
             add_scaled(&mut sum, factor * f[row][*column], &term[*column]);
@@ -156,7 +152,7 @@ fn next_term(f: &StateMatrix, term: &StateMatrix, factor: f64, next: &mut StateM
             next[row][*column] += factor * f[row][*column] * term[*column][*column];
         }
     }
-    for state in DECAYING {
+    for state in GAUSS_MARKOV {
         next[state][state] = factor * f[state][state] * term[state][state];
     }
 }
@@ -179,19 +175,23 @@ pub fn diagonal(entries: &StateVector) -> StateMatrix {
 
 /// Adds a multiple of a row to a row.
 #[inline(always)]
-pub(super) fn add_scaled(to: &mut StateVector, factor: f64, from: &StateVector) {
+pub(crate) fn add_scaled(to: &mut StateVector, factor: f64, from: &StateVector) {
     for (to, from) in to.iter_mut().zip(from) {
         *to += factor * from;
     }
 }
 
+/// A B of transition matrices.
 #[inline(always)]
-fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
+pub(crate) fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
     let mut out = [[0.0; STATES]; STATES];
-    for (out, row) in out.iter_mut().zip(a) {
-        for (factor, b_row) in row.iter().zip(b) {
-            add_scaled(out, *factor, b_row);
+    for row in COUPLED {
+        for (factor, b_row) in a[row].iter().zip(b) {
+            add_scaled(&mut out[row], *factor, b_row);
         }
+    }
+    for state in GAUSS_MARKOV {
+        out[state][state] = a[state][state] * b[state][state];
     }
     out
 }
@@ -200,10 +200,10 @@ fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
 #[inline(always)]
 pub fn propagate_state(phi: &StateMatrix, x: &StateVector) -> StateVector {
     let mut out = [0.0; STATES];
-    for (row, _) in COUPLED {
+    for row in COUPLED {
         out[row] = phi[row].iter().zip(x).map(|(phi, x)| phi * x).sum();
     }
-    for state in DECAYING {
+    for state in GAUSS_MARKOV {
         out[state] = phi[state][state] * x[state];
     }
     out
@@ -213,15 +213,15 @@ pub fn propagate_state(phi: &StateMatrix, x: &StateVector) -> StateVector {
 #[inline(always)]
 pub fn propagate_covariance(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
     let mut out = *p;
-    lanes::propagate_covariances(pulp::Scalar, &lanes::TransitionEntries::from_matrix(phi), phi[S][S], &mut out);
+    propagate_covariances(pulp::Scalar, &TransitionEntries::from_matrix(phi), phi[S][S], &mut out);
     out
 }
 
 /// Covariance that white noise of spectral density `q` (per state, per second) adds over a step of exp(F s), the
 /// integral of exp(F s) Q exp(F s)ᵀ. [Van Loan 1978]
 ///
-/// Four-point Gauss-Legendre quadrature over subintervals with a scaled norm of at most one half. Its weights are
-/// positive, so every result is positive semidefinite.
+/// Four-point Gauss-Legendre quadrature over pieces with a scaled norm of at most one half. Its weights are positive,
+/// so every result is positive semidefinite.
 #[inline(always)]
 pub fn van_loan(f: &StateMatrix, q: &StateVector, dt_s: f64) -> StateMatrix {
     const NODES: [(f64, f64); 4] = [
@@ -251,7 +251,7 @@ pub fn van_loan(f: &StateMatrix, q: &StateVector, dt_s: f64) -> StateMatrix {
 
 /// Adds a matrix to a matrix.
 #[inline(always)]
-pub(super) fn add(to: &mut StateMatrix, from: &StateMatrix) {
+pub(crate) fn add(to: &mut StateMatrix, from: &StateMatrix) {
     for (to, from) in to.iter_mut().zip(from) {
         add_scaled(to, 1.0, from);
     }

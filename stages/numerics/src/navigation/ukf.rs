@@ -37,21 +37,13 @@
 use crate::earth::core_field::LinearisedCoreField;
 use crate::earth::field_value::FieldValue;
 use crate::maps::map_stack::FieldMap;
+use crate::navigation::gaussian::linearise::{FieldRegression, NONLINEAR, SigmaPoints};
+use crate::navigation::gaussian::recursion::{self, FilterRecursion};
+use crate::navigation::gaussian::{Sensitivity, StateEstimate};
 use crate::navigation::ins_error::ParameterError;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use params::{Fault, Rule, obeys};
-use pulp::{Simd, WithSimd};
-
-use crate::navigation::estimate::{FilterRecursion, StateEstimate};
-use crate::navigation::sensitivity::Sensitivity;
-
-pub(crate) mod points;
-
-use points::{FieldRegression, SigmaPoints};
-
-/// Number of states that the field depends on nonlinearly.
-pub(crate) const NONLINEAR: usize = 3;
 
 /// Parameters of the filter.
 ///
@@ -86,6 +78,11 @@ impl Default for UkfParameters {
 }
 
 impl UkfParameters {
+    /// Distance and weights of the sigma points.
+    pub(crate) fn sigma_points(&self) -> SigmaPoints {
+        SigmaPoints::new(self.alpha, self.beta, self.kappa)
+    }
+
     /// Rejects invalid parameters.
     ///
     /// # Errors
@@ -146,13 +143,13 @@ pub fn run(parameters: &UkfParameters, line: &NavigationLine<'_>) -> Result<UkfO
     output.navigation.report.offset_samples = samples;
     let filter = UnscentedFilter {
         line,
-        spread: SigmaPoints::from_parameters(parameters),
+        spread: parameters.sigma_points(),
         gate_nis: parameters.gate_nis,
         core: line.core.map(|core| LinearisedCoreField::new(core.clone())),
         offset_nt,
         output,
     };
-    pulp::Arch::new().dispatch(filter)
+    Ok(recursion::run(filter, line)?.output)
 }
 
 /// Unscented Kalman filter with its state along a line.
@@ -163,17 +160,6 @@ struct UnscentedFilter<'a> {
     core: Option<LinearisedCoreField>,
     offset_nt: f64,
     output: UkfOutput,
-}
-
-impl WithSimd for UnscentedFilter<'_> {
-    type Output = Result<UkfOutput, NavigationError>;
-
-    #[inline(always)]
-    fn with_simd<V: Simd>(mut self, _: V) -> Self::Output {
-        let line = self.line;
-        self.along(line.ins, &line.errors, |row| line.fixes_at(row))?;
-        Ok(self.output)
-    }
 }
 
 impl FilterRecursion for UnscentedFilter<'_> {

@@ -10,7 +10,7 @@ use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
 
 use super::noise::{InnovationFusion, NoiseEstimator};
 use super::window::SlidingSum;
-use super::{AdaptiveMagnetometer, AdaptiveNoise, AdaptiveParameters, MagnetometerNoise};
+use super::{AdaptiveMagnetometer, AdaptiveNoise, AdaptiveParameters, MagnetometerNoise, excess_share};
 
 /// Output of the filter on a line with further measurements.
 #[derive(Clone, Debug, Default)]
@@ -87,8 +87,7 @@ impl AidedAdaptiveFilter<'_> {
     fn give_back(&mut self) {
         let Some(AidedNoiseIncrement { ph, variance_nt2, share }) = self.pending.take() else { return };
         let factor = share / variance_nt2;
-        let rows = self.core.now.p.chunks_exact_mut(ph.len());
-        for (row, of_row) in rows.zip(&ph) {
+        for (row, of_row) in self.core.now.p.rows_mut().zip(&ph) {
             // Multiplies the two entries first, so that the matrix stays exactly symmetric.
             row.iter_mut().zip(&ph).for_each(|(entry, of_column)| *entry += factor * (of_row * of_column));
         }
@@ -123,8 +122,7 @@ impl AidedAdaptiveFilter<'_> {
             return MeasurementOutcome::Gated(innovation);
         }
         if self.parameters.adapt != AdaptiveNoise::R {
-            self.excess.push(innovation.nis - 1.0);
-            let share = (self.excess.sum() / self.parameters.window as f64).clamp(0.0, 1.0);
+            let share = excess_share(&mut self.excess, innovation.nis);
             self.pending = (share > 0.0).then(|| AidedNoiseIncrement { ph: gain.clone(), variance_nt2, share });
         }
         if aids.is_flat(noise_nt2, slope) {

@@ -3,12 +3,12 @@
 use crate::earth::field_value::FieldValue;
 use crate::navigation::aids::{AidStates, Aids, LinearisedAid, SampleInnovations, SampleUsage};
 use crate::navigation::field::{PredictedField, remainder_nt2};
-use crate::navigation::gaussian::{AugmentedSensitivity, Gaussian, StateLayout, add_scaled};
+use crate::navigation::gaussian::covariance::add_scaled;
+use crate::navigation::gaussian::linearise::{FieldRegression, ScalarProblem, ScalarSearch};
+use crate::navigation::gaussian::{AugmentedSensitivity, Gaussian, StateLayout};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateVector, TILT_N, VD, VE, VN};
-use crate::navigation::scalar_problem::{ScalarProblem, ScalarSearch};
-use crate::navigation::ukf::points::{FieldRegression, SigmaPoints};
 
 use super::{AidedOutput, AidedParameters, Linearisation};
 
@@ -161,7 +161,7 @@ impl<'a> AidedFilter<'a> {
     /// Advances to a row and uses its aiding positions.
     pub(crate) fn advance(&mut self, row: usize) {
         if row > 0 {
-            self.now.propagate(&self.layout, &self.line.step(row).into(), &mut self.spare);
+            self.now.propagate(&self.layout, &self.line.step(row), &mut self.spare);
         }
         for fix in self.line.fixes_at(row).into_iter().flatten() {
             let mut of_state = [0.0; STATES];
@@ -191,8 +191,8 @@ impl<'a> AidedFilter<'a> {
         if !self.now.is_sound() {
             return Err(NavigationError::Diverged { row, tt_s: self.line.ins.tt_s[row] });
         }
-        let (x, p, dim) = (&self.now.x, &self.now.p, self.now.dim());
-        let covariance = |row: usize, column: usize| p[row * dim + column];
+        let x = &self.now.x;
+        let covariance = |row: usize, column: usize| self.now.p.at(row, column);
         if let Some(state) = self.states.latency {
             self.output.latency_s[0].push(x[state]);
             self.output.latency_s[1].push(covariance(state, state).sqrt());
@@ -361,11 +361,7 @@ impl<'a> AidedFilter<'a> {
                 let there = std::array::from_fn(|axis| position[axis] + away[axis]);
                 look_up(field, there).map(|field| field.value_nt)
             };
-            let regression = SigmaPoints::from_parameters(parameters).regression(
-                &self.now.ins_covariance(),
-                centre.value_nt,
-                value_at,
-            );
+            let regression = parameters.sigma_points().regression(&self.now.p.ins(), centre.value_nt, value_at);
             if let Some(regression) = regression {
                 found = regression;
                 if of.temporal != 0.0
@@ -376,8 +372,7 @@ impl<'a> AidedFilter<'a> {
             }
         }
         if self.line.second_order && self.parameters.linearisation == Linearisation::Once {
-            let dim = self.now.dim();
-            let covariance = [[LAT, LAT], [LAT, LON], [LON, LON]].map(|[row, column]| self.now.p[row * dim + column]);
+            let covariance = [[LAT, LAT], [LAT, LON], [LON, LON]].map(|[row, column]| self.now.p.at(row, column));
             let [lat, lon, alt] = position;
             let field = &mut self.field;
             found.remainder_nt2 = remainder_nt2(covariance, centre.value_nt, |north, east| {
@@ -397,20 +392,20 @@ impl<'a> AidedFilter<'a> {
         (iterations, tolerance_m): (usize, f64),
         mut look_up: impl FnMut(&mut PredictedField<'a>, [f64; 3]) -> Option<FieldValue>,
     ) {
-        let (ins, dim) = (self.line.ins, self.now.dim());
+        let ins = self.line.ins;
         let search = ScalarSearch {
             iterations,
             tolerance_m,
             m_per_rad: self.line.errors.earth.north_east_m_per_rad(ins.lat_deg[row].to_radians(), ins.alt_m[row]),
         };
         // Position, and the sum of the states that the measurement contains directly.
-        let mut columns: [Vec<f64>; 4] = [LAT, LON, ALT, S].map(|state| self.now.p[state * dim..][..dim].to_vec());
+        let mut columns: [Vec<f64>; 4] = [LAT, LON, ALT, S].map(|state| self.now.p.row(state).to_vec());
         columns[3].iter_mut().for_each(|entry| *entry *= of.temporal);
         for (state, entry) in [of.further, of.latency].into_iter().chain(of.of_slope()) {
-            add_scaled(&mut columns[3], entry, &self.now.p[state * dim..][..dim]);
+            add_scaled(&mut columns[3], entry, self.now.p.row(state));
         }
         for (state, entry) in (TILT_N..).zip(of.tilt).filter(|(_, entry)| *entry != 0.0) {
-            add_scaled(&mut columns[3], entry, &self.now.p[state * dim..][..dim]);
+            add_scaled(&mut columns[3], entry, self.now.p.row(state));
         }
         let reduced = |v: &[f64]| [v[LAT], v[LON], v[ALT], of.own(v)];
         let p = columns.each_ref().map(|column| reduced(column));

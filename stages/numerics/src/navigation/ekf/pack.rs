@@ -3,19 +3,18 @@
 use pulp::Simd;
 
 use super::EkfInput;
-use super::measurement::{EkfCorrection, SensitivityLanes, correct_by_state};
-use super::steps::EkfStep;
 use crate::earth::field_value::FieldValue;
 use crate::navigation::field::PredictedField;
+use crate::navigation::gaussian::LaneStep;
+use crate::navigation::gaussian::lanes::{
+    MeasurementLanes, SensitivityLanes, StateMatrixLanes, StateVectorLanes, add_diagonals, add_to_all,
+    correct_by_state, from_lanes, lane, propagate_covariances, propagate_states,
+};
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
 use crate::navigation::position_fixes::StateFix;
 use crate::navigation::transition::NoiseDiscretisation;
-use crate::navigation::transition::lanes::{
-    StateMatrixLanes, StateVectorLanes, add_diagonals, add_to_all, from_lanes, lane, propagate_covariances,
-    propagate_states,
-};
 use crate::signal::gauss_markov::GaussMarkov;
 
 /// Maximum number of lanes of a register.
@@ -129,7 +128,7 @@ impl<'a, S: Simd> EkfPack<'a, S> {
 
     /// Processes the samples from `first` on, each after a step.
     #[inline(always)]
-    pub(super) fn advance(&mut self, simd: S, ins: &InsSeries<'_>, first: usize, steps: &[EkfStep]) {
+    pub(super) fn advance(&mut self, simd: S, ins: &InsSeries<'_>, first: usize, steps: &[LaneStep]) {
         if self.filters.iter().all(|filter| filter.fault.is_some()) {
             return;
         }
@@ -156,7 +155,7 @@ impl<'a, S: Simd> EkfPack<'a, S> {
     }
 
     #[inline(always)]
-    fn propagate(&mut self, simd: S, step: &EkfStep) {
+    fn propagate(&mut self, simd: S, step: &LaneStep) {
         let dt_s = step.dt_s;
         let decay = self.of_fogm(simd, |fogm| fogm.decay(dt_s));
         propagate_states(simd, &step.phi, decay, &mut self.x);
@@ -228,7 +227,7 @@ impl<'a, S: Simd> EkfPack<'a, S> {
                 from_lanes(simd, |at| fixes.get(at).and_then(Option::as_ref).map_or(none, part))
             };
             let (there, variance) = (of(0.0, |_| 1.0), of(1.0, |fix| fix.variance));
-            let correction = EkfCorrection {
+            let correction = MeasurementLanes {
                 residual: simd.sub_f64s(of(0.0, |fix| fix.error), self.x[state]),
                 weight: simd.div_f64s(simd.splat_f64s(1.0), simd.add_f64s(self.p[state][state], variance)),
                 variance,
@@ -281,7 +280,7 @@ impl<'a, S: Simd> EkfPack<'a, S> {
                 used[at] = if filter.uses(innovations[at]) { 1.0 } else { 0.0 };
             }
         }
-        let correction = EkfCorrection {
+        let correction = MeasurementLanes {
             residual: from_lanes(simd, |at| innovations[at].residual_nt),
             weight: simd.div_f64s(simd.splat_f64s(1.0), variances),
             variance,

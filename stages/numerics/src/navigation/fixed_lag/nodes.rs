@@ -4,10 +4,11 @@ use std::ops::Range;
 
 use crate::earth::field_value::FieldValue;
 use crate::navigation::aids::{AidMeasurements, AidStates, Aids};
-use crate::navigation::gaussian::{AugmentedSensitivity, StateLayout, StateStep, add, add_scaled, product};
+use crate::navigation::gaussian::covariance::add_scaled;
+use crate::navigation::gaussian::{AugmentedSensitivity, StateLayout};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector};
-use crate::navigation::transition::{identity, propagate_covariance};
-use crate::navigation::{NavigationLine, PredictedField};
+use crate::navigation::transition::{add, identity, product, propagate_covariance};
+use crate::navigation::{LineStep, NavigationLine, PredictedField};
 
 use super::FixedLagMagnetometer;
 
@@ -21,7 +22,7 @@ pub(super) struct FixedLagNode {
     pub rows: Range<usize>,
     pub tt_s: f64,
     /// Step from the previous node; unused at the first node.
-    pub step: StateStep,
+    pub step: LineStep,
     /// Position rows of Φ from the node to each sample.
     positions: Vec<[StateVector; 3]>,
     /// Measurement of each magnetometer.
@@ -188,7 +189,7 @@ pub(super) struct LineNodeBuilder<'a> {
     aided: bool,
     /// First sample of the next node.
     pub next: usize,
-    arrival: StateStep,
+    arrival: LineStep,
 }
 
 impl<'a> LineNodeBuilder<'a> {
@@ -229,7 +230,7 @@ impl<'a> LineNodeBuilder<'a> {
         let mut walked = no_step();
         loop {
             if self.aided && walked.dt_s > 0.0 {
-                let StateStep { dt_s, speed_mps, phi, .. } = walked;
+                let LineStep { dt_s, speed_mps, phi, .. } = walked;
                 node.later.push(NodePropagation { dt_s, speed_mps, phi });
             }
             node.positions.push([walked.phi[LAT], walked.phi[LON], walked.phi[ALT]]);
@@ -292,15 +293,15 @@ impl<'a> LineNodeBuilder<'a> {
 }
 
 /// Step of zero length.
-fn no_step() -> StateStep {
-    StateStep { dt_s: 0.0, speed_mps: 0.0, phi: identity(), noise: [[0.0; STATES]; STATES] }
+fn no_step() -> LineStep {
+    LineStep { dt_s: 0.0, speed_mps: 0.0, phi: identity(), noise: [[0.0; STATES]; STATES] }
 }
 
 /// Extends a step to `row`.
-fn walk(walked: &mut StateStep, line: &NavigationLine, row: usize) {
+fn walk(walked: &mut LineStep, line: &NavigationLine, row: usize) {
     let step = line.step(row);
     if walked.dt_s == 0.0 {
-        *walked = step.into();
+        *walked = step;
         return;
     }
     let travelled_m = walked.speed_mps * walked.dt_s + step.speed_mps * step.dt_s;

@@ -107,7 +107,7 @@ impl<'a> FrontFilter<'a> {
             rows: node.rows.clone(),
             tt_s: node.tt_s,
             x: self.now.ins_state(),
-            p: self.now.ins_covariance(),
+            p: self.now.p.ins(),
             coefficients: self.now.x[self.layout.coefficients()..].to_vec(),
             innovation,
             further,
@@ -181,10 +181,9 @@ impl<'a> FixedLagRun<'a> {
             self.solve(end_s.min(last_s), following_s.map(|end_s| end_s.min(last_s)))?;
         }
         let last = &self.front.now;
-        let (dim, first) = (last.dim(), self.layout.coefficients());
+        let first = self.layout.coefficients();
         self.output.coefficients = last.x[first..].to_vec();
-        self.output.coefficient_covariance =
-            (first..dim).flat_map(|row| &last.p[row * dim + first..(row + 1) * dim]).copied().collect();
+        self.output.coefficient_covariance = last.p.block_from(first);
         Ok(self.output)
     }
 

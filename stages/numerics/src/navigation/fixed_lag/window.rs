@@ -3,11 +3,10 @@
 use std::ops::Range;
 
 use crate::navigation::aids::{Aid, AidMeasurements, AidStates, Aids};
-use crate::navigation::gaussian::{
-    AugmentedSensitivity, Gaussian, StateLayout, StateStep, add_scaled, noise_times, propagate_adjoint, propagate_mean,
-};
+use crate::navigation::gaussian::covariance::{add_scaled, dot};
+use crate::navigation::gaussian::{AugmentedSensitivity, Gaussian, StateLayout, adjoint, propagate_mean};
 use crate::navigation::output::Innovation;
-use crate::navigation::pinson::{ALT, LAT, LON, STATES, StateMatrix};
+use crate::navigation::pinson::{ALT, LAT, LON, StateMatrix};
 use crate::navigation::{NavigationLine, PredictedField};
 
 use super::nodes::{FixedLagNode, LocalField};
@@ -265,7 +264,7 @@ impl<'a> SmoothingWindow<'a> {
         let mut noise = vec![0.0; dim];
         let mut sum = 0.5 * self.prior_cost(path);
         for (node, adjoint) in self.nodes.iter().zip(path.adjoint.chunks_exact(dim)).skip(1) {
-            noise_times(self.layout, &node.step, adjoint, &mut noise);
+            adjoint::noise_times(self.layout, &node.step, adjoint, &mut noise);
             sum += 0.5 * dot(adjoint, &noise);
         }
         sum
@@ -305,7 +304,7 @@ impl<'a> SmoothingWindow<'a> {
     fn prior_cost(&self, path: &WindowPath) -> f64 {
         let dim = self.dim();
         let Some(adjoint) = path.adjoint.get(..dim) else { return 0.0 };
-        self.prior.p.chunks_exact(dim).zip(adjoint).map(|(row, entry)| entry * dot(row, adjoint)).sum()
+        self.prior.p.rows().zip(adjoint).map(|(row, entry)| entry * dot(row, adjoint)).sum()
     }
 
     /// Filters about the path. Measurements of the nodes in `trusted` have their full weight.
@@ -388,7 +387,7 @@ impl<'a> SmoothingWindow<'a> {
             }
             self.trial.adjoint[k * dim..(k + 1) * dim].copy_from_slice(&adjoint);
             if k > 0 {
-                propagate_adjoint(self.layout, &self.nodes[k].step, &mut adjoint);
+                adjoint::propagate_adjoint(self.layout, &self.nodes[k].step, &mut adjoint);
             }
         }
         self.row = adjoint;
@@ -413,7 +412,7 @@ impl<'a> SmoothingWindow<'a> {
         let dim = self.dim();
         self.trial.x.clear();
         let first = &self.trial.adjoint[..dim];
-        let moved = self.prior.x.iter().zip(self.prior.p.chunks_exact(dim)).map(|(x, row)| x - dot(row, first));
+        let moved = self.prior.x.iter().zip(self.prior.p.rows()).map(|(x, row)| x - dot(row, first));
         self.trial.x.extend(moved);
         let mut squared = self.prior_cost(&self.trial);
         for k in 1..self.nodes.len() {
@@ -421,7 +420,7 @@ impl<'a> SmoothingWindow<'a> {
             let x = &mut self.trial.x[k * dim..];
             propagate_mean(self.layout, &self.nodes[k].step, x);
             let adjoint = &self.trial.adjoint[k * dim..(k + 1) * dim];
-            noise_times(self.layout, &self.nodes[k].step, adjoint, &mut self.row);
+            adjoint::noise_times(self.layout, &self.nodes[k].step, adjoint, &mut self.row);
             squared += dot(adjoint, &self.row);
             add_scaled(x, -1.0, &self.row);
         }
@@ -464,23 +463,13 @@ impl<'a> SmoothingWindow<'a> {
                 let Some(h) = self.sensitivity(k, of) else { continue };
                 dense.fill(0.0);
                 h.add_to(&mut dense, 1.0);
-                for (entry, row) in column.iter_mut().zip(information.chunks_exact(dim)) {
-                    *entry = dot(row, gain);
-                }
-                // Λ ← (I − K H)ᵀ Λ (I − K H) + Hᵀ H/s
-                let half = 0.5 * (dot(&column, gain) + 1.0 / variance);
-                column.iter_mut().zip(&dense).for_each(|(v, h)| *v -= half * h);
-                for (row, (h, v)) in information.chunks_exact_mut(dim).zip(dense.iter().zip(&column)) {
-                    for (entry, (other_h, other_v)) in row.iter_mut().zip(dense.iter().zip(&column)) {
-                        *entry -= h * other_v + v * other_h;
-                    }
-                }
+                adjoint::correct_information(&mut information, &dense, gain, variance, &mut column);
             }
             if let (true, Some(predicted)) = (k < range.end, &self.predicted[k]) {
-                take(k, smoothed(predicted, &information));
+                take(k, adjoint::smoothed(predicted, &information));
             }
             if k > 0 {
-                propagate_information(self.layout, &self.nodes[k].step, &mut information, &mut spare);
+                adjoint::propagate_information(self.layout, &self.nodes[k].step, &mut information, &mut spare);
             }
         }
     }
@@ -503,52 +492,7 @@ impl<'a> SmoothingWindow<'a> {
     }
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
 /// Moves to the midpoint between itself and another vector.
 fn halve(to: &mut [f64], other: &[f64]) {
     to.iter_mut().zip(other).for_each(|(to, other)| *to = 0.5 * (*to + other));
-}
-
-/// Λ ← Φᵀ Λ Φ.
-fn propagate_information(layout: &StateLayout, step: &StateStep, information: &mut [f64], spare: &mut Vec<f64>) {
-    let dim = layout.dim();
-    for row in information.chunks_exact_mut(dim) {
-        propagate_adjoint(layout, step, row);
-    }
-    spare.clear();
-    for row in 0..dim {
-        spare.extend((0..dim).map(|column| information[column * dim + row]));
-    }
-    for row in spare.chunks_exact_mut(dim) {
-        propagate_adjoint(layout, step, row);
-    }
-    // Makes both triangles equal.
-    for row in 0..dim {
-        for column in 0..dim {
-            information[row * dim + column] = 0.5 * (spare[row * dim + column] + spare[column * dim + row]);
-        }
-    }
-}
-
-/// Block of the 18 states of P − P Λ P, symmetric.
-fn smoothed(predicted: &Gaussian, information: &[f64]) -> StateMatrix {
-    let dim = predicted.dim();
-    let mut moved = vec![0.0; STATES * dim];
-    for (out, row) in moved.chunks_exact_mut(dim).zip(predicted.p.chunks_exact(dim)) {
-        for (factor, from) in row.iter().zip(information.chunks_exact(dim)) {
-            add_scaled(out, *factor, from);
-        }
-    }
-    let mut p = predicted.ins_covariance();
-    for row in 0..STATES {
-        let moved = &moved[row * dim..(row + 1) * dim];
-        for (column, entries) in predicted.p.chunks_exact(dim).take(row + 1).enumerate() {
-            p[row][column] -= dot(moved, entries);
-            p[column][row] = p[row][column];
-        }
-    }
-    p
 }

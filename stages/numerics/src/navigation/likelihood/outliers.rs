@@ -1,12 +1,10 @@
 //! Measurements that an extended Kalman filter of the scalar field rejects.
 
-use pulp::{Simd, WithSimd};
-
-use crate::navigation::estimate::{FilterRecursion, StateEstimate};
 use crate::navigation::field::PredictedField;
+use crate::navigation::gaussian::recursion::{self, FilterRecursion};
+use crate::navigation::gaussian::{Sensitivity, StateEstimate};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
-use crate::navigation::sensitivity::Sensitivity;
 
 /// NIS above which a measurement is rejected; one valid measurement in 100,000 exceeds it.
 pub const GATE_NIS: f64 = 19.5;
@@ -25,7 +23,8 @@ pub fn outliers(line: &NavigationLine<'_>) -> Result<Vec<bool>, NavigationError>
     let (offset_nt, _) = field.offset(line.ins, line.measurement_nt, line.offset_window_s);
     let rejected = Vec::with_capacity(line.ins.len());
     let output = NavigationOutput::with_capacity(line.ins.len(), false, false);
-    pulp::Arch::new().dispatch(OutlierEkf { line, field, offset_nt, rejected, in_a_row: 0, output })
+    let filter = OutlierEkf { line, field, offset_nt, rejected, in_a_row: 0, output };
+    Ok(recursion::run(filter, line)?.rejected)
 }
 
 struct OutlierEkf<'a> {
@@ -35,17 +34,6 @@ struct OutlierEkf<'a> {
     rejected: Vec<bool>,
     in_a_row: usize,
     output: NavigationOutput,
-}
-
-impl WithSimd for OutlierEkf<'_> {
-    type Output = Result<Vec<bool>, NavigationError>;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(mut self, _: S) -> Self::Output {
-        let line = self.line;
-        self.along(line.ins, &line.errors, |row| line.fixes_at(row))?;
-        Ok(self.rejected)
-    }
 }
 
 impl FilterRecursion for OutlierEkf<'_> {

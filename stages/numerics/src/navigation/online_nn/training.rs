@@ -1,9 +1,9 @@
 //! Initial weights: recursive least squares over a calibration.
 
+use crate::navigation::gaussian::covariance::{Covariance, add_scaled, dot};
 use crate::navigation::ins_error::ParameterError;
 
 use super::super::online::augmented::{check_covariance, refused};
-use super::super::online::covariance::{AugmentedCovariance, ScalarUpdate, dot};
 use super::OnlineNetwork;
 
 /// Prior of the weights of a line.
@@ -60,32 +60,29 @@ pub(crate) struct NetworkRecursion<'a> {
     network: &'a OnlineNetwork,
     variance_nt2: f64,
     pub(crate) weights: Vec<f64>,
-    pub(crate) p: AugmentedCovariance,
+    pub(crate) p: Covariance,
     phi: Vec<f64>,
-    ph: Vec<f64>,
     gain: Vec<f64>,
     rest: Vec<f64>,
 }
 
 impl<'a> NetworkRecursion<'a> {
     pub(crate) fn new(network: &'a OnlineNetwork, sigma_nt: f64, weights: Vec<f64>, covariance: &[f64]) -> Self {
-        let p = AugmentedCovariance::alone(covariance, weights.len());
+        let p = Covariance::alone(covariance, weights.len());
         let zeros = || vec![0.0; p.stride()];
-        let (phi, ph, gain, rest) = (zeros(), zeros(), zeros(), zeros());
-        Self { network, variance_nt2: sigma_nt * sigma_nt, weights, p, phi, ph, gain, rest }
+        let (phi, gain, rest) = (zeros(), zeros(), zeros());
+        Self { network, variance_nt2: sigma_nt * sigma_nt, weights, p, phi, gain, rest }
     }
 
     /// Updates with a row of inputs and its field. Returns the residual before the update, in nT: the weights change by
     /// the gain times this residual.
     pub(crate) fn update(&mut self, inputs: &[f64], field_nt: f64) -> f64 {
-        let Self { network, weights, phi, ph, gain, rest, .. } = self;
+        let Self { network, weights, phi, gain, rest, .. } = self;
         let missed_nt = field_nt - network.value_and_gradient(inputs, weights, &mut phi[..weights.len()]);
-        self.p.times(phi, ph);
-        let innovation_variance = dot(phi, ph) + self.variance_nt2;
-        self.p.correct(&ScalarUpdate { ph, innovation_variance }, gain, rest);
-        for (weight, gain) in weights.iter_mut().zip(&*gain) {
-            *weight += gain * missed_nt;
-        }
+        self.p.times(phi.iter().copied().enumerate().filter(|(_, h)| *h != 0.0), gain);
+        let s = dot(phi, gain) + self.variance_nt2;
+        self.p.update(s, gain, rest);
+        add_scaled(weights, missed_nt, gain);
         missed_nt
     }
 
@@ -137,7 +134,7 @@ pub fn train(
     let half = rows.len() / 2;
     let (mut at_half, mut squares) = (vec![], vec![0.0; network.weights()]);
     for pass in 0..passes {
-        recursion.p = AugmentedCovariance::alone(&prior, network.weights());
+        recursion.p = Covariance::alone(&prior, network.weights());
         let last = pass + 1 == passes;
         for (place, row) in rows.iter().enumerate() {
             if last && place == half {

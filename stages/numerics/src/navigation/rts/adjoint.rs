@@ -1,24 +1,19 @@
 //! Adjoint state λ and its matrix Λ of the backward pass. [Bierman 1973]
 
-use crate::navigation::pinson::{ACC, GYRO, HA, S, STATES, StateMatrix, StateVector};
-
-use crate::navigation::sensitivity::{MEASURED, Sensitivity, add_scaled, inner, mirror};
-
-/// Gauss-Markov states, whose rows of Φ are diagonal.
-const GAUSS_MARKOV: [usize; 8] = [ACC, ACC + 1, ACC + 2, GYRO, GYRO + 1, GYRO + 2, HA, S];
-/// Other states.
-const COUPLED: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 16];
+use crate::navigation::gaussian::{MEASURED, Sensitivity, inner, mirror};
+use crate::navigation::pinson::{COUPLED, GAUSS_MARKOV, STATES, StateMatrix, StateVector};
+use crate::navigation::transition::add_scaled;
 
 /// Measurement update of the forward pass.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ForwardUpdate {
     pub(super) h: Sensitivity,
     pub(super) gain: StateVector,
-    /// ν/s, the innovation over its variance.
+    /// ν/s.
     pub(super) force: f64,
     /// 1/s.
     pub(super) weight: f64,
-    /// R, divided by the weight of a robust loss.
+    /// R, with the weight of a robust loss.
     pub(super) variance_nt2: f64,
 }
 
@@ -37,8 +32,7 @@ impl AdjointState {
     #[inline(always)]
     pub(super) fn through_measurement(&mut self, used: &ForwardUpdate) -> f64 {
         let u = used.force + inner(&used.gain, &self.state);
-        // (I - K H)ᵀ Λ (I - K H) + Hᵀ H/s = Λ - Hᵀ gᵀ - g H + Hᵀ H (Kᵀ g + 1/s) with g = Λ K: only four rows and
-        // columns change.
+        // (I - K H)ᵀ Λ (I - K H) + Hᵀ H/s = Λ - Hᵀ gᵀ - g H + Hᵀ H (Kᵀ g + 1/s) with g = Λ K: four rows and columns.
         let mut g = [0.0; STATES];
         for (factor, row) in used.gain.iter().zip(&self.matrix) {
             add_scaled(&mut g, *factor, row);

@@ -9,11 +9,11 @@ use pulp::{Simd, WithSimd};
 
 use super::RtsParameters;
 use super::adjoint::{AdjointState, ForwardUpdate};
-use crate::navigation::estimate::{InsProcessModel, MeasurementUpdate, StateEstimate};
+use crate::navigation::gaussian::linearise::{ScalarProblem, ScalarSearch};
+use crate::navigation::gaussian::{MeasurementUpdate, Sensitivity, StateEstimate, StepModel, inner, measured_states};
 use crate::navigation::loss::RobustLoss;
 use crate::navigation::position_fixes::StateFix;
-use crate::navigation::scalar_problem::{ScalarProblem, ScalarSearch};
-use crate::navigation::sensitivity::{Sensitivity, add_scaled, inner, measured_states};
+use crate::navigation::transition::add_scaled;
 
 /// Number of samples between two stored states of the forward pass. The results that the backward pass recomputes
 /// between them stay in the second-level cache.
@@ -80,7 +80,7 @@ pub(super) struct SmootherPass<'a> {
     offset_nt: f64,
     tolerance_m: f64,
     keep_covariance: bool,
-    model: InsProcessModel,
+    model: StepModel,
     measurements: Vec<Option<LinearMeasurement>>,
     /// Estimate before the measurement of the first sample of each block.
     kept: Vec<StateEstimate>,
@@ -102,7 +102,7 @@ impl<'a> SmootherPass<'a> {
             offset_nt,
             tolerance_m: parameters.tolerance_m,
             keep_covariance,
-            model: InsProcessModel::from_error_model(&line.errors),
+            model: StepModel::from_error_model(&line.errors),
             measurements: vec![None; rows],
             kept: Vec::with_capacity(rows.div_ceil(BLOCK)),
             block: Vec::with_capacity(BLOCK),
@@ -252,7 +252,7 @@ impl<'a> SmootherPass<'a> {
             if row > first {
                 phi = estimate.propagate(&self.model, ins, row);
             } else if row > 0 {
-                phi = self.model.transition(ins, row);
+                phi = self.model.transition(ins, row).phi;
             }
             let [lat, lon, alt] = self.aid(row, &mut estimate);
             let measured = self.measurements[row].as_ref().map(|measurement| measurement.correct(&mut estimate));

@@ -87,12 +87,12 @@ fn val_magnav_transition_matrix_in_the_compatible_form() {
 fn law_the_pattern_contains_every_nonzero_entry() {
     for (_, f) in cases() {
         let mut rest = f;
-        for (row, columns) in COUPLED.iter().chain(&DRIVEN) {
+        for (row, columns) in COUPLING.iter().chain(&DRIVEN) {
             for column in *columns {
                 rest[*row][*column] = 0.0;
             }
         }
-        for state in DECAYING {
+        for state in GAUSS_MARKOV {
             rest[state][state] = 0.0;
         }
         assert_eq!(rest, [[0.0; STATES]; STATES]);

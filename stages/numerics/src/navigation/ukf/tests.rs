@@ -6,6 +6,7 @@ use crate::earth::core_field::CoreField;
 use crate::navigation::flights::{
     FLIGHTS, OsborneFlight, OwnedNavigationLine, chi_square, ensemble, golden_map, known, plane,
 };
+use crate::navigation::gaussian::linearise::cholesky;
 use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix};
 use crate::navigation::transition::NoiseDiscretisation;
@@ -55,9 +56,9 @@ fn law_over_a_plane_it_equals_the_ekf() {
 fn law_the_moments_of_a_quadratic_field_are_exact() {
     // With c² = 2 and β = α² the variance is exact where the second derivatives are diagonal along the points.
     for (alpha, kappa, beta) in [(1.0, -1.0, 1.0), (0.5, 5.0, 0.25)] {
-        let spread = SigmaPoints::from_parameters(&UkfParameters { alpha, beta, kappa, ..UkfParameters::default() });
+        let spread = SigmaPoints::new(alpha, beta, kappa);
         let p = covariance(7);
-        let root = points::cholesky(&p);
+        let root = cholesky(&p);
         let root = SMatrix::<f64, 3, 3>::from_fn(|row, column| root[row][column]);
         let inverse = root.try_inverse().unwrap();
         let bend = inverse.transpose() * SMatrix::<f64, 3, 3>::from_diagonal(&[0.7, -0.3, 1.1].into()) * inverse;
@@ -84,7 +85,7 @@ fn law_the_defaults_are_exact_for_a_cubic_field() {
     // E[y · y³] = 3 σ⁴: the slope of a y³ is 3 a σ², its mean 0; of a y⁴ the mean is 3 a σ⁴.
     let mut p = [[0.0; STATES]; STATES];
     (p[0][0], p[1][1], p[2][2]) = (4.0, 0.25, 9.0);
-    let spread = SigmaPoints::from_parameters(&UkfParameters::default());
+    let spread = UkfParameters::default().sigma_points();
     for state in 0..3 {
         let variance = p[state][state];
         let cubic = spread.regression(&p, 0.0, |away| Some(0.3 * away[state].powi(3))).unwrap();
@@ -128,7 +129,7 @@ fn law_the_transform_of_the_position_equals_that_of_all_states() {
         |lat: f64, lon: f64, alt: f64| 20.0 * (30.0 * lat).sin() + 7.0 * (8.0 * lon + 0.4).cos() - 0.5 * lat * alt;
     for (seed, alpha, beta, kappa) in [(1, 1.0, 1.0, 0.0), (2, 0.8, 2.0, 0.5), (3, 1.3, 1.5, -0.5)] {
         let p = covariance(seed);
-        let spread = SigmaPoints::from_parameters(&UkfParameters { alpha, beta, kappa, ..UkfParameters::default() });
+        let spread = SigmaPoints::new(alpha, beta, kappa);
         let found = spread.regression(&p, field(0.0, 0.0, 0.0), |[a, b, c]| Some(field(a, b, c))).unwrap();
         let estimate = StateEstimate { x: [0.0; STATES], p };
         let at = estimate.linearised(Sensitivity::of_slope(found.slope));
@@ -150,7 +151,7 @@ fn law_the_curvature_variance_without_a_preferred_direction_is_as_documented() {
     let mut p = [[0.0; STATES]; STATES];
     (p[0][0], p[1][1]) = (4.0, 4.0);
     for beta in [0.75, 1.0, 2.0] {
-        let spread = SigmaPoints::from_parameters(&UkfParameters { beta, ..UkfParameters::default() });
+        let spread = UkfParameters { beta, ..UkfParameters::default() }.sigma_points();
         let waves = 16;
         let of_wave = |wave: i32| {
             let (sin, cos) = (std::f64::consts::PI * f64::from(wave) / f64::from(waves)).sin_cos();

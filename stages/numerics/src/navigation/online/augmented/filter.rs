@@ -6,15 +6,15 @@ use crate::earth::field_value::FieldValue;
 use crate::navigation::aided::filter::MeasurementOutcome;
 use crate::navigation::aids::{AidInnovations, AidStates, LinearisedAid, SampleInnovations, SampleUsage};
 use crate::navigation::field::PredictedField;
+use crate::navigation::gaussian::StepModel;
+use crate::navigation::gaussian::covariance::{Covariance, WIDEST, add_scaled, dot};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
-use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateVector, pinson_matrix};
+use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
 use crate::navigation::position_fixes::StateFix;
-use crate::navigation::transition::{propagate_state, transition_matrix};
-
+use crate::navigation::transition::propagate_state;
 use crate::signal::gauss_markov::GaussMarkov;
 
-use super::super::covariance::{AugmentedCovariance, InsStep, ScalarUpdate, WIDEST, dot};
 use super::{
     AircraftFieldModel, AugmentedOutput, ExtraStates, LineModel, MagnetometerReport, MagnetometerTrack,
     OnlineParameters, refused,
@@ -45,13 +45,20 @@ impl<M: AircraftFieldModel> WithSimd for AugmentedFilterRun<'_, M> {
 struct AugmentedBuffers {
     /// Row H of each magnetometer.
     h: Vec<f64>,
-    ph: Vec<f64>,
+    /// P Hᵀ, which becomes K.
     gain: Vec<f64>,
     rest: Vec<f64>,
+    cross: Vec<f64>,
     /// State before the measurements of a sample.
     before: Vec<f64>,
     decay: Vec<f64>,
     noise: Vec<f64>,
+}
+
+/// Nonzero entries of a row of H, with their states.
+#[inline(always)]
+fn nonzero(h: &[f64]) -> impl Iterator<Item = (usize, f64)> {
+    h.iter().copied().enumerate().filter(|(_, h)| *h != 0.0)
 }
 
 /// Residual of a magnetometer at a sample, or the reason for its absence.
@@ -75,9 +82,9 @@ pub(super) struct AugmentedFilter<'a, M> {
     of_aids: AidStates,
     parameters: OnlineParameters,
     predicted: PredictedField<'a>,
-    density: StateVector,
+    model_of_step: StepModel,
     x: Vec<f64>,
-    p: AugmentedCovariance,
+    p: Covariance,
     readings: Vec<MagnetometerResidual>,
     scratch: AugmentedBuffers,
     output: AugmentedOutput,
@@ -94,16 +101,16 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         let own = own.mean.len();
         let (ins, errors, others, rows) = (line.ins, line.errors, states.mean.len(), line.ins.len());
         let first = errors.initial_covariance(ins.point(0).lat_rad, ins.alt_m[0]);
-        let p = AugmentedCovariance::new(&first, &states.covariance, others);
+        let p = Covariance::block_diagonal(&first, &states.covariance, others);
         let stride = p.stride();
         let mut x = vec![0.0; stride];
         x[STATES..STATES + others].copy_from_slice(&states.mean);
         let zeros = || vec![0.0; stride];
         let scratch = AugmentedBuffers {
             h: vec![0.0; stride * lines.len()],
-            ph: zeros(),
             gain: zeros(),
             rest: zeros(),
+            cross: vec![],
             before: zeros(),
             decay: vec![1.0; others],
             noise: vec![0.0; others],
@@ -131,7 +138,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
             PredictedField::new(line.map, line.core).with_second_order(line.second_order),
             vec![MagnetometerResidual::Missing; lines.len()],
         );
-        let (line, parameters, density) = (*line, *parameters, errors.noise_density());
+        let (line, parameters, model_of_step) = (*line, *parameters, StepModel::from_error_model(&errors));
         Self {
             line,
             lines,
@@ -141,7 +148,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
             of_aids,
             parameters,
             predicted,
-            density,
+            model_of_step,
             x,
             p,
             readings,
@@ -173,13 +180,12 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
     /// Propagates from the previous sample to `row`.
     #[inline(always)]
     fn propagate(&mut self, row: usize) {
-        let LineModel { ins, errors, .. } = &self.line;
-        let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];
-        let f = pinson_matrix(&ins.point(row - 1), &errors.time_constants(), errors.pinson);
-        let phi = transition_matrix(&f, dt_s);
-        let moved = propagate_state(&phi, &std::array::from_fn(|state| self.x[state]));
+        let ins = self.line.ins;
+        let step = self.model_of_step.transition(ins, row);
+        let dt_s = step.dt_s;
+        let moved = propagate_state(&step.phi, &std::array::from_fn(|state| self.x[state]));
         self.x[..STATES].copy_from_slice(&moved);
-        let AugmentedBuffers { decay, noise, .. } = &mut self.scratch;
+        let AugmentedBuffers { decay, noise, cross, .. } = &mut self.scratch;
         self.states.step(dt_s, decay, noise);
         let speed_mps = ins.vn_mps[row - 1].hypot(ins.ve_mps[row - 1]);
         for (place, length_m) in &self.of_aids.lengths_m {
@@ -191,7 +197,13 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
                 *c = mean + decay * (*c - mean);
             }
         }
-        self.p.propagate(&InsStep { errors, density: &self.density, f: &f, phi: &phi, dt_s }, decay, noise);
+        let block = self.model_of_step.covariance(&self.p.ins(), &step);
+        self.p.set_ins(&block);
+        self.p.propagate_cross(&step.phi, decay, cross);
+        self.p.decay_together(decay);
+        for (state, noise) in (STATES..).zip(&*noise) {
+            *self.p.at_mut(state, state) += noise;
+        }
     }
 
     /// Uses the aiding positions of a sample.
@@ -201,14 +213,12 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         for StateFix { state, error, variance } in
             fixes.at(self.line.ins, row, self.line.errors.earth).into_iter().flatten()
         {
-            let AugmentedBuffers { ph, gain, rest, .. } = &mut self.scratch;
-            ph.copy_from_slice(self.p.row(state));
-            let innovation_variance = ph[state] + variance;
+            let AugmentedBuffers { gain, rest, .. } = &mut self.scratch;
+            gain.copy_from_slice(self.p.row(state));
+            let s = gain[state] + variance;
             let residual = error - self.x[state];
-            self.p.correct(&ScalarUpdate { ph, innovation_variance }, gain, rest);
-            for (x, gain) in self.x.iter_mut().zip(&*gain) {
-                *x += gain * residual;
-            }
+            self.p.update(s, gain, rest);
+            add_scaled(&mut self.x, residual, gain);
         }
     }
 
@@ -305,22 +315,20 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
 
     /// Processes a further measurement.
     fn take(&mut self, linear: &LinearisedAid, sample: &mut SampleInnovations) -> MeasurementOutcome {
-        let AugmentedBuffers { h, ph, gain, rest, .. } = &mut self.scratch;
+        let AugmentedBuffers { h, gain, rest, .. } = &mut self.scratch;
         let h = &mut h[..self.p.stride()];
         h.fill(0.0);
         linear.sensitivity().add_to(h, 1.0);
-        self.p.times(h, ph);
-        let innovation_variance = dot(h, ph) + linear.variance;
+        self.p.times(nonzero(h), gain);
+        let s = dot(h, gain) + linear.variance;
         let residual_nt = linear.residual(&self.x);
-        let innovation = Innovation { residual_nt, nis: residual_nt * residual_nt / innovation_variance };
+        let innovation = Innovation { residual_nt, nis: residual_nt * residual_nt / s };
         sample.note(linear.of, innovation);
         if self.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate) {
             return MeasurementOutcome::Gated(innovation);
         }
-        self.p.correct(&ScalarUpdate { ph, innovation_variance }, gain, rest);
-        for (x, gain) in self.x.iter_mut().zip(&*gain) {
-            *x += gain * residual_nt;
-        }
+        self.p.update(s, gain, rest);
+        add_scaled(&mut self.x, residual_nt, gain);
         MeasurementOutcome::Used(innovation)
     }
 
@@ -387,10 +395,10 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         flat: bool,
     ) -> Result<(f64, bool), NavigationError> {
         let stride = self.p.stride();
-        let AugmentedBuffers { h, ph, gain, rest, before, .. } = &mut self.scratch;
+        let AugmentedBuffers { h, gain, rest, before, .. } = &mut self.scratch;
         let h = &h[magnetometer * stride..][..stride];
-        self.p.times(h, ph);
-        let predicted_nt2 = dot(h, ph);
+        self.p.times(nonzero(h), gain);
+        let predicted_nt2 = dot(h, gain);
         if predicted_nt2 > WIDEST * variance_nt2 {
             let what = format!(
                 "the prior of the aircraft's field is too wide for the noise: {:.1e} nT against {:.1e} nT",
@@ -402,25 +410,22 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         // Change of the prediction by the previous magnetometers, according to the linearisation of this one.
         let moved_nt: f64 = h.iter().zip(&self.x).zip(&*before).map(|((h, x), before)| h * (x - before)).sum();
         let residual_nt = if magnetometer == 0 { before_nt } else { before_nt - moved_nt };
-        let innovation_variance = predicted_nt2 + variance_nt2;
-        let nis = residual_nt * residual_nt / innovation_variance;
+        let s = predicted_nt2 + variance_nt2;
+        let nis = residual_nt * residual_nt / s;
         let report = &mut self.output.magnetometers[magnetometer].report;
         if self.parameters.gate_nis.is_some_and(|gate| nis > gate) {
             report.gated += 1;
             return Ok((nis, false));
         }
         report.updates += 1;
-        let by = ScalarUpdate { ph, innovation_variance };
         if flat {
             let (own, map_error) = (STATES..STATES + self.own, self.of_aids.map_error);
             let corrects = |state: usize| state == S || own.contains(&state) || map_error == Some(state);
-            self.p.consider(&by, gain, rest, corrects);
+            self.p.consider(s, gain, rest, corrects);
         } else {
-            self.p.correct(&by, gain, rest);
+            self.p.update(s, gain, rest);
         }
-        for (x, gain) in self.x.iter_mut().zip(&*gain) {
-            *x += gain * residual_nt;
-        }
+        add_scaled(&mut self.x, residual_nt, gain);
         Ok((nis, true))
     }
 
@@ -448,7 +453,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
 
     fn finish(mut self) -> AugmentedOutput {
         self.output.c = self.x[STATES..][..self.own].to_vec();
-        let (all, count) = (self.p.others(), self.states.mean.len());
+        let (all, count) = (self.p.block_from(STATES), self.states.mean.len());
         let rows = all.chunks_exact(count.max(1)).take(self.own);
         self.output.c_covariance = rows.flat_map(|row| &row[..self.own]).copied().collect();
         self.output

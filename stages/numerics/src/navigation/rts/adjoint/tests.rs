@@ -1,5 +1,5 @@
 use super::*;
-use crate::navigation::estimate::tests::random_estimate;
+use crate::navigation::gaussian::tests::random_estimate;
 use crate::navigation::pinson::{InsPoint, PinsonForm, TimeConstants, pinson_matrix};
 use crate::navigation::scenes::{DenseStateMatrix, DenseStateVector, dense};
 use crate::navigation::transition::transition_matrix;

@@ -1,6 +1,7 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
-use crate::navigation::pinson::{ALT, LAT, LON, S};
+use crate::navigation::output::NavigationError;
+use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector};
 use crate::navigation::scenes::{DenseStateMatrix, DenseStateVector, dense};
 use crate::random::NormalGenerator;
 use nalgebra::SVector;
