@@ -82,7 +82,7 @@ pub(super) struct AugmentedFilter<'a, M> {
     of_aids: AidStates,
     parameters: OnlineParameters,
     predicted: PredictedField<'a>,
-    model_of_step: StepModel,
+    process: StepModel,
     x: Vec<f64>,
     p: Covariance,
     readings: Vec<MagnetometerResidual>,
@@ -138,7 +138,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
             PredictedField::new(line.map, line.core).with_second_order(line.second_order),
             vec![MagnetometerResidual::Missing; lines.len()],
         );
-        let (line, parameters, model_of_step) = (*line, *parameters, StepModel::from_error_model(&errors));
+        let (line, parameters, process) = (*line, *parameters, StepModel::from_error_model(&errors));
         Self {
             line,
             lines,
@@ -148,7 +148,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
             of_aids,
             parameters,
             predicted,
-            model_of_step,
+            process,
             x,
             p,
             readings,
@@ -181,7 +181,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
     #[inline(always)]
     fn propagate(&mut self, row: usize) {
         let ins = self.line.ins;
-        let step = self.model_of_step.transition(ins, row);
+        let step = self.process.transition(ins, row);
         let dt_s = step.dt_s;
         let moved = propagate_state(&step.phi, &std::array::from_fn(|state| self.x[state]));
         self.x[..STATES].copy_from_slice(&moved);
@@ -197,7 +197,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
                 *c = mean + decay * (*c - mean);
             }
         }
-        let block = self.model_of_step.covariance(&self.p.ins(), &step);
+        let block = self.process.covariance(&self.p.ins(), &step);
         self.p.set_ins(&block);
         self.p.propagate_cross(&step.phi, decay, cross);
         self.p.decay_together(decay);
