@@ -202,7 +202,7 @@ impl Fit {
         }
     }
 
-    /// The fit with its names resolved to declarations.
+    /// The fit, with names replaced by the declarations that they refer to.
     fn point(&self) -> FitPoint {
         // A nonlinear model does not commute with a filter.
         let (filter, trim) = match self.model.kind.made_of {
@@ -284,7 +284,7 @@ impl Fit {
 }
 
 impl Fit {
-    /// Note that a fit has too many terms for errors of its coefficients.
+    /// Note that the errors of the coefficients are not computed, because the fit has too many terms.
     fn too_wide_for_errors(&self, shape: &TableShape) -> Option<String> {
         let terms = self.features.iter().filter_map(|name| shape.get(name)).flat_map(terms_of).count();
         let none = terms >= MOST_WITH_ERRORS && self.model.keys.wants_errors();
@@ -421,7 +421,8 @@ impl SurveyStage for Fit {
 /// Model of `warm_start`, from which training starts.
 struct TrainingStart {
     model: LearnedModel,
-    /// Rate at which its inputs are differences per sample, Hz. `None` if the table does not contain it.
+    /// Rate at which the inputs of the model are differences per sample, Hz. `None` if the table does not contain the
+    /// rate.
     rate_hz: Option<f64>,
 }
 

@@ -24,7 +24,7 @@ pub enum FittedModelForm {
 pub struct FittedModel {
     /// Kind of the model.
     pub body: FittedModelForm,
-    /// Rate at which its terms were differences per sample, Hz. `None` if the table does not state it.
+    /// Rate at which its terms were differences per sample, Hz. `None` if the table does not contain the rate.
     pub rate_hz: Option<f64>,
 }
 
@@ -76,13 +76,13 @@ impl FittedModel {
     /// Values of [`FittedModel::columns`] in each row of a line at the rate of the model, column by column.
     ///
     /// # Errors
-    /// The same as [`FittedModel::predict`].
+    /// Fails in the cases of [`FittedModel::predict`].
     pub fn inputs(&self, line: &RecordBatch) -> Result<Vec<Vec<f64>>, Fault> {
         let sources = ModelInputColumns::new(line, self.rate_hz)?;
         self.columns().iter().map(|name| Ok(sources.find(name)?.values().collect())).collect()
     }
 
-    /// Coefficients of [`FittedModel::columns`] of a linear model, and its constant.
+    /// Coefficients of [`FittedModel::columns`] of a linear model, and the constant of the model.
     pub fn coefficients(&self) -> Option<(Vec<f64>, f64)> {
         let FittedModelForm::Linear { terms, values } = &self.body else { return None };
         let of = |constant: bool| terms.iter().zip(values).filter(move |(t, _)| (*t == INTERCEPT) == constant);
@@ -159,7 +159,7 @@ impl<'a> ModelInputColumns<'a> {
     }
 }
 
-/// Rate of the lines of a fit, from its table, Hz. `None` if the table does not state it.
+/// Rate of the lines of a fit, from its table, Hz. `None` if the table does not contain the rate.
 pub fn rate_of(table: &RecordBatch) -> Option<f64> {
     floats(table, RATE).ok()?.first().copied().filter(|rate_hz| *rate_hz > 0.0)
 }

@@ -149,14 +149,14 @@ fn of_model(model: &Table) -> Vec<&'static str> {
     [TERM, VALUE, STD].into_iter().chain(model.shape().get(RATE).map(|_| RATE)).collect()
 }
 
-/// The map input and the model inputs, identified by columns that only they have.
+/// The map input and the model inputs, each identified by columns that no other input has.
 fn map_and_models(inputs: &[RecordBatch]) -> (Option<&RecordBatch>, impl Iterator<Item = &RecordBatch>) {
     let further = inputs.iter().skip(1);
     let has = |table: &&RecordBatch, name: &str| table.column_by_name(name).is_some();
     (further.clone().find(move |table| has(table, ANOMALY)), further.filter(move |table| has(table, TERM)))
 }
 
-/// Expected error of a map at a height other than its own, for `score`.
+/// Expected error of a map that is used at a height other than the height of its file, for `score`.
 pub(crate) const MAP_HEIGHT_ERROR: &str = "map_height_error";
 
 /// The row of the catalogue, with `filters` to choose from.
@@ -239,7 +239,7 @@ impl Navigate {
         notes
     }
 
-    /// Date of the core field if the measurement contains it.
+    /// Date of the core field; `None` if the measurement does not contain the core field.
     fn core_year(&self, batch: &RecordBatch) -> Result<Option<f64>, Fault> {
         match self.decimal_year {
             _ if !self.core_field => Ok(None),
@@ -416,7 +416,7 @@ impl Navigate {
         faults
     }
 
-    /// Measurement of a magnetometer, minus the diurnal variation if it is removed.
+    /// Measurement of a magnetometer, minus the diurnal variation if `remove_diurnal` is set.
     fn measured(&self, batch: &RecordBatch, mag: &str) -> Result<Vec<f64>, Fault> {
         let mut measured = floats(batch, mag)?.to_vec();
         if self.removes_diurnal(&TableShape::from_schema(&batch.schema())) {

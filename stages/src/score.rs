@@ -256,7 +256,7 @@ impl LineStage for Score {
     }
 }
 
-/// One metric of a line.
+/// Value of one metric on one line.
 struct LineMetricRow {
     metric: &'static Metric,
     figure: SampleStatistic,

@@ -94,7 +94,7 @@ fn shown(scheme: &str) -> String {
 }
 
 impl ObjectAddress {
-    /// Address of `key` below this one.
+    /// Address of the name `key` below this address.
     pub fn below(&self, key: &str) -> ObjectAddress {
         let joined = [self.key.as_str(), key].into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("/");
         ObjectAddress { key: joined, ..self.clone() }

@@ -47,7 +47,7 @@ pub struct ObjectEntry {
     pub key: String,
     /// Size, bytes.
     pub size: u64,
-    /// Version, if the server reports one.
+    /// Version, if the server reports a version.
     pub tag: Option<String>,
     /// Time of writing, by the server's clock.
     pub modified: SystemTime,
@@ -350,7 +350,7 @@ impl Bucket {
         self.put_as(key, bytes, PutMode::Overwrite)?.map(drop).map_err(|e| self.fault("write", key, &e))
     }
 
-    /// Creates an object. Returns `false` if it exists.
+    /// Creates an object. Returns `false` if the object exists.
     ///
     /// # Errors
     /// Fails when the server cannot be reached or reports an error.
@@ -375,7 +375,8 @@ impl Bucket {
             match self.put_as(key, bytes.to_vec(), mode.clone())? {
                 Ok(_) => return Ok(true),
                 Err(e @ (Error::AlreadyExists { .. } | Error::Precondition { .. })) => match (self.get(key)?, &mode) {
-                    // The answer to an earlier attempt may have been lost, and the object may be that of this writer.
+                    // The answer to an earlier attempt may have been lost, and this writer may have written the
+                    // existing object.
                     (Some(there), _) => return Ok(there == bytes),
                     // Another request was in progress (status 409), or the object has since been removed.
                     (None, PutMode::Create) if last => return Err(self.fault("write", key, &e)),
@@ -425,7 +426,7 @@ impl Bucket {
         written.map_err(|e| self.fault("write", key, &e))
     }
 
-    /// All objects whose names begin with the folder `folder`; all objects if it is empty.
+    /// All objects whose names begin with the folder `folder`; all objects if `folder` is empty.
     ///
     /// # Errors
     /// Fails when the server cannot be reached or reports an error.

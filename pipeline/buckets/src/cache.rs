@@ -60,7 +60,7 @@ pub fn of_files(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     Ok(folder()?.join("files").join(place).join(&address.bucket))
 }
 
-/// Name of a file for display: the address of a file in the cache, the path of any other.
+/// Name of a file for display: the object's address for a file in the cache, otherwise the path.
 pub fn shown(path: &Path) -> String {
     let address = || {
         let below = path.strip_prefix(folder().ok()?.join("files")).ok()?;

@@ -10,7 +10,7 @@ use super::{
 /// Whether this program can use object stores.
 ///
 /// # Errors
-/// Fails if it is built without them.
+/// Fails if the program is built without object stores.
 pub fn supported() -> Result<(), Fault> {
     if cfg!(feature = "object-stores") {
         return Ok(());
@@ -19,7 +19,7 @@ pub fn supported() -> Result<(), Fault> {
     Err(fault.help("build it with `cargo build --features object-stores`, or use a folder"))
 }
 
-/// Endpoint of a kind of store, or for Azure its account, from the environment; empty for the provider's own endpoint.
+/// Endpoint of a kind of store, or the account for Azure, from the environment; empty for the provider's own endpoint.
 pub fn endpoint(scheme: ObjectStoreScheme) -> String {
     let set = |name: &&str| std::env::var(name).ok().filter(|v| !v.is_empty());
     let names: &[&str] = match scheme {
@@ -140,7 +140,7 @@ fn open(address: &ObjectAddress) -> Result<Bucket, Fault> {
     Ok(Bucket::new(objects, address.clone()))
 }
 
-/// Checks an S3 endpoint: an address, with TLS unless the environment permits one without.
+/// Checks an S3 endpoint: an address, with TLS unless the environment permits an address without TLS.
 #[cfg(feature = "object-stores")]
 fn allowed(endpoint: &str) -> Result<(), Fault> {
     no_password(endpoint)?;

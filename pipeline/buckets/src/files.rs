@@ -142,7 +142,7 @@ fn is_hidden(key: &str, folder: &str) -> bool {
 /// `fit`. Companions of the same name are copied too.
 ///
 /// # Errors
-/// Fails when there is none, or the server cannot be reached or reports an error.
+/// Fails when no object matches, or the server cannot be reached or reports an error.
 pub fn find(address: &ObjectAddress, fit: &dyn Fn(&str) -> bool) -> Result<Vec<PathBuf>, Fault> {
     let copies = BucketCache::from_address(address)?;
     let key = address.key.as_str();
@@ -183,7 +183,7 @@ pub fn find(address: &ObjectAddress, fit: &dyn Fn(&str) -> bool) -> Result<Vec<P
 /// Copy of one object.
 ///
 /// # Errors
-/// Fails when there is none, or the server cannot be reached or reports an error.
+/// Fails when the object does not exist, or the server cannot be reached or reports an error.
 pub fn fixed(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     let copies = BucketCache::from_address(address)?;
     match copies.bucket.about(&address.key)? {
@@ -195,7 +195,7 @@ pub fn fixed(address: &ObjectAddress) -> Result<PathBuf, Fault> {
 /// Copy of an object with its companions of the same name, or of a folder.
 ///
 /// # Errors
-/// Fails when there is none, or the server cannot be reached or reports an error.
+/// Fails when the object does not exist, or the server cannot be reached or reports an error.
 pub fn whole(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     let copies = BucketCache::from_address(address)?;
     let key = address.key.as_str();
@@ -221,7 +221,7 @@ pub fn whole(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     Ok(folder)
 }
 
-/// Copies the object of `path`, a file of the cache that another one there refers to; ignores other paths.
+/// Copies the object of `path`, a file of the cache that another file in the cache refers to; ignores other paths.
 ///
 /// # Errors
 /// Fails when the server cannot be reached or reports an error.
@@ -262,14 +262,14 @@ mod tests {
             (fs::read(&file).unwrap(), file.strip_prefix(folder.path()).unwrap()),
             (b"one".to_vec(), Path::new("f/a.csv"))
         );
-        // A copy of the correct size is kept, a truncated one is not.
+        // A copy of the correct size is kept, a truncated copy is not.
         fs::write(&file, "ONE").unwrap();
         copies.bring(&listed()[0]).unwrap();
         assert_eq!(fs::read(&file).unwrap(), b"ONE");
         fs::write(&file, "o").unwrap();
         copies.bring(&listed()[0]).unwrap();
         assert_eq!(fs::read(&file).unwrap(), b"one");
-        // Another version of the same length.
+        // Another version with the same length.
         copies.bucket.put("f/a.csv", b"two".to_vec()).unwrap();
         copies.bring(&listed()[0]).unwrap();
         assert_eq!(fs::read(&file).unwrap(), b"two");

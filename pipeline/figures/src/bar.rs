@@ -46,7 +46,7 @@ impl ColourBar<'_> {
         out
     }
 
-    /// Strip of colours, without its pointed ends.
+    /// Strip of colours, without the pointed ends of the bar.
     fn strip(&self, place: &Rect) -> Rect {
         let (below, above) = self.ends();
         match self.upward {

@@ -18,7 +18,7 @@ const RIGHT: f64 = 22.0;
 const TOP: f64 = 6.0;
 const BOTTOM: f64 = 38.0;
 
-/// Drawing area and the degrees it shows.
+/// Drawing area, and its range of latitudes and longitudes.
 pub struct Canvas {
     bounds: Bounds,
     width: f64,
@@ -26,7 +26,7 @@ pub struct Canvas {
 }
 
 impl Canvas {
-    /// Area for `bounds`, in their aspect ratio.
+    /// Area with the aspect ratio of `bounds`.
     pub fn new(bounds: Bounds) -> Canvas {
         let shrink = (0.5 * (bounds.lat.0 + bounds.lat.1)).to_radians().cos().max(0.01);
         let (wide, high) = ((bounds.lon.1 - bounds.lon.0) * shrink, bounds.lat.1 - bounds.lat.0);
@@ -51,7 +51,7 @@ impl Canvas {
         (self.bounds.lat.1 - lat) / (self.bounds.lat.1 - self.bounds.lat.0) * self.height
     }
 
-    /// Position of a latitude and longitude; `None` far outside.
+    /// Position of a latitude and longitude; `None` for a position far outside the area.
     pub fn spot(&self, (lat, lon): (f64, f64)) -> Option<(f64, f64)> {
         let (x, y) = (self.x(lon), self.y(lat));
         // Positions far outside are dropped; the neighbouring positions keep the direction of the line.
@@ -77,7 +77,7 @@ impl Canvas {
         LEFT + 0.5 * (SIDE - LEFT - RIGHT - self.width).max(0.0)
     }
 
-    /// Whole picture: the contents, clipped at the frame, and the degrees around it.
+    /// Whole picture: the contents, clipped at the frame, and the latitudes and longitudes around the frame.
     pub fn framed(&self, label: &str, inside: Markup) -> Markup {
         let (left, w, h) = (px(self.left()), px(self.width), px(self.height));
         html! {
@@ -111,7 +111,7 @@ impl Canvas {
         }
     }
 
-    /// Scale bar and north arrow, in the corners where they hide the fewest of `spots`.
+    /// Scale bar and north arrow, in the corners where the marks hide the fewest of `spots`.
     pub fn furniture(&self, spots: &[(f64, f64)]) -> Markup {
         let (metres, long) = self.scale();
         let bar = self.corner(spots, (long + 10.0, 25.0), None);

@@ -29,7 +29,7 @@ impl ChartAxis {
         ChartAxis { label: label.into(), ..ChartAxis::default() }
     }
 
-    /// The same axis, logarithmic.
+    /// The same axis with a logarithmic scale.
     pub fn log(self) -> ChartAxis {
         ChartAxis { log: true, ..self }
     }
@@ -98,7 +98,7 @@ impl PixelAxis {
         } else {
             (value - self.low) / (self.high - self.low)
         };
-        // Coordinates far outside are clipped by the frame; huge ones break some viewers.
+        // Coordinates far outside are clipped by the frame; huge coordinates break some viewers.
         self.from_px + part.clamp(-2.0, 3.0) * (self.to_px - self.from_px)
     }
 
@@ -263,7 +263,7 @@ pub fn px(value: f64) -> String {
     if short == "-0" { "0".to_owned() } else { short.to_owned() }
 }
 
-/// Path through `spots`, broken at missing ones.
+/// Path through `spots`, broken at missing points.
 pub fn path(spots: impl Iterator<Item = Option<(f64, f64)>>) -> String {
     let mut out = String::new();
     let mut pen = 'M';

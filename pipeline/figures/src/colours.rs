@@ -21,7 +21,7 @@ pub fn colour_scale(picture: &MapPicture, look: &MapStyle) -> Result<ColourScale
     ColourScale::new(&reduced.values, look.scale, look.palette)
 }
 
-/// Ratio of the ground length of a step along the map's x to that of one along y.
+/// Ratio of the ground length of a step along the map's x to the ground length of a step along y.
 pub fn shrink(picture: &MapPicture) -> f64 {
     match picture.plane {
         AxisQuantity::Metres => 1.0,

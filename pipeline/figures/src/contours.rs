@@ -57,7 +57,8 @@ fn name(step: f64, unit: &str) -> String {
     format!("contours every {step} {unit}, heavy every {heavy}")
 }
 
-/// Lines of one value, in the map's coordinates, by marching squares; a saddle is resolved by its mean.
+/// Lines of one value, in the map's coordinates, by marching squares; the mean of a saddle cell determines the
+/// connection of its lines.
 fn lines(sheet: &DisplayGrid, level: f64) -> Vec<Vec<PaperPoint>> {
     let mut links: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for row in 0..sheet.y.len.saturating_sub(1) {
@@ -69,7 +70,7 @@ fn lines(sheet: &DisplayGrid, level: f64) -> Vec<Vec<PaperPoint>> {
         }
     }
     let mut out = vec![];
-    // Open lines begin at an end, closed ones anywhere.
+    // Open lines begin at an end, closed lines anywhere.
     let ends: Vec<usize> = links.iter().filter(|(_, to)| to.len() == 1).map(|(at, _)| *at).collect();
     let all: Vec<usize> = links.keys().copied().collect();
     for start in ends.into_iter().chain(all) {
@@ -146,7 +147,7 @@ mod tests {
         let circle = drawn(41, &cone, 12.5);
         assert_eq!(circle.len(), 1);
         assert_eq!(circle[0].first(), circle[0].last());
-        // Between nodes, linear interpolation of the cone errs by 1/8 of its curvature of 1/12.
+        // Between nodes, linear interpolation of the cone has an error of 1/8 of the curvature, which is 1/12.
         assert!(circle[0].iter().all(|(x, y)| ((x - 20.0).hypot(y - 20.0) - 12.5).abs() < 0.02));
         let plane: Vec<f64> = (0..30).map(|k| f64::from(k % 6) + 0.25).collect();
         let line = drawn(6, &plane, 2.0);
@@ -162,7 +163,8 @@ mod tests {
             ends.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
             (drawn(2, &saddle, level).len(), ends)
         };
-        // Below the mean the two high corners are one area: the low ones, south-east and north-west, are cut off.
+        // Below the mean the two high corners are one area. The two low corners, south-east and north-west, are cut
+        // off.
         let (count, _) = joined(0.4);
         assert_eq!(count, 2);
         for line in drawn(2, &saddle, 0.4) {

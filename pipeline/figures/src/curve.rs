@@ -22,7 +22,7 @@ text{fill:#1a1a1a}.name{font-size:13px}.grid{stroke:#e3e6ea}.frame{fill:none;str
 circle.mark{fill:#fff;stroke:#d55e00;stroke-width:2.5}text.mark{font-size:13px;paint-order:stroke;stroke:#fff;stroke-width:4px}";
 
 /// Curve through `points`, both axes logarithmic, with the point of index `marked` ringed and labelled, as an SVG file.
-/// Points that are not finite and positive break it; `None` without valid points.
+/// Points that are not finite and positive interrupt the curve; `None` without valid points.
 pub fn curve_svg(points: &[(f64, f64)], marked: Option<usize>, labels: &CurveLabels) -> Option<String> {
     let mark = marked.and_then(|k| points.get(k)).map(|(x, y)| (clean(labels.marked), *x, *y));
     let chart = LineChart {

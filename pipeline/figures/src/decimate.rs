@@ -41,7 +41,7 @@ fn stretches<T>(all: &[T], count: usize) -> impl Iterator<Item = &[T]> {
     (0..count).filter_map(move |k| all.get(k * all.len() / count..(k + 1) * all.len() / count))
 }
 
-/// Every n-th of `points` and the last one, at most `most` + 1 in total.
+/// Every n-th of `points`, and the last point, at most `most` + 1 in total.
 pub fn thinned<T: Clone>(points: &[T], most: usize) -> Vec<T> {
     let every = points.len().div_ceil(most.max(1)).max(1);
     let last = points.len().checked_sub(1).filter(|n| n % every != 0).and_then(|n| points.get(n));
@@ -56,7 +56,7 @@ mod tests {
     fn unit_spike_is_kept() {
         let x: Vec<f64> = (0..100_000).map(f64::from).collect();
         let mut y = vec![0.0; x.len()];
-        // One interval has its largest value first, the other its smallest.
+        // The first value of one interval is its largest; the first value of the other interval is its smallest.
         (y[54_321], y[54_330], y[7], y[9]) = (9.0, -9.0, -4.0, 4.0);
         let few = extremes(&x, &y, 2000);
         assert!(few.len() <= 2000);

@@ -17,8 +17,8 @@ pub struct GlobePatch {
     pub lon: (f64, f64),
 }
 
-/// Parts of a map with these edges: one, or more if it crosses the date line. Areas beyond a pole or a full turn are
-/// omitted.
+/// Parts of a map with these edges: one part, or more parts if the map crosses the date line. Areas beyond a pole or a
+/// full turn are omitted.
 pub fn patches(window: &MapWindow) -> Vec<GlobePatch> {
     let south_north = (window.y.0.max(-90.0), window.y.1.min(90.0));
     let (west, east) = (window.x.0, window.x.1.min(window.x.0 + 360.0));
@@ -50,8 +50,8 @@ pub struct TrackFix {
     pub time_s: Option<f64>,
 }
 
-/// Parts of an unbroken track that do not cross the date line, longitudes within -180 to 180 degrees. At a crossing
-/// both parts include the position on the date line.
+/// Parts of an unbroken track that do not cross the date line, longitudes within -180 to 180 degrees. At a crossing of
+/// the date line, both parts include the position on the date line.
 pub fn parts(run: &[TrackFix]) -> Vec<Vec<TrackFix>> {
     let mut out: Vec<Vec<TrackFix>> = vec![vec![]];
     let mut before: Option<TrackFix> = None;

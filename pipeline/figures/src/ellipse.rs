@@ -13,18 +13,18 @@ pub struct Ellipse {
 
 impl Ellipse {
     /// Ellipse from the standard deviations north and east, m, and their covariance, m²: the offsets e with eᵀ P⁻¹ e at
-    /// most the square of `sigmas`. `None` if one is unknown, or they are not a covariance.
+    /// most the square of `sigmas`. `None` if a value is unknown, or the values are not a covariance.
     pub fn new(sd_n: f64, sd_e: f64, cov_ne: f64, sigmas: f64) -> Option<Ellipse> {
         let (nn, ee) = (sd_n * sd_n, sd_e * sd_e);
         let root = (0.5 * (nn - ee)).hypot(cov_ne);
         let (large, small) = (0.5 * (nn + ee) + root, 0.5 * (nn + ee) - root);
-        // A correlation of one is accepted despite rounding.
+        // A correlation of 1 is accepted despite rounding.
         let known = large.is_finite() && large > 0.0 && small >= -1e-9 * large;
         let azimuth_deg = (0.5 * (2.0 * cov_ne).atan2(nn - ee)).to_degrees().rem_euclid(180.0);
         known.then(|| Ellipse { major_m: sigmas * large.sqrt(), minor_m: sigmas * small.max(0.0).sqrt(), azimuth_deg })
     }
 
-    /// `corners` offsets along its outline, north and east of its centre, m.
+    /// Offsets of `corners` points on the ellipse, north and east of its centre, m.
     pub fn outline(self, corners: usize) -> impl Iterator<Item = (f64, f64)> {
         let (along_e, along_n) = self.azimuth_deg.to_radians().sin_cos();
         (0..corners).map(move |k| {

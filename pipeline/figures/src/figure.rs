@@ -73,7 +73,7 @@ pub fn scene(picture: &MapPicture, look: &MapStyle, lines: &[TrackLine]) -> Resu
     if holes {
         entries.push(LegendEntry::Unknown);
     }
-    // The legend is centred below a narrow map, and aligned with the left edge of others.
+    // The legend is centred below a narrow map, and aligned with the left edge of other maps.
     let narrow = layout.frame.w < 0.5 * width;
     let centre = narrow.then_some(layout.frame.x + 0.5 * layout.frame.w);
     let left = if narrow { PAD } else { layout.frame.x };

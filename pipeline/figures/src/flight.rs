@@ -30,7 +30,8 @@ pub struct FlightPart {
 pub struct TimePanel<'a> {
     /// Quantity and unit.
     pub label: &'a str,
-    /// Full turn of an angle: a line is broken where it steps by more than half of it.
+    /// Full turn of an angle. A line is broken where its value changes by more than half a turn from one sample to the
+    /// next.
     pub turn: Option<f64>,
     /// Name, colour and values of each line, one value per time; NaN breaks a line. A single line needs no name.
     pub lines: Vec<(&'a str, [u8; 3], &'a [f64])>,
@@ -51,7 +52,7 @@ pub struct FlightPicture<'a> {
     pub north_m: &'a [f64],
     /// Kind of each sample, an index of [`FlightPicture::kinds`].
     pub kind: &'a [usize],
-    /// Name and colour of each kind, the last ones on top.
+    /// Name and colour of each kind, the last kinds on top.
     pub kinds: &'a [(&'a str, [u8; 3])],
     /// Parts with names, in the order of time.
     pub parts: &'a [FlightPart],
@@ -66,14 +67,14 @@ const PAD: f64 = 14.0;
 const LEFT: f64 = 78.0;
 /// Maximum size of the frame of the track.
 const TRACK: (f64, f64) = (680.0, 520.0);
-/// Height of a panel, and gap between two.
+/// Height of a panel, and gap between two panels.
 const PANEL: f64 = 104.0;
 const BETWEEN: f64 = 12.0;
 /// Letter size and line spacing of the title.
 const TITLE: (f64, f64) = (16.0, 21.0);
 /// Letter size of the names of parts.
 const PART: f64 = 11.0;
-/// Width of a part below which its name over the panels is omitted.
+/// Width of a part below which the name of the part is omitted above the panels.
 const NARROW: f64 = 8.0;
 
 /// Picture as a PNG file, `width_px` pixels wide, 200 to 10,000.
@@ -160,7 +161,7 @@ fn around((low, high): (f64, f64), part: f64, least: f64) -> (f64, f64) {
     (low - by, high + by)
 }
 
-/// Track in its frame with coordinates and names, and its lower edge; `None` without positions.
+/// Track in its frame with coordinates and names, and the lower edge of the frame; `None` without positions.
 fn track(picture: &FlightPicture, top: f64) -> Option<(Vec<SceneMark>, f64)> {
     let east = around(ends(picture.east_m.iter().copied())?, 0.04, 10.0);
     let north = around(ends(picture.north_m.iter().copied())?, 0.04, 10.0);
@@ -203,7 +204,7 @@ fn track(picture: &FlightPicture, top: f64) -> Option<(Vec<SceneMark>, f64)> {
         let (at, width) = (spot(*e, *n), text_width(&part.name, PART));
         let x = (at.0 + 4.0).min(rect.right() - width - 3.0);
         let plate = Rect { x: x - 1.5, y: at.1 - PART - 1.0, w: width + 3.0, h: PART + 4.0 };
-        // If there is not enough space for all names, the first ones are drawn.
+        // If there is not enough space for all names, the first names are drawn.
         let covers =
             |o: &Rect| o.x < plate.right() && plate.x < o.right() && o.y < plate.bottom() && plate.y < o.bottom();
         if names.iter().any(covers) {
@@ -229,7 +230,7 @@ fn spaced(run: &[PaperPoint]) -> Vec<PaperPoint> {
     out
 }
 
-/// Frame, ticks and names of the two axes of the track; in km if it is larger than 2 km.
+/// Frame, ticks and names of the two axes of the track; in km if the track is larger than 2 km.
 fn coordinates(rect: &Rect, east: (f64, f64), north: (f64, f64)) -> Vec<SceneMark> {
     let km = (east.1 - east.0).max(north.1 - north.0) >= 2000.0;
     let (unit, factor) = if km { ("km", 1000.0) } else { ("m", 1.0) };
@@ -264,7 +265,7 @@ fn turned(at: PaperPoint, text: &str, size: f64, anchor: TextAnchor) -> SceneMar
     SceneMark::Text { at, text: text.to_owned(), size, anchor, turned: true }
 }
 
-/// Panels below each other, with the parts behind them, and their lower edge.
+/// Panels below each other, with the parts behind them, and the lower edge of the last panel.
 fn panels(picture: &FlightPicture, top: f64) -> (Vec<SceneMark>, f64) {
     let mut marks = vec![];
     let time = (picture.time.first().copied().unwrap_or(0.0), picture.time.last().copied().unwrap_or(1.0));

@@ -46,8 +46,8 @@ impl MapFrame<'_> {
         )
     }
 
-    /// Metres per unit of length on the paper, along x in the middle of the map. `None` if it differs by more than a
-    /// tenth from south to north.
+    /// Metres per unit of length on the paper, along x in the middle of the map. `None` if the scale differs by more
+    /// than a tenth from south to north.
     pub fn metres_per_unit(&self) -> Option<f64> {
         let across = self.window.x.1 - self.window.x.0;
         if self.picture.plane == AxisQuantity::Metres {
@@ -98,13 +98,13 @@ pub fn left_margin(picture: &MapPicture, window: &MapWindow, height: f64) -> f64
     LENGTH + 4.0 + widths.fold(0.0, f64::max) + name
 }
 
-/// Space below the frame for them.
+/// Space below the frame for coordinates and names.
 pub fn bottom_margin(picture: &MapPicture) -> f64 {
     LENGTH + TICK + 4.0 + if labels(picture, 0.0).0.is_some() { 20.0 } else { 0.0 }
 }
 
-/// Names of the axes: the given ones; for metres the quantity and unit; none for degrees, whose ticks include it. The
-/// vertical name is omitted if the frame is too low for it.
+/// Names of the axes: the given names; for metres the quantity and unit; none for degrees, whose ticks include the
+/// unit. The vertical name is omitted if the frame is too low for the name.
 fn labels(picture: &MapPicture, height: f64) -> (Option<String>, Option<String>) {
     let named = |given: Option<&str>, axis: &str, range: (f64, f64)| match (given, picture.plane) {
         (Some(given), _) => Some(given.to_owned()).filter(|g| !g.trim().is_empty()),
@@ -131,7 +131,7 @@ pub fn ticks(picture: &MapPicture, window: &MapWindow, side: MapAxis, length: f6
         }
         AxisQuantity::Metres => ticks::linear(range.0, range.1, most),
     };
-    // Space for a label, the widest one if they are in one row, and a gap.
+    // Space for a label and a gap; the widest label if all labels are in one row.
     let label = match side {
         MapAxis::Up => TICK,
         MapAxis::Across => made(8).iter().map(|t| text_width(&t.label, TICK)).fold(20.0, f64::max),
@@ -140,7 +140,7 @@ pub fn ticks(picture: &MapPicture, window: &MapWindow, side: MapAxis, length: f6
     made(((length / (label + 1.6 * TICK)) as usize).clamp(few, 8))
 }
 
-/// Degrees with the letter of their side instead of a sign, wrapped to a full turn.
+/// Degrees with N, S, E or W instead of a sign; longitudes are wrapped to a full turn.
 fn degrees(range: (f64, f64), most: usize, side: MapAxis) -> Vec<AxisTick> {
     let ticks = ticks::linear(range.0, range.1, most);
     let label = |tick: AxisTick| {

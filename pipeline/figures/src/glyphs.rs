@@ -75,7 +75,7 @@ fn cubic(t: f32) -> [f32; 4] {
     [0.5 * (-t3 + 2.0 * t2 - t), 0.5 * (3.0 * t3 - 5.0 * t2 + 2.0), 0.5 * (-3.0 * t3 + 4.0 * t2 + t), 0.5 * (t3 - t2)]
 }
 
-/// Blends ink into a pixel, whose colours are premultiplied by its opacity.
+/// Blends ink into a pixel, whose colours are premultiplied by the opacity.
 fn blend(pixmap: &mut Pixmap, x: i64, y: i64, cover: f32) {
     if x < 0 || y < 0 || x >= i64::from(pixmap.width()) || y >= i64::from(pixmap.height()) {
         return;
@@ -161,7 +161,7 @@ fn font(letter: char) -> Option<[[f32; CELL.0]; CELL.1]> {
     Some(out)
 }
 
-/// Plus sign without its vertical stroke.
+/// Plus sign without the vertical stroke.
 fn minus() -> [[f32; CELL.0]; CELL.1] {
     let mut out = font('+').unwrap_or_default();
     for row in &mut out {

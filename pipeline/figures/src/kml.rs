@@ -40,7 +40,7 @@ pub struct EarthTrack<'a> {
     pub colour: Option<[u8; 3]>,
 }
 
-/// KML document and the pictures it refers to.
+/// KML document, and the pictures that it refers to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Kml {
     /// The document.
@@ -53,7 +53,7 @@ impl Kml {
     /// Document and pictures in one file.
     ///
     /// # Errors
-    /// Fails when they do not fit into a zip file.
+    /// Fails when the files do not fit into a zip file.
     pub fn kmz(&self) -> Result<Vec<u8>, Fault> {
         let zipped = || {
             let mut zip = ZipWriter::new(Cursor::new(vec![]));
@@ -240,7 +240,7 @@ pub(super) fn placemark(track: &EarthTrack, index: usize) -> Result<Markup, Faul
     })
 }
 
-/// Sample; `None` if it interrupts the track.
+/// Sample; `None` if the point interrupts the track.
 fn fix(track: &EarthTrack, k: usize) -> Option<TrackFix> {
     let at = |column: &[f64]| column.get(k).copied().filter(|v| v.is_finite());
     let time_s = match track.time_unix_s {

@@ -1,8 +1,8 @@
 //! Drawing: an anomaly map as a figure (PNG or SVG) and for Google Earth (KML or KMZ), a flight and its parts, and the
 //! charts of a report. The crate is independent of plans and stores.
 //!
-//! A figure is laid out once, as marks on a sheet of paper. Two painters draw the marks, one in pixels, one as SVG. A
-//! picture does not depend on a clock, a font of the system or the number of threads.
+//! A figure is laid out once, as marks on a sheet of paper. Two painters draw the marks, one painter in pixels, the
+//! other as SVG. A picture does not depend on a clock, a font of the system or the number of threads.
 
 mod bar;
 pub mod canvas;
@@ -79,7 +79,7 @@ pub struct MapPicture<'a> {
 /// Style of a drawn map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapStyle {
-    /// Width of the picture in pixels, 200 to 10,000. Above 800 pixels, the letters grow with it.
+    /// Width of the picture in pixels, 200 to 10,000. Above 800 pixels, the size of the letters grows with the width.
     pub width_px: usize,
     /// Its colours.
     pub palette: Palette,

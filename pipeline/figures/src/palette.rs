@@ -58,9 +58,9 @@ pub enum Palette {
     /// Dark blue to yellow with increasing lightness, readable without red or green.
     #[default]
     Viridis,
-    /// Rainbow of potential-field maps, without its false edges.
+    /// Rainbow of potential-field maps, without the false edges of a rainbow with uneven lightness.
     Turbo,
-    /// Blue over white to red: white is zero, and equal magnitudes are equally far from it.
+    /// Blue over white to red: white is zero, and colours of equal magnitude have equal distance from white.
     Diverging,
 }
 

@@ -8,7 +8,7 @@ pub enum PixelFormat {
     Rgb,
     /// Red, green, blue, opacity.
     Rgba,
-    /// Index to the colours, each with its opacity.
+    /// Table of the colours and their opacities; a pixel is an index into it.
     Indexed(Vec<[u8; 4]>),
 }
 

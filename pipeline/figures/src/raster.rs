@@ -13,8 +13,8 @@ use super::{
 /// Maximum number of pixels per side of a picture.
 const MOST: usize = 720;
 
-/// Number of colours of the scale, and of light levels for each. A picture has 256 colours, including one for unknown
-/// cells.
+/// Number of colours of the scale, and of light levels of each colour. A picture has 256 colours, including one for
+/// unknown cells.
 const COLOURS: usize = 42;
 const LIGHTS: usize = 6;
 /// Minimum and maximum light; level ground has 1.
@@ -48,7 +48,7 @@ struct PixelGrid {
     bounds: Bounds,
 }
 
-/// Part of `grid` within `bounds`; `None` if they share no known cell.
+/// Part of `grid` within `bounds`; `None` if picture and map share no known cell.
 ///
 /// # Errors
 /// Fails when the picture cannot be encoded.
@@ -90,7 +90,7 @@ impl PixelGrid {
     }
 }
 
-/// Nodes of one axis within `range`: the first, and one past the last.
+/// Nodes of one axis within `range`: index of the first node, and index of the last node plus 1.
 fn within(first: f64, step: f64, len: usize, range: (f64, f64)) -> (usize, usize) {
     let place = |x: f64| (x - first) / step;
     let low = (place(range.0) - 0.5).ceil().clamp(0.0, len as f64) as usize;

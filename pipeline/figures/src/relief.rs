@@ -61,7 +61,7 @@ fn slope(sheet: &DisplayGrid, node: usize, ground: f64) -> (f64, f64) {
     (east / ground, north)
 }
 
-/// Rise per step, from both neighbours or the known one.
+/// Rise per step, from both neighbours or from the only known neighbour.
 fn rise(before: Option<f64>, here: f64, after: Option<f64>) -> f64 {
     match (before, after) {
         (Some(a), Some(b)) => 0.5 * (b - a),
@@ -74,8 +74,8 @@ fn rise(before: Option<f64>, here: f64, after: Option<f64>) -> f64 {
 /// Number of prepared steps of a palette.
 const STEPS: usize = 1024;
 
-/// Colours of a palette in light and shade. Below 1, the light multiplies the lightness in Oklab and its chroma, so
-/// that the hue stays and shade looks like dimmer light. Above 1, it shifts the colour towards white.
+/// Colours of a palette in light and shade. Below 1, the light multiplies lightness and chroma in Oklab, so that the
+/// hue stays and shade looks like dimmer light. Above 1, it shifts the colour towards white.
 pub struct ShadedPalette {
     palette: Palette,
     steps: Vec<[f64; 3]>,
@@ -161,7 +161,7 @@ mod tests {
         for light in lit(6, 5, |x, _| -7.0 * x, &shade) {
             assert!((light - exact).abs() < 1e-12, "{light} {exact}");
         }
-        // The slope faces away from the light and is steeper than its elevation: no light.
+        // The slope faces away from the light and is steeper than the elevation of the light, so it receives no light.
         assert!(lit(6, 5, |x, _| 7.0 * x, &shade).iter().all(|l| *l == 0.0));
         assert!(lit(6, 5, |_, _| 7.0, &shade).iter().all(|l| *l == 1.0));
     }

@@ -16,9 +16,9 @@ pub enum ColourMapping {
     /// By rank: each colour covers an equal share of the area, so that long tails do not dominate.
     #[default]
     Equalised,
-    /// Linear between two percentiles, 0 to 100; values beyond have the colours of the ends.
+    /// Linear between two percentiles, 0 to 100; values beyond them have the colours of the ends.
     Percentile(f64, f64),
-    /// Linear between two values; values beyond have the colours of the ends.
+    /// Linear between two values; values beyond them have the colours of the ends.
     Range(f64, f64),
 }
 
@@ -32,7 +32,7 @@ pub struct ColourScale {
     knots: Vec<(f64, f64)>,
     palette: Palette,
     equalised: bool,
-    /// Whether there are values below the first and above the last one.
+    /// Whether there are values below the first value and above the last value of the scale.
     pub beyond: (bool, bool),
 }
 
@@ -112,7 +112,7 @@ impl ColourScale {
         (self.knots.first().map_or(0.0, |k| k.1), self.knots.last().map_or(1.0, |k| k.1))
     }
 
-    /// At most `most` values for labels of the colour bar: round ones of a linear scale, evenly spaced ones of an
+    /// At most `most` values for labels of the colour bar: round values of a linear scale, evenly spaced values of an
     /// equalised scale.
     pub fn ticks(&self, most: usize) -> Vec<AxisTick> {
         if !self.equalised {
@@ -144,7 +144,7 @@ fn even(low: f64, high: f64, palette: Palette) -> Vec<(f64, f64)> {
     if high - low > 1e-12 * largest {
         return vec![(low, 0.0), (high, 1.0)];
     }
-    // A map of one value gets a scale around it, so that it has a colour and a label.
+    // The scale of a map with one value surrounds this value, so that the value has a colour and a label.
     let around = if low == 0.0 { 1.0 } else { 1e-3 * low.abs() };
     vec![(low - around, 0.0), (low + around, 1.0)]
 }
@@ -189,7 +189,7 @@ fn ranks(sorted: &[f64]) -> Vec<(f64, f64)> {
     if let [(only, _)] = knots[..] { even(only, only, Palette::Viridis) } else { knots }
 }
 
-/// Linear interpolation in `knots`, constant beyond its ends.
+/// Linear interpolation in `knots`, constant beyond the first and the last knot.
 fn follow(knots: &[(f64, f64)], at: f64, sides: impl Fn(&(f64, f64)) -> (f64, f64)) -> f64 {
     let next = knots.partition_point(|k| sides(k).0 <= at);
     let before = next.checked_sub(1).and_then(|k| knots.get(k)).map(&sides);
@@ -216,7 +216,7 @@ mod tests {
         let scale = ColourScale::new(&values, ColourMapping::Equalised, Palette::Turbo).unwrap();
         let mut counts = [0; 10];
         values.iter().filter(|v| v.is_finite()).for_each(|v| counts[((scale.part(*v) * 10.0) as usize).min(9)] += 1);
-        // 2000 values in ten parts: the knots may move one or two values across an edge.
+        // 2000 values in ten parts: because of the knots, one or two values may be in an adjacent part.
         assert!(counts.iter().all(|n| (197..=203).contains(n)), "{counts:?}");
     }
 
@@ -278,7 +278,8 @@ mod tests {
 
     #[test]
     fn unit_plateaus_are_mapped_and_wrong_ends_rejected() {
-        // Nine tenths are zeros: their colour is the middle of their range, and the scale still ascends.
+        // Nine tenths of the values are zeros. Their colour is at the middle of their ranks, and the scale still
+        // ascends.
         let values: Vec<f64> = (0..100).map(|k| if k < 90 { 0.0 } else { f64::from(k) }).collect();
         let made = ColourScale::new(&values, ColourMapping::Equalised, Palette::Viridis).unwrap();
         assert!(made.knots.windows(2).all(|w| w[0].0 < w[1].0 && w[0].1 < w[1].1));

@@ -32,7 +32,7 @@ impl Rect {
         vec![(self.x, self.y), (self.right(), self.y), (self.right(), self.bottom()), (self.x, self.bottom())]
     }
 
-    /// Whether a position is in it or on its edge.
+    /// Whether a position is within the rectangle or on its edge.
     pub fn holds(&self, (x, y): PaperPoint) -> bool {
         (self.x..=self.right()).contains(&x) && (self.y..=self.bottom()).contains(&y)
     }
@@ -184,7 +184,7 @@ pub struct FigureScene {
     pub marks: Vec<SceneMark>,
 }
 
-/// Width of a letter of size 1: that of the pixel painter, slightly more than that of most viewers' fonts.
+/// Width of a letter of size 1: as in the pixel painter, which is slightly more than in the fonts of most viewers.
 const LETTER: f64 = 7.0 / 12.0;
 
 /// Width of a line of text.
@@ -217,7 +217,7 @@ pub fn wrapped(text: &str, size: f64, width: f64, most: usize) -> Vec<String> {
     lines
 }
 
-/// Cuts `text` to `width`, with an ellipsis if it is longer.
+/// Cuts `text` to `width`, with an ellipsis if the text is longer.
 pub fn shortened(text: &str, size: f64, width: f64) -> String {
     let letters = ((width / (LETTER * size)) as usize).max(4);
     if text.chars().count() <= letters {

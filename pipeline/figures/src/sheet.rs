@@ -1,4 +1,5 @@
-//! Values of a map at the pixels of a picture: cells smaller than a pixel are averaged by area, larger ones enlarged.
+//! Values of a map at the pixels of a picture: cells smaller than a pixel are averaged by area, and larger cells are
+//! enlarged.
 
 use numerics::maps::plane_grid::EvenAxis;
 
@@ -39,7 +40,8 @@ struct NodeWeights {
 }
 
 /// Values of `window` for a picture of `size` pixels (width, height). Along an axis with more than one node per pixel
-/// the nodes are averaged, weighted by the area of their cells within the pixel. Along other axes they are unchanged.
+/// the nodes are averaged, weighted by the area of their cells within the pixel. Along other axes the nodes are
+/// unchanged.
 pub fn sheet(picture: &MapPicture, window: &MapWindow, size: (usize, usize)) -> DisplayGrid {
     let (x, across) = shares(&picture.x, window.x, size.0);
     let (y, up) = shares(&picture.y, window.y, size.1);
@@ -65,7 +67,7 @@ fn add(row: &[f64], across: &[NodeWeights], weight: f64, sums: &mut [(f64, f64)]
     }
 }
 
-/// Axis of a sheet, and the map nodes averaged at each of its nodes.
+/// Axis of a sheet, and the nodes of the map that are averaged at each node of the sheet.
 fn shares(axis: &EvenAxis, range: (f64, f64), pixels: usize) -> (EvenAxis, Vec<NodeWeights>) {
     let place = |x: f64| (axis.node(x) + 0.5).clamp(0.0, axis.len as f64);
     let (from, to) = (place(range.0), place(range.1));
@@ -76,7 +78,7 @@ fn shares(axis: &EvenAxis, range: (f64, f64), pixels: usize) -> (EvenAxis, Vec<N
         let pixel = |k: usize| covered(from + per_pixel * k as f64, from + per_pixel * (k + 1) as f64, axis.len);
         return (sheet, (0..pixels).map(pixel).collect());
     }
-    // One extra node on either side, for interpolation.
+    // One additional node on each side, for interpolation.
     let first = (from.floor() as usize).saturating_sub(1).min(axis.len - 1);
     let last = (to.ceil() as usize).clamp(first, axis.len - 1);
     let sheet = EvenAxis { first: axis.at(first as f64), step: axis.step, len: last - first + 1 };

@@ -168,7 +168,7 @@ fn unit_png_contains_the_map_in_its_frame() {
         let k = 3 * (y as usize * w + x as usize);
         [pixels[k], pixels[k + 1], pixels[k + 2]]
     };
-    // Two pixels inside the frame's line, the corners have the colours of the outer nodes.
+    // At a distance of two pixels inside the line of the frame, the corners have the colours of the outer nodes.
     let corners = [
         (at(rect.x + 2.0, rect.bottom() - 3.0), 0.0),
         (at(rect.right() - 3.0, rect.bottom() - 3.0), 1.0 / 3.0),

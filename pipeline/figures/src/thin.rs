@@ -30,7 +30,7 @@ pub fn to_stretch<const N: usize>(a: &[f64; N], b: &[f64; N], point: &[f64; N]) 
     dot(&rest, &rest).sqrt()
 }
 
-/// Runs of `points` between missing ones.
+/// Runs of `points` between missing points.
 pub fn runs<T: Copy>(points: impl Iterator<Item = Option<T>>) -> Vec<Vec<T>> {
     let mut runs: Vec<Vec<T>> = vec![vec![]];
     for point in points {

@@ -1,6 +1,6 @@
 //! Round values on an axis, and their labels.
 
-/// Position on an axis and its label; minor ticks of a logarithmic axis have none.
+/// Position on an axis and its label; minor ticks of a logarithmic axis have no label.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisTick {
     /// The value.
@@ -41,7 +41,8 @@ pub fn fixed(x: f64, decimals: usize) -> String {
     }
 }
 
-/// Powers of ten within `low` to `high`, both positive; with fewer than three, also their multiples by 2 and 5.
+/// Powers of ten within `low` to `high`, both positive; if there are fewer than three powers, also their multiples by 2
+/// and 5.
 pub fn logarithmic(low: f64, high: f64) -> Vec<AxisTick> {
     if !(low > 0.0 && high > low && high.is_finite()) {
         return vec![];

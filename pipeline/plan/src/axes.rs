@@ -31,7 +31,7 @@ fn mentions_in<'a>(value: &'a Literal, found: &mut Vec<&'a str>) {
     }
 }
 
-/// The axes that a stage itself mentions, as positions in the spec.
+/// The axes in the declaration of a stage, as positions in the spec.
 ///
 /// # Errors
 /// Fails for a mention of an axis that the spec does not have.
@@ -53,7 +53,7 @@ pub fn mentioned(stage: &StageDecl, spec: &Spec) -> Result<Vec<usize>, Vec<Fault
             None => faults.push(Fault::new(format!("there is no axis `{name}`")).nearest(name, &known).at(at)),
         }
     }
-    // A trial sets all searched axes, so a stage that depends on one depends on all.
+    // A trial sets all searched axes, so a stage that depends on one searched axis depends on all.
     if axes.iter().any(|i| spec.searched.contains(i)) {
         axes.extend(spec.searched.clone());
     }

@@ -128,7 +128,7 @@ impl PlanBuilder<'_> {
             return None;
         }
         if inputs.iter().any(|name| self.broken.contains(name)) {
-            // Its own parameters are still checked.
+            // The parameters of the stage are still checked.
             self.parameters(decl, entry);
             return None;
         }

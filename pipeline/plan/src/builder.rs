@@ -14,7 +14,7 @@ use crate::{
     spec::Spec,
 };
 
-/// Maximum number of faults of a stage; after that its other points are not checked.
+/// Maximum number of faults of a stage; with more faults, the other points of the stage are not checked.
 pub const MOST_FAULTS: usize = 20;
 
 /// Use of a table of files by a stage.
@@ -43,13 +43,13 @@ pub struct PlanBuilder<'a> {
     pub map_shapes: [Arc<Table>; 2],
     /// Schema of each of `maps` as seen by stages.
     pub wholes: Vec<Arc<Table>>,
-    /// Tables of files already opened, by name and use; `None` if that failed.
+    /// Tables of files already opened, by name and use; `None` if a file could not be opened.
     pub sources: BTreeMap<(String, TableUse), Option<InputTarget>>,
     pub tables: Vec<TableNode>,
     /// Faulty stages; their dependents are not checked.
     pub broken: Vec<String>,
     pub notes: Vec<String>,
-    /// Parsed predicates, by text and visible columns: most points of a sweep share one.
+    /// Parsed predicates, by text and visible columns: most points of a sweep share one predicate.
     pub predicates: HashMap<(String, Option<*const Table>), Arc<Predicate>>,
 }
 

@@ -1,4 +1,4 @@
-//! `carry` and `keep`: columns of a table of flight lines that are written in addition to the computed ones.
+//! `carry` and `keep`: columns of a table of flight lines that are written in addition to the computed columns.
 
 use std::{collections::HashSet, sync::Arc};
 

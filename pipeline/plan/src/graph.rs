@@ -55,7 +55,7 @@ pub struct PlanGraph<'a> {
 pub struct PlanUnit {
     /// The table.
     pub table: usize,
-    /// Its point.
+    /// Point of the table's stage.
     pub instance: usize,
     /// The line; `None` for a stage of a whole survey or of maps.
     pub line: Option<LineId>,
@@ -64,9 +64,9 @@ pub struct PlanUnit {
 /// Location of the values of a column: a stage and the column's name there.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct ColumnLocation {
-    /// The stage that made it.
+    /// The stage that made the column.
     pub made_by: TableRef,
-    /// Its name there.
+    /// Name of the column in that stage.
     pub column: String,
 }
 
@@ -254,7 +254,7 @@ impl<'a> PlanGraph<'a> {
     /// The map `r` on its native grid, from a file or a stage.
     ///
     /// # Errors
-    /// Fails when it is not in the store, or is not a map.
+    /// Fails when `r` is not in the store, or is not a map.
     pub fn map(&self, store: &Store, r: TableRef) -> Result<RecordBatch, Fault> {
         let key = self.whole(r)?;
         match r {

@@ -1,4 +1,4 @@
-//! The points of a sweep as numbers: a table of a million points is planned without listing them.
+//! The points of a sweep as index numbers, so that a table of a million points is planned without a list of points.
 
 use std::{collections::BTreeMap, ops::Range};
 
@@ -18,13 +18,13 @@ pub struct SweepGrid {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct SweepGridSide {
-    /// The axis, as a position in the spec; the first one of axes that are searched together.
+    /// The axis, as a position in the spec; the first axis of several that are searched together.
     axis: usize,
     /// Number of axes that are searched together, starting with this one.
     together: usize,
-    /// The number of its values.
+    /// The number of the axis values.
     length: usize,
-    /// The stride of its values.
+    /// The stride of the axis values in the index.
     stride: usize,
 }
 
@@ -55,7 +55,7 @@ impl SweepGrid {
     }
 
     /// The number of points, saturating.
-    #[allow(clippy::len_without_is_empty)] // It has at least one.
+    #[allow(clippy::len_without_is_empty)] // A grid has at least one point.
     pub fn len(&self) -> usize {
         self.len
     }
@@ -91,7 +91,7 @@ impl SweepGrid {
     }
 
     /// Points that differ from the point `i` in the axis `axis` alone, including `i`. For axes that are searched
-    /// together, the first represents all, and the others have no further points.
+    /// together, the first axis represents all, and the other axes have no further points.
     pub fn along(&self, i: usize, axis: usize) -> impl Iterator<Item = usize> + '_ {
         let side = self.sides.iter().copied().find(move |s| s.axis == axis);
         let (length, stride) = side.map_or((1, 0), |s| (s.length, s.stride));

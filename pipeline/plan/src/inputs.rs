@@ -18,7 +18,7 @@ use crate::{
     spec::{SourceDecl, StageDecl},
 };
 
-/// The maximum number of names that one text can expand to.
+/// The maximum number of names that the axes of one text can give.
 const MOST_NAMES: usize = 1_000_000;
 
 impl PlanBuilder<'_> {

@@ -36,7 +36,7 @@ impl ColumnNames {
     }
 }
 
-/// The properties of a table that its keys need.
+/// The properties of a table that determine its keys.
 pub(super) struct NodeKeys {
     pub(super) variants: Vec<VariantKeys>,
     /// The columns that it makes at any point.
@@ -45,7 +45,7 @@ pub(super) struct NodeKeys {
     to_data: SweepPointMap,
     /// Maximum number of lines of a point; 1 for a survey stage.
     width: u64,
-    /// First cache numbers of units, of their data and of their columns.
+    /// First numbers, in the cache, of the keys of units, of their data, and of their columns.
     units: u64,
     data_units: Option<u64>,
     columns: u64,
@@ -254,7 +254,7 @@ impl PlanGraph<'_> {
     /// The key of one column of one line.
     ///
     /// # Errors
-    /// Fails when the line lacks it or one of its inputs.
+    /// Fails when the line lacks the column or an input of the column.
     pub fn column(&self, r: TableRef, line: LineId, name: &str) -> Result<HashKey, Fault> {
         match (self.names.known.get(name), self.bottom(r)) {
             (Some(number), _) => self.column_of(r, line, *number),
@@ -387,7 +387,7 @@ fn lacks(record: &LineRecord, name: &str) -> Fault {
     Fault::data(format!("the line has no column `{name}`")).in_line(&record.flight, &record.line)
 }
 
-/// Appends a part to the hashed bytes, prefixed by its length.
+/// Appends a part to the hashed bytes, prefixed by the length of the part.
 fn word(text: &mut Vec<u8>, word: &str) {
     text.extend((word.len() as u32).to_le_bytes());
     text.extend(word.as_bytes());

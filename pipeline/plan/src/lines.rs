@@ -40,7 +40,7 @@ impl LineSets {
         self.of[t].grid()
     }
 
-    /// The different sets of lines of the table `t`, each with the number of points that have it.
+    /// The different sets of lines of the table `t`, each with the number of points that use the set.
     pub fn each(&self, t: usize, points: usize) -> impl Iterator<Item = (&[LineId], usize)> {
         let of = &self.of[t];
         let times = points / of.grid().len().max(1);
@@ -50,7 +50,7 @@ impl LineSets {
     /// Determines the lines of each table in turn, from the lines of the tables of flights.
     ///
     /// # Errors
-    /// Fails for a `where` that selects nothing, with the table it belongs to.
+    /// Fails for a `where` that selects nothing, and names the table of the `where`.
     pub fn new(plan: &Plan, flights: Vec<Vec<LineId>>, lines: &[(String, String)]) -> Result<LineSets, (usize, Fault)> {
         let mut all = LineSets::default();
         let flights: Vec<u32> = flights.into_iter().map(|set| all.add(set)).collect();

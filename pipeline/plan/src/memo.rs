@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use schemas::keys::HashKey;
 
-/// The maximum number of cached keys: 100 MB of them.
+/// The maximum number of cached keys: they occupy 100 MB.
 const MOST: u64 = 1 << 22;
 /// Number of shards, large enough that threads rarely wait for each other.
 const SHARDS: u64 = 64;
@@ -30,7 +30,7 @@ impl KeyCache {
         (&self.shards[(number % SHARDS) as usize], (number / SHARDS % self.room) as usize)
     }
 
-    /// The key of `number`, if it is cached.
+    /// The key of `number`, if the key is cached.
     pub fn get(&self, number: u64) -> Option<HashKey> {
         let (shard, at) = self.place(number);
         let keys = shard.lock().ok()?;
@@ -43,7 +43,7 @@ impl KeyCache {
         let (shard, at) = self.place(number);
         let Ok(mut keys) = shard.lock() else { return };
         if keys.is_empty() {
-            // Zeros of the operating system: no memory before they are written to.
+            // Zeros from the operating system, which occupy no memory until they are written.
             *keys = vec![[0; 3]; self.room as usize];
         }
         let [low, high] = key.words();
@@ -64,7 +64,7 @@ mod tests {
         let known = (0..1000).filter(|n| memo.get(*n).is_some()).count();
         assert!((100..=128).contains(&known), "{known}");
         assert!((0..1000).all(|n| memo.get(n).is_none_or(|k| k == key(n))));
-        // The last ones are cached.
+        // The last keys are cached.
         assert!((900..1000).all(|n| memo.get(n) == Some(key(n))));
     }
 }

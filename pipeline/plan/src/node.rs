@@ -26,13 +26,14 @@ pub struct TableNode {
     pub decl: usize,
     /// The stage.
     pub entry: StageEntry,
-    /// The axes it depends on, as positions in the spec.
+    /// The axes that the table depends on, as positions in the spec.
     pub axes: Vec<usize>,
-    /// Its distinct inputs and outputs, in order of first appearance; points share an entry where they are equal.
+    /// Its distinct inputs and outputs, in order of first appearance; points with equal inputs and outputs share an
+    /// entry.
     pub variants: Vec<StageVariant>,
     /// Columns that pass through the stage and are also written to its published table.
     pub carry: Vec<String>,
-    /// Whether its results are stored; otherwise they are recomputed on demand.
+    /// Whether its results are stored; otherwise the results are recomputed on demand.
     pub keep: bool,
     pub(super) grid: SweepGrid,
     pub(super) slots: Vec<InputSlot>,
@@ -96,7 +97,7 @@ impl TableNode {
         self.grid.len()
     }
 
-    /// Whether it has no points; a table has at least one.
+    /// Whether the table has no points; always false, because a table has at least one point.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -121,7 +122,7 @@ impl TableNode {
         self.slots.iter().flat_map(move |s| s.targets.at(i).iter().map(move |t| (s.kind, t.at(i))))
     }
 
-    /// Its input tables over all points, each once; a stage's table at its first point.
+    /// Its input tables over all points, without duplicates; the table of a stage at its first point.
     pub fn sources(&self) -> Vec<TableRef> {
         let mut found = vec![];
         for target in self.slots.iter().flat_map(|s| s.targets.values()).flat_map(|t| t.iter()) {
@@ -178,16 +179,16 @@ impl TableNode {
     }
 }
 
-/// A stage at one point of the sweep. It is made on demand and costs nothing to copy.
+/// A stage at one point of the sweep. The value is made on demand, and copies are cheap.
 #[derive(Clone, Copy)]
 pub struct StageInstance<'p> {
     /// The plan it belongs to.
     pub plan: &'p Plan,
-    /// Its table.
+    /// The table of the stage.
     pub node: &'p TableNode,
     /// The point, counted with the last axis running fastest.
     pub index: usize,
-    /// Its inputs and outputs there.
+    /// Inputs and outputs at this point.
     pub variant: &'p StageVariant,
 }
 

@@ -69,7 +69,7 @@ impl Predicate {
         Ok(Predicate { lines, rows, columns, canonical })
     }
 
-    /// Whether it selects whole lines only.
+    /// Whether the predicate selects whole lines only.
     pub fn is_of_lines(&self) -> bool {
         self.rows.is_none()
     }

@@ -174,7 +174,7 @@ impl RecordedPlan {
     /// The record `key` of `store`.
     ///
     /// # Errors
-    /// Fails when it is not there, damaged, or of another version.
+    /// Fails when the record is missing, damaged, or of another version.
     pub fn find(store: &Store, key: HashKey) -> Result<RecordedPlan, Fault> {
         let recorded: RecordedPlan = serde_json::from_slice(&store.plan(key)?)
             .map_err(|e| Fault::new(format!("the plan {key} was made by another version of magline: {e}")))?;
@@ -254,7 +254,7 @@ impl RecordedPlan {
     /// Checks that the record has the map `name`.
     ///
     /// # Errors
-    /// Fails when it has no such map.
+    /// Fails when the record contains no such map.
     pub(super) fn has_map(&self, name: &str) -> Result<(), Fault> {
         self.maps.iter().any(|m| m.name == name && m.schema.is_none()).then_some(()).ok_or_else(|| lacking(name))
     }

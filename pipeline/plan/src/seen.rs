@@ -12,8 +12,8 @@ use stages::score::POOLED_IN_SAMPLE;
 use super::{LineId, PlanGraph, PlanUnit, TableNode, TableRef};
 
 impl TableNode {
-    /// Meaning of the column [`IN_SAMPLE`] of a published table; `None` for a table without it. Tables of line scores
-    /// and tables that pool them have this column.
+    /// Meaning of the column [`IN_SAMPLE`] of a published table; `None` for a table without this column. Tables of line
+    /// scores and tables that pool them have this column.
     pub fn in_sample_meaning(&self) -> Option<&'static str> {
         let meaning = match self.entry.grain {
             Grain::Line if self.entry.yields == TableKind::Scores => {
@@ -37,7 +37,7 @@ impl PlanGraph<'_> {
     }
 
     /// Whether `line` is in sample of the scores `r`, for a stage that reads their column [`IN_SAMPLE`]; `None` for a
-    /// table that lacks this column or makes it itself.
+    /// table that lacks this column or makes the column in its own stage.
     ///
     /// # Errors
     /// Fails when the goal of the search selects no line.
@@ -58,7 +58,7 @@ pub struct InSampleColumn<'a> {
 }
 
 impl<'a> InSampleColumn<'a> {
-    /// Creates the in-sample test of the table `t`; `None` if it has no such column.
+    /// Creates the in-sample test of the table `t`; `None` if the table has no such column.
     ///
     /// # Errors
     /// Fails when the goal of the search selects no line.
@@ -105,7 +105,7 @@ pub struct InSampleLines(Vec<Arc<BTreeSet<LineId>>>);
 
 impl InSampleLines {
     /// Collects the lines of every survey stage upstream of each point of the table `t`, such as fits and noises. If
-    /// the table depends on a search, it includes the lines of the goal.
+    /// the table depends on a search, the list includes the lines of the goal.
     ///
     /// # Errors
     /// Fails when the goal of the search selects no line.

@@ -22,7 +22,7 @@ use publish::{ProtectionKeys, PublishFacts};
 pub use search::{GoalDirection, SearchAxis, SearchSpec, SuccessiveHalving, TRIAL, reference as search_reference};
 use set::SetAssignment;
 
-/// Bytes of the spec; those of the `--set` assignments follow those of the file.
+/// Bytes of the spec; the bytes of the `--set` assignments follow the bytes of the file.
 pub type SpecSpan = Range<usize>;
 
 /// A parsed spec, not yet checked against the catalogue or the data.
@@ -48,7 +48,7 @@ pub struct Spec {
     pub tables: Vec<SourceDecl>,
     /// The axes of the sweep; searched axes are last.
     pub axes: Vec<SweepAxis>,
-    /// Positions of the searched axes. The i-th values of all of them form one trial.
+    /// Positions of the searched axes. The i-th values of all searched axes form one trial.
     pub searched: Range<usize>,
     /// Search of the spec.
     pub search: Option<SearchSpec>,
@@ -99,13 +99,13 @@ pub struct StageDecl {
     pub at: SpecSpan,
     /// The kind of stage, with position.
     pub stage: (String, SpecSpan),
-    /// Its `where`, if any.
+    /// The `where` of the stage, if set.
     pub predicate: Option<(String, SpecSpan)>,
     /// Whether its table is published; later stages can read it in any case.
     pub publish: bool,
     /// Columns that pass through it and are also written to its published table, each with position.
     pub carry: Vec<(String, SpecSpan)>,
-    /// Whether its results are stored, with position; otherwise they are recomputed on demand.
+    /// Whether its results are stored, with position; otherwise the results are recomputed on demand.
     pub keep: (bool, SpecSpan),
     /// Inputs and parameters, before axes are substituted.
     pub args: SpecEntries,
@@ -144,7 +144,7 @@ impl Spec {
     /// `stages.STAGE.PARAMETER`), `=` and a value. The value is TOML; other values are text.
     ///
     /// # Errors
-    /// Fails with all faults of its form, each with its position.
+    /// Fails with all faults of the spec's form, each with its position.
     pub fn parse(file: &str, folder: PathBuf, text: String, sets: &[String]) -> Result<Spec, SpecFaults> {
         let mut read = SpecParser::default();
         let spec = read.document(file, folder, &text, sets);
@@ -171,7 +171,7 @@ impl Spec {
         spec
     }
 
-    /// The axis `name`, if the spec has it.
+    /// The axis `name`, if the spec contains it.
     pub fn axis(&self, name: &str) -> Option<usize> {
         self.axes.iter().position(|a| a.name == name)
     }

@@ -35,7 +35,7 @@ fn planned(spec: Spec) -> Plan {
     Plan::new(spec, &catalogue()).unwrap_or_else(|f| panic!("{f}"))
 }
 
-/// Axes in a name of an input, in a `where`, in names of columns, in numbers, and in none of these.
+/// Stages with an axis in an input's name, in a `where`, in column names and in numbers, and one stage without an axis.
 const MIXED: &str = "
 [axes]
 from   = ['even', 'raw']
@@ -174,7 +174,7 @@ fn unit_equal_data_are_stored_once() {
     assert_eq!(plan.rests_on(terms).len(), 3);
 }
 
-/// A sweep over three axes of `side` values, each mentioned by one stage, and two stages that mention none.
+/// A sweep over three axes of `side` values, each mentioned by one stage, and two stages without an axis.
 fn cube(side: usize) -> String {
     let axis = |name: &str, from: f64| {
         let values: Vec<String> = (0..side).map(|i| format!("{:?}", from + i as f64 * 1e-3)).collect();
@@ -216,7 +216,7 @@ fn unit_a_million_points_are_counted_without_being_listed() {
             .map(|(n, x)| (n.to_owned(), value(x))),
     );
     assert_eq!(it.point(), point);
-    // Two points that differ have different keys, whichever axis they differ in.
+    // Two points with different values of any axis have different keys.
     let keys: HashSet<_> = [0, 1, 100, 10_000, 123_456, 999_999]
         .map(|instance| graph.key(PlanUnit { table: 4, instance, line: Some(0) }).unwrap().to_string())
         .into();

@@ -39,7 +39,7 @@ struct StageContext {
     predicate: Option<Arc<Predicate>>,
 }
 
-/// Contexts of a stage over the axes that they depend on.
+/// Contexts of a stage, indexed by the axes that the contexts depend on.
 struct StageContexts {
     grid: SweepGrid,
     at: Vec<u32>,
@@ -418,7 +418,7 @@ fn outcome(entry: &StageEntry, yields: &StageSchema, first: Option<&Table>) -> T
     }
 }
 
-/// A stage's fault, at the parameter it concerns.
+/// A fault of a stage, at the position of the faulty parameter.
 fn placed(fault: Fault, decl: &StageDecl) -> Fault {
     let given = fault.param.as_ref().and_then(|p| decl.args.get(p));
     let at = given.map_or(decl.at.clone(), |g| g.at.clone());

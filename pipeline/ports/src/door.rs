@@ -31,7 +31,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 const LOOKS_EVERY: Duration = Duration::from_millis(500);
 /// Pause after a failed accept, for example for lack of file descriptors.
 const AGAIN_AFTER: Duration = Duration::from_millis(50);
-/// Maximum number of unauthenticated connections, and of authenticated ones.
+/// Maximum number of unauthenticated connections, and of authenticated connections.
 const MOST_STRANGERS: usize = 128;
 const MOST_KNOWN: usize = 1024;
 /// Maximum number of connections that wait for a server.
@@ -88,7 +88,8 @@ impl ConnectionRegistry {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds an unauthenticated client. If there are too many, disconnects the oldest one of the address with the most.
+    /// Adds an unauthenticated client. If there are too many unauthenticated connections, disconnects the oldest
+    /// connection of the address with most connections.
     fn enter(self: &Arc<ConnectionRegistry>, address: IpAddr) -> (PortClient, oneshot::Receiver<()>) {
         let (out, evicted) = oneshot::channel();
         let mut entries = self.entries();
@@ -185,7 +186,7 @@ impl PortListener {
     /// Address of the port.
     ///
     /// # Errors
-    /// Fails when the system does not report it.
+    /// Fails when the system does not report the address.
     pub fn address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }
@@ -222,7 +223,7 @@ impl PortListener {
             let (send, encryption, by_handshake) = (send.clone(), encryption.clone(), self.by_handshake);
             tokio::spawn(async move {
                 if let Some(connection) = received(plain, encryption, guest, out, by_handshake).await {
-                    // A server that has ended accepts none.
+                    // A server that has ended accepts no connections.
                     let _ = send.send(connection).await;
                 }
             });
@@ -230,7 +231,7 @@ impl PortListener {
     }
 }
 
-/// Connection after its handshake; `None` if that fails or takes too long.
+/// Connection after its handshake; `None` if the handshake fails or takes too long.
 async fn received(
     plain: TcpStream,
     encryption: Option<TlsAcceptor>,

@@ -43,7 +43,7 @@ pub fn cryptography() -> Result<Arc<CryptoProvider>, Fault> {
 /// TLS configuration of a server with a certificate chain and its key, PEM.
 ///
 /// # Errors
-/// Fails when one of them is invalid.
+/// Fails when the chain or the key is invalid.
 pub fn encryption(certificates: &[u8], key: &[u8]) -> Result<Arc<ServerConfig>, Fault> {
     let wrong = |why: &dyn std::fmt::Display| {
         Fault::new(format!("the certificate or its key is invalid: {why}")).help("both must be PEM files")

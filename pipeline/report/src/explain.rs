@@ -85,7 +85,7 @@ fn searched(spec: &Spec, search: &SearchSpec) -> String {
     out
 }
 
-/// The values of an axis; of a long list, the first ones and the last.
+/// The values of an axis; of a long list, the first values and the last value.
 fn listed(values: &[Literal]) -> String {
     const SHOWN: usize = 40;
     let words: Vec<String> = values.iter().take(SHOWN).map(ToString::to_string).collect();

@@ -20,7 +20,7 @@ impl FitComponents {
     /// the number of components, or below 1 the fraction of the variance.
     ///
     /// # Errors
-    /// The same as [`PrincipalComponents::from_moments`].
+    /// Fails in the cases of [`PrincipalComponents::from_moments`].
     pub fn whitened(features: &RegressionMoments, names: Vec<String>, keep: f64) -> Result<Self, Fault> {
         let kept = if keep < 1.0 { ComponentCount::Variance(keep) } else { ComponentCount::Count(keep as usize) };
         let found =

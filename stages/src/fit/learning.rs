@@ -14,7 +14,7 @@ use super::{
     solve::{FitSolution, solved},
 };
 
-/// Maximum number of networks that are trained together. Each has its own rows of linear terms and target.
+/// Maximum number of networks that are trained together. Each network has its own rows of linear terms and target.
 const TEAM: usize = 4;
 
 impl FitAggregator {
@@ -116,7 +116,7 @@ impl FitAggregator {
         Some(NetworkInputs::from_samples(network.keys, samples, first.settings.whiten, None))
     }
 
-    /// Points of a group in order, grouped by the order in which they visit the samples.
+    /// Points of a group in order, grouped by the order in which the training visits the samples.
     fn teams(&self, group: &[usize]) -> Vec<Vec<usize>> {
         let mut teams: BTreeMap<Option<(usize, usize)>, Vec<usize>> = BTreeMap::new();
         for &place in group {

@@ -1,8 +1,8 @@
 //! Declarations of fit models.
 //!
 //! A model is one file with its declaration by [`model!`](crate::model!), its fit and its tests, and one line in
-//! [`MODELS`](super::MODELS). The struct of a model holds only its own keys, so it cannot depend on a key of another
-//! model.
+//! [`MODELS`](super::MODELS). The struct of a model holds only the keys of the model, so it cannot depend on a key of
+//! another model.
 
 use numerics::regression::least_squares::{LinearFit, ScaledFactor};
 use schemas::{ChoiceDoc, ChoiceKeys, ChoiceKind, Fault, ParamDoc, ParamReader, collect_doc};
@@ -20,9 +20,9 @@ use crate::trained::{LearnedModel, TermValue};
 pub struct FitModelDecl {
     /// Word after `model =`.
     pub name: &'static str,
-    /// Version, raised whenever its results change.
+    /// Version, raised whenever the results of the model change.
     pub version: u32,
-    /// Lines of its documentation: the quantity minimised, when to use it, source.
+    /// Lines of the model's documentation: the quantity minimised, when to use it, source.
     pub doc: &'static [&'static str],
     /// Default of `scaling`.
     pub scaling: Divisor,
@@ -36,9 +36,9 @@ pub struct FitModelDecl {
     pub takes: &'static [&'static str],
     /// Keys of the example of the stage with this model, one per line.
     pub example: &'static str,
-    /// Documentation of its own keys.
+    /// Documentation of the model's own keys.
     pub docs: fn() -> Vec<ParamDoc>,
-    /// Reads its own keys.
+    /// Reads the model's own keys.
     pub read: fn(&mut ParamReader) -> Option<ChoiceKeys<dyn FitModel>>,
 }
 
@@ -94,7 +94,7 @@ pub struct LearningResult {
     pub chosen: f64,
     /// Course of the training: further rows of the table, such as `epoch_training[3]`.
     pub curve: Vec<TermValue>,
-    /// Warning; empty if there is none.
+    /// Warning; empty if there is no warning.
     pub warning: String,
 }
 
@@ -136,7 +136,7 @@ pub trait FitModel: Send + Sync {
         self.network().map(|network| network.faults()).unwrap_or_default()
     }
 
-    /// Reason why one of its own keys has no effect. `None` if it has an effect.
+    /// Reason why a key of the model has no effect. `None` if the key has an effect.
     fn idle(&self, key: &str) -> Option<Fault> {
         self.network()?.keys.idle(key)
     }
@@ -157,7 +157,7 @@ pub trait FitModel: Send + Sync {
     }
 
     /// Returns whether the errors of its coefficients are computed. Otherwise [`ridge`](super::ridge()) returns NaN for
-    /// them.
+    /// the errors.
     fn wants_errors(&self) -> bool {
         self.is_ridge()
     }

@@ -42,7 +42,7 @@ pub struct FitProblem<'a> {
     /// Used lines, and for each unused line the reason.
     pub(super) lines: Vec<String>,
     pub(super) unused: String,
-    /// Matrix columns used. `None` for all.
+    /// Matrix columns used. `None` selects all.
     places: Option<Vec<usize>>,
     /// Moments of all lines together.
     pub merged: RegressionMoments,
@@ -155,7 +155,7 @@ impl<'a> FitProblem<'a> {
         }
     }
 
-    /// Cross-spectra of all lines, the target last. `None` if they were not requested.
+    /// Cross-spectra of all lines, the target last. `None` if cross-spectra were not requested.
     pub fn spectra(&self) -> Option<CrossSpectra> {
         if self.components.is_some() {
             return None;
@@ -325,7 +325,7 @@ impl<'a> FitProblem<'a> {
     }
 
     /// Total field and scale of the induced terms, from unfiltered rows. The induced terms add up to the field divided
-    /// by their scale. `None` if the target is not a total field, and for other terms.
+    /// by the scale of the terms. `None` if the target is not a total field, and for other terms.
     fn field(&self) -> Option<(f64, f64)> {
         // Without a filter the rows themselves are unfiltered.
         let unfiltered = self.unfiltered.as_ref().unwrap_or(&self.merged);

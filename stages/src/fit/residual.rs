@@ -2,7 +2,7 @@
 //!
 //! A fit on band-passed data has `residual_std` in its band only, but navigation errors come mostly from lower
 //! frequencies. Therefore, means of the unfiltered rows over about a second are kept, and some steps between
-//! neighbouring samples. The residual of any model is computed from them.
+//! neighbouring samples. The residual of any model is computed from these means and steps.
 
 use numerics::signal::noise::{BlockMeans, LineNoiseModel, noise};
 

@@ -40,7 +40,7 @@ params! {
     lambdas: Option<Vec<f64>>, unit "", absent "a grid computed from the features";
 }
 
-/// A model that is a ridge with another name and other columns.
+/// A ridge under another name and with other columns.
 pub trait RidgeModel: Send + Sync {
     /// Penalty of the model.
     fn penalty(&self) -> &RidgePenalty;
@@ -188,7 +188,7 @@ mod tests {
 
     /// Ratio of the scatter of the coefficients of many calibrations to their computed standard deviation: the root of
     /// the ratio of mean squares, because the mean of squared ratios follows Student's distribution. The noise of a
-    /// sample is `memory` times that of the previous sample, plus a new random number.
+    /// sample is `memory` times the noise of the previous sample, plus a new random number.
     fn scatter_over_claimed(memory: f64, keys: &[(String, schemas::Literal)]) -> f64 {
         let (calibrations, rows) = (120, 3000);
         let wave = |f: f64| sampled(0.0, 10.0, rows, move |t| (std::f64::consts::TAU * f * t).sin());

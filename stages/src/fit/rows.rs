@@ -24,13 +24,13 @@ use crate::{
     columns::{data, even_rate_hz, floats, matrix, sampling},
 };
 
-/// Number of unfiltered rows kept per line, evenly spaced. It suffices to recognise a total field.
+/// Number of unfiltered rows kept per line, evenly spaced. This number suffices to recognise a total field.
 const THINNED: usize = 500;
 /// Maximum number of columns for errors of coefficients, because the cost of cross-spectra grows with the square.
 pub const MOST_WITH_ERRORS: usize = 96;
 
-/// Dependence of a term on the sample rate, and the rate at which it was computed, Hz. `None` if it does not depend on
-/// the rate.
+/// Dependence of a term on the sample rate, and the rate at which the term was computed, Hz. `None` if the term does
+/// not depend on the rate.
 pub type TermRate = Option<(RateLaw, f64)>;
 
 /// Share of one line in a fit.
@@ -39,7 +39,7 @@ pub struct LineContribution {
     pub moments: RegressionMoments,
     /// Moments of some unfiltered rows.
     pub unfiltered: Option<RegressionMoments>,
-    /// Rows, if the model requires them.
+    /// Rows, if the model requires rows.
     pub rows: Option<FitRows>,
     /// Cross-spectra of these rows, the target last, if errors of coefficients are requested.
     pub spectra: Option<CrossSpectra>,
@@ -61,7 +61,7 @@ pub struct FitRows {
     pub rate_hz: f64,
 }
 
-/// Summary of the unfiltered rows of a line, and the questions that they belong to.
+/// Summary of the unfiltered rows of a line, and the questions that these rows belong to.
 pub struct WidebandContribution {
     pub asked: Vec<(DesignMatrixKey, TargetColumns)>,
     pub wide: WidebandSummary,
@@ -120,8 +120,8 @@ struct FitRequestGroup<'a> {
 impl FitLineSummary {
     /// Reduces a line to its shares. If the line lacks a column of a question, that question has no share.
     ///
-    /// Columns that several questions share are filtered once. The moments of each question are bit-identical to those
-    /// computed for it alone.
+    /// Columns that several questions share are filtered once. The moments of each question are bit-identical to the
+    /// moments computed for that question alone.
     ///
     /// # Errors
     /// If the line has no numeric column `tt`, or its times have no sample rate. A fault of a single question is stored
@@ -347,7 +347,7 @@ fn packed(runs: &[Range<usize>], trim: usize) -> (Vec<Range<usize>>, Vec<Range<u
     (whole, kept)
 }
 
-/// All features of a group without duplicates, and the position of each.
+/// All features of a group without duplicates, and the position of each feature in this list.
 fn features<'a>(
     blocks: &BTreeMap<&'a str, FeatureBlock>,
     group: &FitRequestGroup,

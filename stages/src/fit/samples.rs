@@ -41,7 +41,7 @@ impl LineSamples<'_> {
         [self.line(), self.flight.as_str(), self.name.as_str()].contains(&name)
     }
 
-    /// Columns of its rows, row-major.
+    /// Columns of the line's rows, row-major.
     pub fn columns(&self, at: &[usize], width: usize) -> Vec<f64> {
         let mut out = Vec::with_capacity(self.y.len() * at.len());
         self.add_columns(at, width, &mut out);
@@ -60,7 +60,7 @@ impl FitSamples<'_> {
     /// `names`.
     ///
     /// # Errors
-    /// If an entry is missing or chosen twice, or none is chosen.
+    /// If an entry is missing or chosen twice, or no entry is chosen.
     pub fn places(&self, names: Option<&Vec<String>>) -> Result<Vec<usize>, Fault> {
         match names {
             Some(names) => places(names, self.names),
@@ -125,7 +125,7 @@ impl FitSamples<'_> {
 pub struct PointMonitor<'a> {
     /// Work of all points.
     pub work: &'a dyn CheckpointMonitor,
-    /// Position of the point among them.
+    /// Position of the point among all points.
     pub point: usize,
 }
 

@@ -79,7 +79,7 @@ pub struct FitSettings {
 }
 
 impl FitSettings {
-    /// Returns whether both have the same scaling of columns.
+    /// Returns whether two settings have the same scaling of columns.
     pub fn same_scale(&self, other: &FitSettings) -> bool {
         (self.scaling, self.intercept) == (other.scaling, other.intercept)
     }

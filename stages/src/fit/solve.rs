@@ -47,7 +47,7 @@ pub struct FitSolution {
     pub rows: (usize, usize),
     /// Condition number of the scaled matrix. NaN for a nonlinear model.
     pub condition: f64,
-    /// Standard deviation of the residual of the target; both are filtered or both unfiltered.
+    /// Standard deviation of the residual of the target; both filtered or both unfiltered.
     pub residual_std: f64,
     /// Ridge parameter, number of components or epoch used.
     pub chosen: f64,
@@ -66,7 +66,7 @@ pub struct FitSolution {
 /// Linear model of one point.
 ///
 /// # Errors
-/// The same as [`FitModel::fit`](super::FitModel::fit). If the decomposition does not converge.
+/// Fails in the cases of [`FitModel::fit`](super::FitModel::fit), and if the decomposition does not converge.
 pub fn solve(problem: &mut FitProblem, point: &FitPoint) -> Result<FitSolution, Fault> {
     let (prepared, excited) = problem.prepared(&point.settings)?;
     let answer = point.model.fit(problem, &point.settings, &prepared)?;

@@ -89,7 +89,7 @@ impl Aiding {
         idle.then(|| Fault::new(format!("`{key}` has no effect without `gnss_lost_s`")))
     }
 
-    /// Columns that it makes.
+    /// Columns that the aiding appends.
     pub(super) fn columns(&self) -> Vec<Column> {
         let column = || Column::text(GNSS_UPDATE, "outcome of the GNSS position: used, rejected or none");
         self.gnss_lost_s.map(|_| column()).into_iter().collect()
@@ -202,7 +202,7 @@ mod tests {
             run("ins_only", &keys).numbers("sd_n")
         };
         let (dense, sparse) = (fixes("1.0"), fixes("50.0"));
-        // A fix every second or every 50 s, none between 100 and 200 s.
+        // GNSS positions every second or every 50 s, none between 100 and 200 s.
         let falls = |sd: &[f64]| (1..ROWS).filter(|row| sd[*row] < sd[row - 1] - 1e-3).collect::<Vec<_>>();
         assert!(falls(&sparse).iter().all(|row| row % 50 == 0) && falls(&sparse).contains(&50), "{:?}", falls(&sparse));
         assert!(falls(&sparse).iter().chain(&falls(&dense)).all(|row| !(100..200).contains(row)));

@@ -1,4 +1,4 @@
-//! The aircraft field as states of a filter: its terms, and the prior of their coefficients.
+//! The aircraft field as states of a filter: the terms of the field, and the prior of their coefficients.
 
 use std::borrow::Cow;
 
@@ -140,8 +140,8 @@ impl AircraftModelKeys {
         Ok(prior)
     }
 
-    /// Prior standard deviation of a coefficient without a calibration, by the family of its name: `x`, `xy`, `xy_dot`,
-    /// also after the prefix `TL_A_flux_a_` of `features`.
+    /// Prior standard deviation of an uncalibrated coefficient. It depends on the group of the coefficient's name: `x`,
+    /// `xy` or `xy_dot`, also after the prefix `TL_A_flux_a_` of `features`.
     fn cold_sigma_nt(&self, term: &str, sampling: &RateDependence) -> f64 {
         if let Some(sigma_nt) = self.heading_error_sigma_nt
             && HEADING.iter().any(|(name, _)| *name == term)
@@ -246,7 +246,8 @@ mod tests {
             let terms = ["zz_dot", "x"].map(str::to_owned).to_vec();
             CalibrationPrior { terms, values_nt: vec![300.0, 40.0], sigmas_nt: vec![5.0, 1.0], rate_hz }
         };
-        // A difference at 1 Hz is ten times the difference at 10 Hz, so its coefficient is a tenth.
+        // A difference at 1 Hz is ten times the difference at 10 Hz, so the coefficient at 1 Hz is a tenth of the
+        // coefficient at 10 Hz.
         let prior = model().prior(&terms(&NAMES, 1.0), &[of(Some(10.0))]).unwrap();
         assert_eq!((prior.mean[2], prior.mean[0]), (30.0, 40.0));
         let sigma = prior.sigma();
@@ -254,7 +255,7 @@ mod tests {
         let fault = model().prior(&terms(&NAMES, 1.0), &[of(None)]).unwrap_err();
         assert!(fault.what.contains("no `rate_hz`"), "{fault}");
         assert_eq!(fault.param.as_deref(), Some("model"));
-        // Terms that do not depend on the rate require none.
+        // Terms that do not depend on the rate require no rate.
         assert!(model().prior(&terms(&["x"], 1.0), &[of(None)]).is_ok());
         let per_second = AircraftTerms { sampling: RateDependence::default(), ..terms(&["zz_dot"], 1.0) };
         assert_eq!(model().prior(&per_second, &[]).unwrap().sigma(), [500.0], "a change per second has no rate");
@@ -265,8 +266,8 @@ mod tests {
         let several = [[30.0, 40.0], [34.0, 40.0], [32.0, 46.0]].map(calibration);
         let prior = model().prior(&terms(&NAMES, 10.0), &several).unwrap();
         assert_eq!(prior.mean[..2], [42.0, 32.0]);
-        // Variances of 12 and 4 nT². They are multiplied by 4/3 for the mean, by 3 because they are estimates, and by
-        // the factor.
+        // Variances of 12 and 4 nT². They are multiplied by 4/3 for the mean, by 3 because the variances are estimates,
+        // and by the factor.
         for (sigma, variance) in prior.sigma().iter().zip([12.0, 4.0]) {
             assert!((sigma.powi(2) / (variance * 4.0 * 4.0) - 1.0).abs() < 1e-12, "{sigma}");
         }

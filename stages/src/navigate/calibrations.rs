@@ -13,7 +13,7 @@ pub struct CalibrationPrior {
     pub terms: Vec<String>,
     /// Coefficients, in nT.
     pub values_nt: Vec<f64>,
-    /// Standard deviation of each, from the residual of the fit, in nT.
+    /// Standard deviation of each coefficient, in nT, from the residual of the fit.
     pub sigmas_nt: Vec<f64>,
     /// Sample rate of terms that are differences per sample, in Hz; `None` if the table lacks it.
     pub rate_hz: Option<f64>,

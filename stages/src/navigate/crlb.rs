@@ -18,7 +18,7 @@ use crate::columns::{array, data, floats, list};
 /// Column of the bound.
 pub(crate) const DRMS_BOUND: &str = "drms_bound";
 
-/// Truth columns that it reads in addition to the inputs of every filter.
+/// Truth columns that the bound requires in addition to the inputs of every filter.
 const TRUTH: [(&str, &str); 3] = [("lat", "deg"), ("lon", "deg"), ("alt", "m")];
 
 filter! {

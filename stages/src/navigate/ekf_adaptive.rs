@@ -1,4 +1,4 @@
-//! The extended Kalman filter that estimates its noise from its innovations.
+//! The extended Kalman filter that estimates the noise from the innovations.
 
 use arrow_array::ArrayRef;
 use numerics::navigation::{

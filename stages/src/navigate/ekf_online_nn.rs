@@ -163,7 +163,8 @@ impl NavigationFilter for EkfOnlineNn {
 }
 
 impl EkfOnlineNn {
-    /// Features of the line, row-major, with their names, at the rate of the model that gives the initial weights.
+    /// Features of the line, row-major, and their names. Differences have the rate of the model that gives the initial
+    /// weights.
     fn features<'a>(&self, flown: &'a FilterInput) -> Result<(Cow<'a, [f64]>, Vec<String>), Fault> {
         let (features, names) = matrix(flown.columns, &self.features)?;
         let Some(model) = flown.models.first() else { return Ok((Cow::Borrowed(features), names)) };
@@ -176,7 +177,8 @@ impl EkfOnlineNn {
         Ok((features.iter().zip(factors.iter().cycle()).map(|(x, factor)| x * factor).collect(), names))
     }
 
-    /// Trains the network. Returns it, its weights at the loss of GNSS, and the number of samples before the loss.
+    /// Trains the network. Returns the network, its weights at the loss of GNSS, and the number of samples before the
+    /// loss.
     fn train(
         &self,
         flown: &FilterInput,

@@ -143,7 +143,7 @@ impl NavigationFilter for EkfOnlineTl {
     }
 }
 
-/// Bias of a vector magnetometer, with the field and terms that it depends on.
+/// Bias of a vector magnetometer, with the field and terms that the bias depends on.
 struct VectorMagnetometerBias<'a> {
     field: BodyFieldColumns<'a>,
     terms: TermSelection,

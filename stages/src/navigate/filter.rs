@@ -35,8 +35,8 @@ use crate::columns::list;
 pub struct FilterInput<'a> {
     /// INS, one value per sample. Columns that the flight lacks are derived.
     pub ins: InsSeries<'a>,
-    /// Measured field in nT at each sample, minus the diurnal variation if it is removed; NaN if missing. It contains
-    /// the core field if and only if `core` is given. With several magnetometers it is their mean.
+    /// Measured field in nT at each sample, minus the diurnal variation if `remove_diurnal` is set; NaN if missing. It
+    /// contains the core field if and only if `core` is given. With several magnetometers, the value is their mean.
     pub measured_nt: Vec<f64>,
     /// Standard deviation of the white noise of each element of `measured_nt`, nT.
     pub sigma_nt: Vec<f64>,
@@ -92,7 +92,7 @@ pub struct FilterMagnetometer<'a> {
 /// The flight table that a filter is planned on.
 #[derive(Clone, Copy)]
 pub struct FilterFlight<'a> {
-    /// Its columns.
+    /// Columns of the measurement.
     pub shape: &'a TableShape,
     /// The magnetometers in `mag`.
     pub mags: &'a [String],
@@ -162,7 +162,7 @@ impl FilterInput<'_> {
     /// The map.
     ///
     /// # Errors
-    /// Without one.
+    /// If the input has no map.
     pub fn needed_map(&self) -> Result<&FieldMap, Fault> {
         self.map.ok_or_else(|| Fault::bug("a filter without a map needs one"))
     }
@@ -299,7 +299,7 @@ pub fn state_columns() -> Vec<Column> {
 /// Arrays of [`state_columns`], taken from a filter's output.
 ///
 /// # Errors
-/// If they do not make a list column.
+/// If the values do not make a list column.
 pub fn state_arrays(out: &mut NavigationOutput) -> Result<Vec<ArrayRef>, Fault> {
     // Moved out of the filter output, because the covariances of a long flight occupy half a gigabyte.
     let (x, p) = (std::mem::take(&mut out.x), std::mem::take(&mut out.p));
@@ -313,17 +313,17 @@ pub trait FilterGroups {
 }
 
 /// A filter with its keys. The columns, inputs and faults of its groups [`Aiding`] and [`AuxiliaryMeasurements`] are
-/// added to its own.
+/// added to those of the filter.
 pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
     /// Columns in addition to the track.
     fn columns(&self, _flight: &FilterFlight) -> Vec<Column> {
         vec![]
     }
 
-    /// Columns that it reads in addition to the INS and `mag`.
+    /// Columns that the filter reads in addition to the INS and `mag`.
     ///
     /// # Errors
-    /// When the flight lacks one or has it in another unit.
+    /// When the flight lacks a column or has it in another unit.
     fn reads(&self, _flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         Ok(vec![])
     }
@@ -338,7 +338,7 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
         self.groups().into_iter().find_map(|group| group.downcast_ref())
     }
 
-    /// Whether it has an innovation gate.
+    /// Whether the filter has an innovation gate.
     fn gates(&self) -> bool {
         false
     }
@@ -348,37 +348,37 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
         1.0
     }
 
-    /// Whether it processes each magnetometer separately instead of their mean.
+    /// Whether the filter processes each magnetometer separately instead of their mean.
     fn each_magnetometer(&self) -> bool {
         false
     }
 
-    /// Whether it uses the measured field.
+    /// Whether the filter uses the measured field.
     fn takes_field(&self) -> bool {
         self.further().is_none_or(|further| further.use_scalar)
     }
 
-    /// Whether it requires a map.
+    /// Whether the filter requires a map.
     fn needs_map(&self) -> bool {
         true
     }
 
-    /// Whether it uses a map.
+    /// Whether the filter uses a map.
     fn takes_map(&self) -> bool {
         self.needs_map()
     }
 
-    /// Whether it uses calibrations, the tables of `fit`.
+    /// Whether the filter uses calibrations, the tables of `fit`.
     fn takes_models(&self) -> bool {
         false
     }
 
-    /// Whether it requires the direction of the field in the sensor, `vector`.
+    /// Whether the filter requires the direction of the field in the sensor, `vector`.
     fn takes_direction(&self) -> bool {
         self.further().is_some_and(AuxiliaryMeasurements::takes_direction)
     }
 
-    /// Fault of a key that has no effect with the other keys; `None` if it has an effect.
+    /// Fault of a key that has no effect with the other keys; `None` if the key has an effect.
     fn idle(&self, _key: &str) -> Option<Fault> {
         None
     }
@@ -416,9 +416,9 @@ pub struct FilterDecl {
     pub doc: &'static [&'static str],
     /// Keys for the example of the stage with this filter, one per line.
     pub example: &'static str,
-    /// Documentation of its keys.
+    /// Documentation of the filter's keys.
     pub docs: fn() -> Vec<ParamDoc>,
-    /// Reads its keys.
+    /// Reads the filter's keys.
     pub read: fn(&mut ParamReader) -> Option<ChoiceKeys<dyn NavigationFilter>>,
     /// See [`NavigationFilter::navigate_points`]; all points have a filter of this type.
     pub navigate_points: fn(&[FilterPoint]) -> Vec<Result<FilterTrack, Fault>>,

@@ -9,13 +9,13 @@ choice! {
     /// Directions in which the signal of an optically pumped magnetometer vanishes.
     #[derive(Default)]
     pub enum DeadZones {
-        /// None, or unknown.
+        /// No direction, or an unknown direction.
         #[default]
         None = "none",
-        /// Along its axis: the amplitude is proportional to |sin θ|.
+        /// Along the axis of the sensor: the amplitude is proportional to |sin θ|.
         Polar = "polar",
-        /// Along and across its axis: the amplitude of a self-oscillating sensor is proportional to |sin 2θ| [Bloom
-        /// 1962].
+        /// Along and across the axis of the sensor: the amplitude of a self-oscillating sensor is proportional to |sin
+        /// 2θ| [Bloom 1962].
         PolarAndEquatorial = "polar_and_equatorial",
     }
 }

@@ -58,7 +58,7 @@ impl<'a> InsColumns<'a> {
         Ok(Self { tt_s, position: position.map(Cow::Borrowed), velocity, force, attitude })
     }
 
-    /// Corrects the INS by a fix at a row near its start.
+    /// Corrects the INS by a position and velocity fix at a row near the start of the line.
     pub(super) fn corrected(self, fix: &StartFix, row: usize) -> Self {
         let series = self.series();
         let rest = series.from(row);

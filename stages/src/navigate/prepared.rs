@@ -15,7 +15,7 @@ pub struct NavigationResources {
     pub(super) models: Vec<CalibrationPrior>,
 }
 
-/// A map that is continued to the heights of the lines. Each level is computed once while it is cached.
+/// A map that is continued to the heights of the lines. A cached level is not computed again.
 pub(super) struct NavigationMaps {
     table: RecordBatch,
     interpolation: MapInterpolation,
@@ -46,10 +46,10 @@ struct MapHeightLevels {
 
 /// Height difference from the map's own height, in cells, below which the map is not continued.
 const SAME_HEIGHT: f64 = 0.05;
-/// Distance of two levels, in cells.
+/// Vertical distance between two levels, in cells of the map.
 const SPACING: f64 = 0.25;
-/// Maximum downward continuation, in cells. It multiplies the amplitude of the shortest wavelength of the map by e^(pi
-/// x cells).
+/// Maximum downward continuation, in cells. Downward continuation over this distance multiplies the amplitude of the
+/// shortest wavelength of the map by e^(pi x cells).
 const DOWNWARD: f64 = 1.0;
 /// Maximum number of cached maps. Without a limit, lines at many heights would fill the memory.
 const MOST_KEPT: usize = 8;
@@ -57,8 +57,8 @@ const MOST_KEPT: usize = 8;
 const MOST_LEVELS: f64 = 24.0;
 
 impl MapHeightLevels {
-    /// Levels for a line between two heights, m. There are none if the map's own height is close enough, and one for
-    /// level flight.
+    /// Levels for a line between two heights, m. There are no levels if the map's own height is close enough, and there
+    /// is one level for level flight.
     fn levels_m(&self, low_m: f64, high_m: f64) -> Option<Vec<f64>> {
         let Self { own_m, cell_m } = *self;
         let near = SAME_HEIGHT * cell_m;

@@ -18,12 +18,12 @@ choice! {
     /// Source of the initial estimate of a filter.
     pub enum StartSource {
         /// `given` if an initial position, height or velocity key is set; otherwise `alignment` if the flight has the
-        /// column `ins_aligned`; otherwise `fix` if it has the columns of `fix`. Other flights are rejected.
+        /// column `ins_aligned`; otherwise `fix` if the flight has the columns of `fix`. Other flights are rejected.
         Auto = "auto",
         /// A position and velocity fix corrects the INS at the first sample of the line.
         Fix = "fix",
-        /// The initial standard deviations apply at the alignment, at the time in the column `ins_aligned`. Their
-        /// covariance is propagated to the first sample of the line, assuming straight and level flight.
+        /// The initial standard deviations apply at the alignment, at the time in the column `ins_aligned`. The
+        /// covariance of the fix is propagated to the first sample of the line, assuming straight and level flight.
         Alignment = "alignment",
         /// The initial standard deviations apply at the first sample of the line.
         Given = "given",
@@ -54,7 +54,7 @@ params! {
 /// Column with the time of the last alignment of the INS.
 pub(super) const ALIGNED: &str = "ins_aligned";
 const VELOCITY: [&str; 3] = ["vn", "ve", "vd"];
-/// Longest time from the start of a line to its fix, in s.
+/// Longest time from the start of a line to the position and velocity fix of the line, in s.
 const FIX_WITHIN_S: f64 = 2.0;
 /// Longest time from an alignment to a line, in s.
 const LONGEST_AGE_S: f64 = 2.0 * 86_400.0;

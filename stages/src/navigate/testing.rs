@@ -52,7 +52,7 @@ pub(super) fn map() -> RecordBatch {
 /// Ten minutes northward at 55 m/s, one sample per second. The INS has errors of 10 m and 0.15 m/s north, and of 0.2
 /// m/s east. `mag_1_c` and `mag_2_c` are the field and noise of 1 nT; the second has a gap. `mag_1_uc` also contains
 /// the aircraft field, which is linear in the direction of the vector `flux_d`: 40 along nose, -25 right, 30 down, and
-/// 12 nT. `tl` holds its terms, `attitude` two features of the direction.
+/// 12 nT. `tl` holds the terms of the aircraft field, `attitude` two features of the field direction.
 pub(super) fn flight() -> RecordBatch {
     let t: Vec<f64> = (0..ROWS).map(|k| k as f64).collect();
     let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { t.iter().map(|t| f(*t)).collect() };

@@ -98,7 +98,7 @@ fn unit_a_core_field_without_a_date_is_rejected_with_remedies() {
     };
     assert!(!reads_date(&of_spec, &undated) && !reads_date(&without, &undated));
     assert!(reads_date(&of_flight, &dated) && !reads_date(&of_spec, &dated) && !reads_date(&without, &dated));
-    // Day 184 of a leap year begins at mid-year; the first sample has no day.
+    // Day 184 of a leap year begins at mid-year; the first sample has no value in `doy`.
     let line = batch(&[("tt", &[0.0, 0.0]), ("year", &[2020.0, 2020.0]), ("doy", &[f64::NAN, 184.0])]);
     assert_eq!(of_flight.core_year(&line).unwrap(), Some(2020.5));
     assert_eq!(of_spec.core_year(&line).unwrap(), Some(2021.25));

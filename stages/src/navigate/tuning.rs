@@ -70,7 +70,7 @@ const FOUND: [(&str, &str, &str); 3] = [
 ];
 
 impl Navigate {
-    /// Parameters that may be estimated from the data, each with its column.
+    /// Parameters that may be estimated from the data, each with the column of its estimate.
     pub(super) fn of_calibration(&self) -> [(Option<NumberOrAuto>, &'static str, &'static str, &'static str); 3] {
         let [sigma, fogm_sigma, fogm_tau] = NOISE;
         [
@@ -123,7 +123,7 @@ impl Navigate {
         Ok(AssumedNoise { sigma_nt, fogm_sigma_nt, fogm_tau_s })
     }
 
-    /// Column of the noise, for a filter that uses it.
+    /// Column with the noise, for a filter that uses the column.
     pub(super) fn noise_column(&self) -> Option<&str> {
         self.noise.noise_column.as_deref().filter(|_| self.filter.keys.takes_field())
     }
@@ -163,7 +163,8 @@ impl Navigate {
     }
 
     /// Whether noise and outliers of each line are estimated. Filters that estimate the aircraft field from an
-    /// uncompensated magnetometer use the noise in the spec or that of MagNav.jl. So do flights without a map.
+    /// uncompensated magnetometer use the noise in the spec or the default noise of MagNav.jl. Flights without a map
+    /// use the same noise.
     pub(super) fn finds_noise(&self, has_map: bool) -> bool {
         let filter = &self.filter.keys;
         let compensated = |mag: &String| mag == "mag_c" || flight::is_compensated(mag);
@@ -275,7 +276,7 @@ impl LineNoiseInputs {
 pub(super) struct LineNoiseEstimate {
     /// Noise; `None` if the line is too short.
     noise: Option<LineNoise>,
-    /// Rows whose measurements are used; `None` for all.
+    /// Rows whose measurements are used; `None` selects all samples.
     rows: Option<Vec<usize>>,
     /// Map error at each sample, in nT.
     map_nt: Option<Vec<f64>>,

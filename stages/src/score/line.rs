@@ -138,7 +138,7 @@ impl<'a> ScoreLine<'a> {
         })
     }
 
-    /// Signal before and after compensation, minus the truth if there is one.
+    /// Signal before and after compensation, minus the truth if the line has it.
     ///
     /// # Errors
     /// Fails in the cases of [`ScoreLine::column`] for the signal and the aircraft field, and of
@@ -163,12 +163,13 @@ impl<'a> ScoreLine<'a> {
         self.anomaly_of(ScoreSource::Signal)
     }
 
-    /// True signal minus core field and diurnal variation, in nT. Without a core field, minus its linear trend over
-    /// time.
+    /// True signal minus core field and diurnal variation, in nT. Without a core field, minus the linear trend of the
+    /// signal over time.
     ///
     /// # Errors
-    /// Fails in the cases of [`ScoreLine::column`] for the truth. With a core field, also of [`ScoreLine::optional`]
-    /// for it and the diurnal variation; without one, of [`ScoreLine::tt`].
+    /// Fails in the cases of [`ScoreLine::column`] for the truth. With a core field, also in the cases of
+    /// [`ScoreLine::optional`] for the core field and the diurnal variation; without a core field, in the cases of
+    /// [`ScoreLine::tt`].
     pub fn true_anomaly(&self) -> Result<Vec<f64>, Fault> {
         match self.places.get(ScoreSource::Core) {
             Some(_) => self.anomaly_of(ScoreSource::Truth),
@@ -176,7 +177,7 @@ impl<'a> ScoreLine<'a> {
         }
     }
 
-    /// A field minus the core field and the diurnal variation, unless they were removed before.
+    /// A field minus the core field and the diurnal variation, unless an earlier stage has removed them.
     fn anomaly_of(&self, field: ScoreSource) -> Result<Vec<f64>, Fault> {
         let (core, diurnal) = (self.column(ScoreSource::Core)?, self.optional(ScoreSource::Diurnal)?);
         let (place, values) = (self.place(field)?, self.column(field)?);
@@ -215,7 +216,7 @@ impl<'a> ScoreLine<'a> {
         if self.places.get(ScoreSource::Bound).is_some() { vec![f64::NAN; errors.len()] } else { errors }
     }
 
-    /// Horizontal distances of the track from the truth, in m, sorted, without unknown ones.
+    /// Horizontal distances of the track from the truth, in m, sorted, without samples of unknown distance.
     ///
     /// # Errors
     /// Fails in the cases of [`ScoreLine::track_error`].

@@ -21,7 +21,7 @@ pub struct Scorer {
     pub uses: &'static [ScoreSource],
     /// Computation of the value.
     pub score: fn(&ScoreLine) -> Result<SampleStatistic, Fault>,
-    /// Sorted samples of which the metric is a quantile. They are used to pool lines.
+    /// Sorted samples of which the metric is a quantile. The samples are used to pool lines.
     pub spread: Option<QuantileSamplesFn>,
 }
 
@@ -46,7 +46,7 @@ impl ChoiceKind for Scorer {
 }
 
 impl Scorer {
-    /// Whether it reads a source.
+    /// Whether the metric reads a source.
     pub fn reads(&self, source: ScoreSource) -> bool {
         self.needs.contains(&source) || self.uses.contains(&source)
     }

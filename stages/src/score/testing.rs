@@ -51,7 +51,7 @@ pub fn track(lat: Vec<f64>, lon: Vec<f64>) -> ScoreTestColumns {
     [("lat", lat.clone()), ("lon", lon)].into_iter().chain(rest).collect()
 }
 
-/// The line of these tables, each with its times, and a track with the outcomes of its measurements.
+/// The line of these tables, which all have times, and a track with the outcomes of its measurements.
 pub fn line(tables: &[ScoreTestColumns]) -> LineInput {
     let inputs = tables.iter().map(batch).collect();
     LineInput { flight: "1".into(), line: "1.01".into(), inputs, keep: None }

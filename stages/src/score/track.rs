@@ -316,7 +316,7 @@ mod tests {
     #[test]
     fn unit_gated_measurements_are_not_in_the_nis() {
         let mut tables = tables();
-        // The updates repeat every ten samples. The fourth of them is gated, and is an outlier.
+        // The updates repeat every ten samples. The fourth update is `gated`, and its innovation is an outlier.
         let nis = seconds(10, |t| if [3.0, 7.0].contains(&t) { 900.0 } else { 0.5 });
         tables[1].iter_mut().filter(|column| column.0 == "nis").for_each(|column| column.1 = nis.clone());
         tables[1].push(("residual", vec![1.0; 10]));
@@ -358,7 +358,8 @@ mod tests {
 
     #[test]
     fn law_radii_and_shares_of_a_ramp_are_exact() {
-        // 0, 1, ... 100 m: half within 50, 95 % within 95, 31 within three standard deviations, 50 beyond five.
+        // The errors are 0, 1, ... 100 m. Half of them are at most 50 m, and 95 % are at most 95 m. 31 errors are
+        // within three standard deviations (30 m), and 50 are outside five (50 m).
         let ramp = erring(101, |t| t);
         assert!((value(&CEP, &ramp).value - 50.0).abs() < 1e-3 && (value(&R95, &ramp).value - 95.0).abs() < 1e-3);
         let (within, lost) = (value(&ERROR_WITHIN_3SIGMA, &ramp), value(&DIVERGENCE, &ramp));
@@ -370,8 +371,8 @@ mod tests {
     }
 
     /// Consistency of the position and of the innovations, whiteness, shares within three and beyond five standard
-    /// deviations, and `correlated_nis`: the mean of twenty tracks. Their errors are `scale` times their covariance,
-    /// with correlated or white innovations.
+    /// deviations, and `correlated_nis`: each as the mean of twenty tracks. The errors of the tracks are `scale` times
+    /// their standard deviations, with correlated or white innovations.
     fn of_tracks(scale: f64, correlated: bool) -> [f64; 6] {
         let mut sums = [0.0; 6];
         for seed in 0..20 {
@@ -402,7 +403,8 @@ mod tests {
         let [nees, nis, white, within, lost, of_averages] = of_tracks(1.0, false);
         // At 95 %, one of twenty tests fails on average; more than five fail with a probability of 1/3000.
         assert!(nees >= 0.75 && nis >= 0.75, "{nees} {nis}");
-        // 400 lags: a standard deviation of 1.1 %. 20,000 samples within 0.989: 0.07 %.
+        // The standard deviation of the whiteness over 400 lags is 1.1 %. The standard deviation of the share 0.989
+        // over 20,000 samples is 0.07 %.
         assert!(
             (white - 0.95).abs() < 0.05 && (within - 0.989).abs() < 0.004 && lost < 1e-3,
             "{white} {within} {lost}"
@@ -413,11 +415,11 @@ mod tests {
         assert_eq!([nees, nis], [0.0, 0.0]);
         assert!((of_averages / 9.0 - 1.0).abs() < 0.15, "{of_averages}");
         assert!((white - 0.95).abs() < 0.05, "whiteness is of the order, not of the size: {white}");
-        // If the standard deviation is a third of the true one, the fraction exp(-9/18) is outside three standard
-        // deviations, and exp(-25/18) outside five.
+        // If the standard deviation is a third of the true one, a fraction exp(-9/18) of the errors is outside three
+        // standard deviations, and a fraction exp(-25/18) is outside five.
         assert!((1.0 - within - (-0.5f64).exp()).abs() < 0.02 && (lost - (-25.0f64 / 18.0).exp()).abs() < 0.02);
-        // A decay of 0.9 per sample: (1 + 0.9)/(1 - 0.9) = 19, with a standard error of 10 %. The same innovations are
-        // consistent if they are small enough.
+        // With a decay of the autocorrelation by 0.9 per sample, the inefficiency is (1 + 0.9)/(1 - 0.9) = 19, with a
+        // standard error of 10 %. The same innovations are consistent if they are small enough.
         let [.., white, _, _, of_averages] = of_tracks(1.0, true);
         assert!(white < 0.5 && (of_averages / 19.0 - 1.0).abs() < 0.35, "{white} {of_averages}");
         let [.., white, _, _, of_averages] = of_tracks(19f64.sqrt().recip(), true);

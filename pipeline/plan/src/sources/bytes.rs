@@ -44,13 +44,13 @@ pub(super) struct FileStamp {
     inode: u64,
 }
 
-/// A fact about a file, and its time.
+/// A fact about a file, and the time of reading.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct FileFact {
     stamp: FileStamp,
-    /// The time when its reading began.
+    /// The time at which reading of the file began.
     at_ns: i64,
-    /// Its hash, or another fact.
+    /// The hash of the file, or another fact.
     pub(super) found: String,
 }
 
@@ -103,7 +103,7 @@ impl FileFact {
         FileStamp::from_path(path).is_ok_and(|now| now == self.stamp)
     }
 
-    /// The same for a note of an earlier process, whose age must also exceed `RACY_NS`.
+    /// The same check for a note of an earlier process, whose age must also exceed `RACY_NS`.
     fn still_is_of(&self, path: &Path) -> bool {
         self.is_of(path) && self.stamp.changed_ns.saturating_add(RACY_NS) <= self.at_ns
     }
@@ -121,7 +121,7 @@ impl FileFact {
         self
     }
 
-    /// Caches it under `key`. After a failed write, the file is only read again.
+    /// Caches the fact under `key`. After a failed write, the file is only read again.
     pub(super) fn keep(&self, store: &Store, key: HashKey) {
         if let Ok(text) = note::sealed(self) {
             let _ = store.write(&note(store.root(), key), &text);
@@ -137,7 +137,7 @@ fn note(store: &Path, key: HashKey) -> PathBuf {
 /// `read_all` is set.
 ///
 /// # Errors
-/// Fails when it cannot be read.
+/// Fails when the file cannot be read.
 pub fn fingerprint(store: &Store, path: &Path, read_all: bool) -> Result<FileDigest, Fault> {
     let fail = |e: io::Error| Fault::machine(format!("cannot read {}: {e}", path.display()));
     let hash = if path.is_dir() {
@@ -172,7 +172,7 @@ fn one(store: &Store, path: &Path, read_all: bool) -> io::Result<HashKey> {
 /// The key of the bytes of a file.
 ///
 /// # Errors
-/// Fails when it cannot be read.
+/// Fails when the file cannot be read.
 pub(super) fn hash_file(path: &Path) -> io::Result<HashKey> {
     let mut hasher = blake3::Hasher::new();
     let mut file = fs::File::open(path)?;

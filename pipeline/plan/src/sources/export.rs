@@ -56,11 +56,11 @@ pub struct LogExport<'a> {
     pub options: FlightOptions,
     /// Mapping of its columns.
     pub mapped: Option<MappingTable>,
-    /// Its lines, if they are not the log's own.
+    /// Lines of the file, if they differ from the lines of the log.
     pub lines: Option<&'a LineTable>,
     /// The folder of the table.
     pub folder: PathBuf,
-    /// The name of the file there, without its extension.
+    /// The name of the file in the output folder, without extension.
     pub name: String,
     /// Whether each flight has a separate folder `flight=...`, which replaces the column.
     pub hive: bool,
@@ -85,7 +85,7 @@ pub struct ExportLine {
     pub tt: (f64, f64),
     /// The year and day of the year of its first sample, if known.
     pub date: Option<(i64, i64)>,
-    /// Faults that make it unusable; it is then not written.
+    /// Faults that make the line unusable; an unusable line is not written.
     pub faults: Vec<Fault>,
     /// The figures of its columns.
     pub measures: Vec<QualityMeasure>,
@@ -94,11 +94,11 @@ pub struct ExportLine {
 /// Outcome of the export of a log.
 #[derive(Debug)]
 pub struct ExportOutcome {
-    /// The format it was read in.
+    /// The format of the log.
     pub format: &'static str,
     /// The files with its lines.
     pub files: Vec<PathBuf>,
-    /// Whether they already existed, from the same data.
+    /// Whether the files already existed with the same data.
     pub unchanged: bool,
     /// The file with the figures; `None` if no line is usable.
     pub quality: Option<PathBuf>,
@@ -184,7 +184,7 @@ impl LogExport<'_> {
             _ => Fault::machine(format!("cannot read {}: {e}", path.display())),
         };
         let bytes = |path: &Path| {
-            // A format may be a folder, which its reader handles.
+            // A format may be a folder, which the reader of the format handles.
             if path.is_dir() {
                 return Ok("folder".to_owned());
             }
@@ -204,7 +204,7 @@ impl LogExport<'_> {
         }
         if let Some(mapped) = &self.mapped {
             parts.push(mapped.key().to_string());
-            // A missing file is reported when it is read.
+            // A missing file is reported later, when the log is read.
             if let Some(other) = mapped.companion(self.input).filter(|p| p.exists()) {
                 parts.push(bytes(&other)?);
             }
@@ -257,7 +257,7 @@ impl LogExport<'_> {
         Ok(self.folder.join(format!("flight={flight}")).join(name))
     }
 
-    /// Writes a line into its file: as a row group, or with other short lines in one.
+    /// Writes a line into its file: as a row group, or as a part of a row group of several short lines.
     fn write(
         &self,
         flight: &str,
@@ -285,7 +285,7 @@ impl LogExport<'_> {
         Ok(())
     }
 
-    /// Gives the files their names. Also returns whether all already existed.
+    /// Renames the complete files to their final names. Also returns whether all already existed.
     fn publish(&self, open: BTreeMap<String, ExportFile>, from: HashKey) -> Result<(Vec<PathBuf>, bool), Fault> {
         let (mut files, mut unchanged) = (vec![], !open.is_empty());
         let mut whole = vec![];

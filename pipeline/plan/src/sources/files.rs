@@ -60,7 +60,7 @@ fn objects(address: &ObjectAddress, any_name: bool) -> Result<Vec<PathBuf>, Faul
     if found.is_empty() { Err(none(address)) } else { Ok(found) }
 }
 
-/// The file that a spec names: one in `folder`, or the copy of an object.
+/// The file that a spec names: a file in `folder`, or the copy of an object.
 ///
 /// # Errors
 /// Fails for an unknown address, a missing object, and a server that cannot be reached or rejects the request.
@@ -108,7 +108,7 @@ fn is_flight(path: &Path) -> bool {
     flight_formats().iter().flat_map(|f| f.extensions).any(ends)
 }
 
-/// Adds the files in a folder and the folders in it, in the order of their names.
+/// Adds the files in a folder and of its subfolders, in the order of their names.
 ///
 /// # Errors
 /// Fails when a folder cannot be read.
@@ -129,7 +129,7 @@ pub fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
     Ok(())
 }
 
-/// The options for one file: `flight=...` and `line=...` in its folders replace columns.
+/// The options for one file: `flight=...` and `line=...` in the names of its folders replace columns.
 pub fn hive(path: &Path, options: &FlightOptions) -> FlightOptions {
     let mut options = options.clone();
     for part in path.components() {

@@ -15,16 +15,16 @@ pub(super) struct FlightFile {
     pub(super) options: FlightOptions,
     /// Mapping of its columns, if any.
     pub(super) mapped: Option<MappingTable>,
-    /// Lists its inputs, if its values are computed from others.
+    /// Lists the inputs of the file, if its values are computed from other files.
     pub(super) made_from: Option<FlightInputLister>,
-    /// The result of scanning it, such as the types of columns; valid while the file is unchanged.
+    /// The result of the scan of the file, such as the types of columns; valid while the file is unchanged.
     found: Option<FileFact>,
     /// Whether `found` came from a store.
     kept: bool,
 }
 
 impl FlightFile {
-    /// Opens a file for its schema; also returns a reader of it.
+    /// Opens a file for its schema; also returns a reader of the file.
     pub(super) fn open(
         path: &Path,
         options: FlightOptions,
@@ -41,7 +41,7 @@ impl FlightFile {
         Ok((FlightFile { path: path.to_owned(), options, mapped, made_from, found: known.or(seen), kept }, reader))
     }
 
-    /// Opens it again, for its rows.
+    /// Opens the file again, to read the rows.
     pub(super) fn read(&self, threads: usize) -> Result<LogReader, ReadError> {
         let found = self.found.as_ref().filter(|seen| seen.is_of(&self.path)).map(|seen| seen.found.clone());
         open_log(&self.path, &self.options, self.mapped.as_ref(), &ReadHints { found, threads })

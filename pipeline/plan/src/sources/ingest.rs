@@ -48,17 +48,17 @@ pub struct LineRecord {
     pub line: String,
     /// The number of samples.
     pub rows: usize,
-    /// The object that holds it.
+    /// The object that holds the line.
     pub object: HashKey,
     /// The hash of each column's values.
     pub columns: BTreeMap<String, HashKey>,
-    /// The fault that makes it unusable.
+    /// The fault that makes the line unusable.
     pub fault: Option<Fault>,
-    /// Its further faults, if it is unusable.
+    /// Further faults of an unusable line.
     pub more_faults: Vec<Fault>,
     /// The findings in its columns.
     pub findings: Vec<Finding>,
-    /// The file it came from.
+    /// The file that contains the line.
     pub file: usize,
 }
 
@@ -81,7 +81,8 @@ struct IndexLine {
 }
 
 impl IndexLine {
-    /// The fault of a clock in digits, for all lines of the file: a line shorter than a minute does not reveal it.
+    /// Fault of a clock that is written as digits, such as 123456, for all lines of the file. A line shorter than a
+    /// minute does not show this fault.
     fn clock_in_digits(&self) -> Option<Fault> {
         let mut faults = self.fault.iter().chain(&self.more_faults);
         let mut fault = faults.find(|f| f.what == clock_digits::WHAT)?.clone();
@@ -97,7 +98,7 @@ fn unplaced(mut fault: Fault) -> Fault {
     fault
 }
 
-/// The lines of all files, ingesting those that are new.
+/// The lines of all files, after ingest of the new files.
 pub fn lines(flights: &Flights, store: &Store, tick: ReadCallback) -> Result<FlightLines, Vec<Fault>> {
     let done = AtomicUsize::new(0);
     let total = flights.files.len();
@@ -209,7 +210,7 @@ struct IngestOptions<'a> {
     division: Option<&'a FlightDivision>,
 }
 
-/// The contents of the file, from the store if it was read before, and the folder of its quality figures.
+/// The contents of the file, from the store if the file was read before, and the folder of its quality figures.
 fn index(
     store: &Store,
     file: &FlightFile,

@@ -30,13 +30,13 @@ use options::{FileOptions, flight_options, map_options, spelt};
 
 use crate::spec::SourceDecl;
 
-/// Version of ingest, increased when its output changes.
+/// Version of ingest, increased when the output of ingest changes.
 const VERSION: &str = "ingest 3";
 
-/// Version of the stored form of a map, increased when it changes.
+/// Version of the stored form of a map, increased when the form changes.
 const MAP_VERSION: &str = "map 3";
 
-/// Version of the stored form of a model from files, increased when it changes.
+/// Version of the stored form of a model from files, increased when the form changes.
 const MODEL_VERSION: &str = "model 1";
 
 /// Table of flights whose columns are known and whose lines are not read yet.
@@ -60,7 +60,7 @@ pub struct Flights {
 pub struct FlightLines {
     /// One record per line.
     pub lines: Vec<LineRecord>,
-    /// The files they came from, and their keys.
+    /// The files that contain the lines, and the keys of the files.
     pub files: Vec<FileDigest>,
     /// The folders of their quality figures: tables in the form of [`checks::table`].
     pub quality: Vec<PathBuf>,
@@ -71,11 +71,11 @@ pub struct FlightLines {
 pub struct ReadProgress<'a> {
     /// The file that is read.
     pub file: &'a std::path::Path,
-    /// Whether it is the spec of a simulation, whose lines are simulated.
+    /// Whether the file is the spec of a simulation, whose lines are simulated.
     pub simulated: bool,
     /// Number of finished lines of the file.
     pub lines: usize,
-    /// Number of lines of the file, if known before it is read.
+    /// Number of lines of the file, if known before the file is read.
     pub of_lines: Option<usize>,
     /// Number of finished files of the table.
     pub done: usize,
@@ -191,7 +191,8 @@ impl Flights {
 /// The number of threads for each of a number of files that are read in parallel.
 fn threads_in_each(files: usize) -> usize {
     let threads = rayon::current_num_threads();
-    // With one file per thread, a thread that waits for others at its file would begin another file.
+    // If there are at least as many files as threads, one thread reads each file. With more threads for a file, a
+    // thread that waits for the others would begin another file.
     if files >= threads { 1 } else { threads.div_ceil(files.max(1)) }
 }
 
@@ -263,7 +264,7 @@ impl MapSource {
         Ok(MapSource::of_map(decl, PathBuf::new(), map_options(decl)?, true))
     }
 
-    /// A model: checks that the files hold one.
+    /// Opens a model: checks that the files hold one model.
     ///
     /// # Errors
     /// Fails for unknown options, for a file that does not exist, and for a file that is not the table of a fit or
@@ -323,7 +324,7 @@ impl MapSource {
         }
     }
 
-    /// The key of its content, and the bytes it was read from; the grid or the model itself is put into the store.
+    /// The key of its content, and the bytes of its files; the grid or the model itself is put into the store.
     ///
     /// # Errors
     /// Fails when it cannot be read.

@@ -134,7 +134,7 @@ fn plain(batch: &RecordBatch) -> Result<RecordBatch, Fault> {
     RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))
 }
 
-/// The rows that the condition selects; all without one.
+/// The rows that the condition selects; all rows without a condition.
 fn selected(batch: &RecordBatch, condition: &str) -> Result<RecordBatch, Fault> {
     if condition.is_empty() {
         return Ok(batch.clone());

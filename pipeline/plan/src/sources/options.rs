@@ -41,7 +41,7 @@ pub struct FileOptions {
     pub options: FlightOptions,
     /// Mapping of the columns.
     pub mapped: Option<MappingTable>,
-    /// Division of the flights, if not by their own lines.
+    /// Division of the flights into lines, if it differs from the lines in the file.
     pub lines: Option<FlightDivision>,
 }
 

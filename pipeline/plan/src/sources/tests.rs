@@ -19,7 +19,7 @@ fn decl() -> SourceDecl {
     }
 }
 
-/// A flight log of some lines, of which one has a bad cell.
+/// A flight log of some lines; one line has a bad cell.
 fn written(folder: &Path, flight: &str, lines: usize) {
     let mut text = "flight,line,tt,lat,lon,note\n".to_owned();
     for line in 0..lines {

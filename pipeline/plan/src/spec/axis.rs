@@ -57,7 +57,7 @@ pub fn values(name: &str, value: &Spanned<DeValue>) -> Result<Vec<Literal>, Vec<
     }
 }
 
-/// One value; a list must not contain lists.
+/// One value of an axis. A list must not contain lists.
 fn one(name: &str, value: &Spanned<DeValue>) -> Result<Literal, Fault> {
     let found = literal(value)?;
     let Some(items) = value.get_ref().as_array() else { return Ok(found) };

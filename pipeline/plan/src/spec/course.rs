@@ -10,7 +10,7 @@ use super::{SearchSpec, SweepAxis};
 pub struct SearchTrial {
     /// The trial, from 1.
     pub trial: usize,
-    /// The generation that it was proposed in, from 1.
+    /// The generation in which the trial was proposed, counted from 1.
     pub generation: usize,
     /// The rung, from 1.
     pub rung: usize,
@@ -33,7 +33,7 @@ impl SearchTrial {
 pub struct SearchTrialScore {
     /// The row.
     pub row: SearchTrial,
-    /// The goal; `None` if it has no value.
+    /// The goal; `None` if the goal has no value.
     pub goal: Option<f64>,
     /// The goal as a cost; smaller is better.
     pub cost: Option<f64>,
@@ -41,20 +41,20 @@ pub struct SearchTrialScore {
     pub lines: usize,
     /// Reason for a missing goal.
     pub error: Option<String>,
-    /// Whether successive halving promoted it to the next rung.
+    /// Whether successive halving promoted the trial to the next rung.
     pub promoted: bool,
 }
 
 /// Outcome of a trial at a rung.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RungOutcome {
-    /// It has a goal, and there is no further rung.
+    /// The trial has a goal, and there is no further rung.
     Done,
     /// Promoted to the next rung.
     Promoted,
-    /// It has a goal, but others were better.
+    /// The trial has a goal, but other trials were better.
     Pruned,
-    /// It has no goal.
+    /// The trial has no goal.
     Failed,
 }
 
@@ -88,7 +88,7 @@ pub struct SearchState<'a> {
     search: &'a SearchSpec,
     /// Computed trials, in the order of computation.
     done: Vec<SearchTrialScore>,
-    /// The next rows.
+    /// The next rows of the table of trials.
     next: Vec<SearchTrial>,
     /// The number of trials proposed so far.
     proposed: usize,
@@ -122,7 +122,7 @@ impl<'a> SearchState<'a> {
         !self.done.is_empty() && self.done.iter().all(|s| s.cost.is_none())
     }
 
-    /// Records the scores of [`SearchState::next`], in its order.
+    /// Records the scores of [`SearchState::next`], in the same order.
     pub fn record_scores(&mut self, scored: Vec<SearchTrialScore>) {
         let first = self.done.len();
         let rung = scored.first().map_or(1, |s| s.row.rung);
@@ -169,8 +169,8 @@ impl<'a> SearchState<'a> {
         rows
     }
 
-    /// The best computed trial: the trial with the least cost among the trials at the highest rung, the first of equal
-    /// ones.
+    /// The best computed trial: the trial with the least cost among the trials at the highest rung, the first of
+    /// several equal trials.
     pub fn best(&self) -> Option<&SearchTrialScore> {
         best(&self.done)
     }
@@ -210,7 +210,7 @@ mod tests {
         Spec::parse("a.toml", ".".into(), text, &[]).unwrap().search.unwrap()
     }
 
-    /// Runs the search on a function of its first axis.
+    /// Runs the search on a function of the first searched axis.
     fn run<'a>(search: &'a SearchSpec, cost: impl Fn(&SearchTrial) -> Option<f64>) -> (SearchState<'a>, Vec<usize>) {
         let (mut course, mut sizes) = (SearchState::new(search), vec![]);
         while !course.next().is_empty() {
@@ -264,7 +264,7 @@ mod tests {
         let some = search("trials = 40\ngeneration = 4\nhalving = { axis = 'n', values = [1, 2], eta = 2 }");
         let (course, sizes) = run(&some, |_| None);
         assert!(course.has_no_score() && course.best().is_none() && sizes == [4]);
-        // One goal is enough to continue.
+        // The search continues if at least one trial has a goal.
         let (course, sizes) = run(&some, |row| (row.trial == 3).then_some(1.0));
         assert!(!course.has_no_score() && sizes.len() > 10, "{sizes:?}");
         assert_eq!(course.best().map(|b| (b.row.trial, b.row.rung)), Some((3, 2)));

@@ -210,10 +210,10 @@ fn is_doi(text: &str) -> bool {
 /// Restricted columns of a table.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum ColumnRestriction {
-    /// None.
+    /// No columns.
     #[default]
     None,
-    /// All.
+    /// All columns.
     All,
     /// These columns.
     Columns(Vec<String>),

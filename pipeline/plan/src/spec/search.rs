@@ -2,7 +2,7 @@
 //!
 //! A trial has one value of each searched axis, so these axes together form one side of the sweep's grid: the column
 //! `trial` and a column for each axis. The trials of `random` and `sobol` are known beforehand; the trials of `tpe` and
-//! the rungs of `halving` depend on earlier scores. A [`SearchState`](super::SearchState) gives the next ones.
+//! the rungs of `halving` depend on earlier scores. A [`SearchState`](super::SearchState) gives the next trials.
 
 use learning::search::{MOST_DIMENSIONS, ProposalMethod, SearchDimension, TrialValue};
 use schemas::{ChoiceRegistry, Fault, Literal, ParamReader, Params, Rule, SpecSection, choice, params};
@@ -77,14 +77,15 @@ params! {
     high: f64, unit "", rule Rule::Finite;
     /// Whether the axis is logarithmic.
     log: bool, unit "", default false;
-    /// Whether the values are whole numbers, both ends included.
+    /// Whether the values are whole numbers. Both ends are included.
     whole: bool, unit "", default false;
 }
 
 params! {
     /// Successive halving.
     struct HalvingKeys;
-    /// The axis of the cost of a trial, such as the epochs of a training. It is another column of the trials.
+    /// The axis of the cost of a trial, such as the epochs of a training. This axis is another column of the table of
+    /// trials.
     axis: String, unit "";
     /// The reduction factor: one of `eta` trials is promoted to the next rung.
     eta: usize, unit "", default 3usize, rule Rule::Between(2.0, 1000.0);

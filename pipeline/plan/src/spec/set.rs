@@ -144,7 +144,7 @@ fn form(at: &SpecSpan) -> Fault {
     Fault::new("`--set` requires KEY=VALUE").at(at.clone()).help("write for example `seed=7` or `clean.detrend=true`")
 }
 
-/// The value at `path`, if it is the only one.
+/// The value at `path`, if it is the only value there.
 fn leaf<'i>(root: DeTable<'i>, path: &[Spanned<DeString>]) -> Option<Spanned<DeValue<'i>>> {
     let (first, rest) = path.split_first()?;
     let mut entries = root.into_iter();
@@ -226,7 +226,7 @@ fn put<'i>(of: &mut DeTable<'i>, path: &[Spanned<DeString<'i>>], value: Spanned<
         return;
     }
     if table(of.get_mut(name)).is_none() {
-        // A value that is not a table is replaced by one, to hold the longer key.
+        // A value that is not a table is replaced by a table that holds the longer key.
         let empty = Spanned::new(first.span(), DeValue::Table(DeTable::new()));
         match of.get_mut(name) {
             Some(there) => *there = empty,

@@ -25,7 +25,8 @@ use super::{
 
 /// Scale of the ellipses in standard deviations: 98.9 % of a two-dimensional normal distribution are inside.
 const SIGMAS: f64 = 3.0;
-/// Number of ellipses along a line, and number in a detail view around the one at its middle.
+/// Number of error ellipses along a line, and number of ellipses in the detail view. The detail view surrounds the
+/// middle ellipse.
 const ELLIPSES: usize = 16;
 const CLOSE: usize = 6;
 /// Minimum of the longest semi-axis on the picture; smaller ellipses are enlarged or shown in a detail view.
@@ -49,7 +50,7 @@ pub struct Atlas {
 pub type AtlasTracks = (Option<TableRef>, Vec<DegreeTrack>);
 
 /// The atlas of each group of tracks, `None` without positions; and the pictures of the maps, for references. Groups
-/// over the same map share its picture.
+/// over the same map share the picture of the map.
 ///
 /// # Errors
 /// Fails when the store is damaged.
@@ -495,7 +496,7 @@ mod tests {
         assert!(whole.contains(&format!("3σ of the estimate, × {times}")), "{whole}");
         let near = Canvas::new(square(line_tracks.estimate.at(40).unwrap(), 126.0));
         assert_eq!(enlargement(&near, &rings), 1.0);
-        // The detail view has one visible ellipse of 30 m; a larger one elsewhere is shown separately.
+        // The detail view has one visible ellipse of 30 m; a larger ellipse elsewhere is shown separately.
         assert_eq!(atlas.plots(&line_tracks).into_string().matches("<figure>").count(), 2);
         line_tracks.sigma.as_mut().unwrap()[0][40] = 21.0;
         assert!(atlas.plots(&line_tracks).into_string().contains("63.00 m by 30.00 m"));

@@ -32,7 +32,7 @@ const COLOURS: [[f64; 3]; 6] = [
 /// Colour of a group without a single value.
 const GREY: &str = "#777777";
 
-/// The samples of one model, by group: the contribution, and the value of the input, NaN without one.
+/// The samples of one model, by group: the contribution, and the value of the input, NaN for a group of several inputs.
 #[derive(Default)]
 pub struct BeeswarmSamples {
     groups: BTreeMap<String, Vec<(f64, f64)>>,
@@ -131,7 +131,7 @@ fn ends(samples: &[(f64, f64)]) -> (f64, f64) {
     let last = inputs.len().saturating_sub(1) as f64;
     let at = |share: f64| inputs.get((share * last).round() as usize).copied().unwrap_or(f64::NAN);
     let within = (at(BEYOND), at(1.0 - BEYOND));
-    // A switch that is seldom on has one value nearly everywhere.
+    // The input of a switch that is seldom on has the same value at nearly all samples.
     if within.0 < within.1 { within } else { (at(0.0), at(1.0)) }
 }
 

@@ -20,7 +20,7 @@ impl ScoreBoard {
     /// The boards of all score tables that were published.
     ///
     /// # Errors
-    /// Fails when one cannot be read.
+    /// Fails when a table of scores cannot be read.
     pub fn all(source: &ReportSource, warnings: &[Warning]) -> Result<Vec<ScoreBoard>, Fault> {
         let (graph, store) = (source.graph, source.store);
         let plan = graph.plan;
@@ -40,7 +40,7 @@ impl ScoreBoard {
         Ok(found)
     }
 
-    /// The metric that ranks the points: the most significant one that has a value.
+    /// The metric that ranks the points: the most significant metric that has a value.
     pub fn headline(&self) -> Option<usize> {
         self.scores.headline()
     }

@@ -31,9 +31,9 @@ struct LineScoreTable {
     columns: Vec<LineScoreColumn>,
     /// Flight and line of each row.
     lines: Vec<(String, String)>,
-    /// The INS alone, if it is the same for all columns: a value for each line, and the pooled one.
+    /// The INS alone, if it is the same for all columns: a value for each line, and the pooled value.
     ins: Option<(Vec<Option<f64>>, Option<f64>)>,
-    /// Total numbers of lines and columns; only the first ones are shown.
+    /// Total numbers of lines and columns; only the first lines and columns are shown.
     all: (usize, usize),
 }
 
@@ -57,7 +57,7 @@ struct LineScoreCell {
     in_sample: bool,
 }
 
-/// One table for each axis with several values, at the best point of the other axes; none for a single line.
+/// One table for each axis with several values, at the best point of the other axes; no table for a single line.
 ///
 /// # Errors
 /// Fails when the store is damaged.

@@ -243,7 +243,7 @@ impl KmlMap {
     }
 }
 
-/// Each map below tracks once, cut to their extent.
+/// Each map below the tracks, without duplicates, cut to the extent of the tracks.
 fn maps(source: &ReportSource, groups: &[SubjectGroup]) -> Result<Vec<KmlMap>, Fault> {
     let mut around: Vec<(TableRef, Vec<DegreeTrack>)> = vec![];
     for group in groups {
@@ -262,7 +262,7 @@ fn maps(source: &ReportSource, groups: &[SubjectGroup]) -> Result<Vec<KmlMap>, F
     Ok(found)
 }
 
-/// The nodes of a map within `bounds`; `None` if all of them are missing.
+/// The nodes of a map within `bounds`; `None` if all values are missing.
 fn cut(name: &str, grid: &GeographicGrid, bounds: &Bounds) -> Option<KmlMap> {
     let (lat, lon) = (grid.lat(), grid.lon());
     // Maps may count longitudes from 0 to 360.

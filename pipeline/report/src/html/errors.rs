@@ -81,7 +81,7 @@ fn position(
     LineChart { title, caption, x: time_axis(), y, bands, lines, height: 250.0, ..LineChart::default() }
 }
 
-/// The part of the axis that shows estimate and band, if the INS alone would compress them to a line.
+/// The part of the axis that shows estimate and band, if the error of the INS alone would compress them to a line.
 fn frame(error: &[f64], ins: Option<&Vec<f64>>, sigma: Option<&Vec<f64>>) -> Option<(f64, f64)> {
     let largest = |x: &[f64]| x.iter().copied().filter(|v| v.is_finite()).fold(0.0, |a: f64, v| a.max(v.abs()));
     let own = largest(error).max(SIGMAS * sigma.map_or(0.0, |s| largest(s)));
@@ -96,7 +96,7 @@ fn share_inside(error: &[f64], sigma: &[f64]) -> String {
         return "none".to_owned();
     }
     let share = 100.0 * inside as f64 / all as f64;
-    // A share below 100 % is not rounded up to it.
+    // A share below 100 % is not rounded up to 100 %.
     if inside < all { format!("{:.1} %", share.min(99.9)) } else { "100 %".to_owned() }
 }
 

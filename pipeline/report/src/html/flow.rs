@@ -78,7 +78,7 @@ fn plural(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
-/// The column of each node: one past its last input; sources are next to their first reader.
+/// The column of each node: the column after the column of its last input; sources are next to their first reader.
 fn columns_of(nodes: &[FlowNode]) -> Vec<usize> {
     let mut column = vec![0usize; nodes.len()];
     for (i, node) in nodes.iter().enumerate() {
@@ -91,7 +91,7 @@ fn columns_of(nodes: &[FlowNode]) -> Vec<usize> {
     column
 }
 
-/// Boxes and lanes, column by column, each column in the order of its sources.
+/// Boxes and lanes, column by column, each column in the order of the sources of its boxes.
 fn layout(nodes: &[FlowNode]) -> Vec<Vec<FlowSlot>> {
     let column = columns_of(nodes);
     let last = column.iter().copied().max().unwrap_or(0);

@@ -34,7 +34,7 @@ struct ImportanceRanking {
     swarm: BeeswarmSamples,
 }
 
-/// The axes that give a seed. Points that differ only in them are one model with other random draws.
+/// The axes that give a seed. Points that differ only in these axes are one model with other random draws.
 fn seeds(spec: &Spec) -> Vec<&str> {
     let given = spec.stages.iter().filter_map(|stage| match &stage.args.get("seed")?.value {
         Literal::Text(axis) => axis.strip_prefix('$'),
@@ -43,7 +43,7 @@ fn seeds(spec: &Spec) -> Vec<&str> {
     given.collect()
 }
 
-/// The section of all tables of importance; `None` without one.
+/// The section of all tables of importance; `None` for a run without an importance table.
 ///
 /// # Errors
 /// Fails when a table cannot be read.

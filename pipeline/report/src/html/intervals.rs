@@ -21,7 +21,7 @@ const MOST: usize = 40;
 /// Least width of a plot, and width for its dots and values without the names of the points.
 const LEAST: f64 = 460.0;
 const VALUES_WIDTH: f64 = 300.0;
-/// Maximum number of drawn characters of a name, and the width of one.
+/// Maximum number of drawn characters of a name, and the width of a character.
 const NAME: usize = 60;
 const CHARACTER: f64 = 6.8;
 const ROW: f64 = 20.0;

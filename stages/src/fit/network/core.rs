@@ -60,7 +60,7 @@ impl NetworkCore {
         }
     }
 
-    /// Parameters of a network of scaled terms. Networks over a window have none.
+    /// Parameters of a network of scaled terms. Networks over a window have no such terms.
     pub fn scaled(&self, terms: &TermScaling, parameters: &[f64]) -> Vec<f64> {
         match self {
             NetworkCore::Dense(shape) => terms.scaled(shape, parameters),
@@ -79,7 +79,7 @@ impl NetworkCore {
     /// Training job of the network.
     ///
     /// # Errors
-    /// The same as [`TrainingJob::new`] and [`TrainingJob::windowed`].
+    /// Fails in the cases of [`TrainingJob::new`] and [`TrainingJob::windowed`].
     pub fn job<'a>(
         &'a self,
         start: TrainingState,

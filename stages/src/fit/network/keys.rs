@@ -20,7 +20,7 @@ choice! {
     pub enum LearningSchedule {
         /// Constant rate.
         Constant = "constant",
-        /// Half a cosine, from the initial rate to a hundredth of it.
+        /// Half a period of a cosine, from the initial rate to a hundredth of the initial rate.
         Cosine = "cosine",
         /// Halved after ten epochs without a smaller validation loss.
         Plateau = "plateau",
@@ -111,7 +111,7 @@ impl NetworkKeys {
         }
     }
 
-    /// Cost of a sample: one pass for each unit of each epoch of each member.
+    /// Cost of a sample: the number of units times the number of epochs times the number of members.
     pub fn effort(&self) -> f64 {
         let units = self.hidden.as_ref().map_or(8, |layers| layers.iter().sum::<usize>());
         ((self.epochs + self.lbfgs_epochs) * self.members * (units + 1)) as f64

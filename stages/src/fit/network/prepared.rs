@@ -49,7 +49,7 @@ pub struct TrainingInputs<'a> {
 
 impl<'a> TrainingInputs<'a> {
     /// # Errors
-    /// The same as [`WarmStart::from_model`] and [`NetworkInputs::from_samples`].
+    /// Fails in the cases of [`WarmStart::from_model`] and [`NetworkInputs::from_samples`].
     pub fn new(task: &'a TrainingTask<'a>, samples: &FitSamples) -> Result<Self, Fault> {
         let warm = task.start.map(|model| WarmStart::from_model(model, task.model.form)).transpose()?;
         let inputs = match task.inputs.filter(|_| warm.is_none()) {
@@ -168,7 +168,7 @@ impl<'a> TrainingSetup<'a> {
     /// Model after the training of its members.
     ///
     /// # Errors
-    /// If its parameters do not match its shape, or the samples of a network over a window have no rate.
+    /// If the parameters of the network do not match its shape, or the samples of a network over a window have no rate.
     pub fn learnt(self, samples: &FitSamples, trained: &[TrainingResult]) -> Result<LearningResult, Fault> {
         let names = |at: &[usize]| at.iter().map(|&i| samples.names[i].clone()).collect::<Vec<_>>();
         let parameters = trained.iter().map(|t| self.core.original(&self.terms, &t.parameters)).collect();

@@ -178,7 +178,7 @@ fn progress(
     text
 }
 
-/// States of the finished members and of the current one, each preceded by its length.
+/// States of the finished members and of the current member, each preceded by the length of the state.
 fn states_bytes(done: &[TrainingState], now: &TrainingState) -> Vec<u8> {
     let mut out = vec![];
     for state in done.iter().chain([now]) {

@@ -20,7 +20,7 @@ const NAMED: usize = 6;
 
 /// Network of another fit from which training starts.
 ///
-/// Inputs and target keep its scales, which its weights require.
+/// Inputs and target keep the scales of the initial network, which its weights require.
 pub struct WarmStart<'a> {
     parts: NetworkParts<'a>,
 }
@@ -54,20 +54,20 @@ impl<'a> WarmStart<'a> {
         }
     }
 
-    /// Number of units of its hidden layers.
+    /// Number of units of the initial network's hidden layers.
     pub fn hidden(&self) -> Vec<usize> {
         self.head().hidden.clone()
     }
 
-    /// Scale of its target, nT.
+    /// Scale of the initial network's target, nT.
     pub fn scale_nt(&self) -> f64 {
         self.parts.scale_nt
     }
 
-    /// Scaling of its inputs. Sorts `at` into their order.
+    /// Scaling of the initial network's inputs. Sorts `at` into the order of these inputs.
     ///
     /// # Errors
-    /// If it has other inputs, or another number of principal components than `whiten` requests.
+    /// If the initial network has other inputs, or another number of principal components than `whiten` requests.
     pub fn scaling(
         &self,
         samples: &FitSamples,
@@ -92,10 +92,10 @@ impl<'a> WarmStart<'a> {
         Err(self.fault(&what).help("set `whiten` as in its fit"))
     }
 
-    /// Sorts the positions of the linear terms into its order.
+    /// Sorts the positions of the linear terms into the order of the initial network's terms.
     ///
     /// # Errors
-    /// If it has other terms.
+    /// If the initial network has other terms.
     pub fn order_terms(&self, samples: &FitSamples, at: &mut Vec<usize>) -> Result<(), Fault> {
         self.order("linear", self.parts.linear, samples, at)
     }
@@ -119,10 +119,10 @@ impl<'a> WarmStart<'a> {
         Err(self.fault(&what).help(format!("use the same `{key}` in both fits, or rename columns with `rename`")))
     }
 
-    /// Checks that it is a network of the same kind as `core`, for this fit.
+    /// Checks that the initial network is of the same kind as `core`, for this fit.
     ///
     /// # Errors
-    /// The first difference.
+    /// Returns the first difference.
     pub fn check(&self, keys: &NetworkKeys, core: &NetworkCore, samples: &FitSamples) -> Result<(), Fault> {
         let other = |key: &str, own: &dyn std::fmt::Display, here: &dyn std::fmt::Display| {
             Err(self.fault(&format!("has `{key}` {own}, but this fit has {here}")))
@@ -165,8 +165,8 @@ impl<'a> WarmStart<'a> {
         Ok(())
     }
 
-    /// Parameters of its members. `linear` replaces the coefficients that the form does not train, in the scale of its
-    /// target.
+    /// Parameters of the initial network's members. `linear` replaces the coefficients that the form does not train, in
+    /// the scale of the initial network's target.
     pub fn members(&self, form: NetworkForm, linear: &[f64]) -> Vec<Vec<f64>> {
         let begin = |member: &Vec<f64>| {
             let mut member = member.clone();
@@ -182,7 +182,7 @@ impl<'a> WarmStart<'a> {
         self.parts.members.iter().map(begin).collect()
     }
 
-    /// Warning about inputs that are far from the data of the first training. Empty if there are none.
+    /// Warning about inputs that are far from the data of the first training. Empty if there are no such inputs.
     pub fn far(&self, samples: &FitSamples, at: &[usize], lines: &[usize]) -> String {
         let InputScaling { mean, scale, .. } = self.parts.scaling;
         let x = samples.columns(at, lines);
@@ -202,7 +202,7 @@ impl<'a> WarmStart<'a> {
     }
 }
 
-/// The first of some names. `None` if there are none.
+/// The first names of a list, as text. `None` if the list is empty.
 fn listed<'a>(names: impl Iterator<Item = &'a String>) -> Option<String> {
     let all: Vec<String> = names.map(|name| format!("`{name}`")).collect();
     let rest = all.len().saturating_sub(NAMED);
@@ -225,7 +225,7 @@ mod tests {
 
     type Keys = Vec<(String, Literal)>;
 
-    /// Models with the keys that they need here.
+    /// Models with the keys that these tests need.
     fn models() -> Vec<(&'static str, Keys)> {
         let terms = || vec![words("linear", &["a", "b"])];
         let with_linear_terms = ["m2a", "m2b", "m2c", "m2d", "tlnn"].map(|model| (model, terms()));
@@ -233,7 +233,7 @@ mod tests {
         [("m1", vec![]), ("etlnn", vec![])].into_iter().chain(with_linear_terms).chain(windowed).collect()
     }
 
-    /// The weights of a table and its target's scale.
+    /// The weights in a table, and the scale of the target.
     fn weights(found: &FitOutput) -> Vec<(&str, f64)> {
         let is_weight = |name: &str| {
             let other = ["epoch_", "target_mean", "linear["];

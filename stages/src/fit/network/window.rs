@@ -36,7 +36,7 @@ impl WindowLayers {
         (self.window * self.units) as f64
     }
 
-    /// Faults of its keys.
+    /// Faults of the window's keys.
     pub fn faults(&self) -> Vec<Fault> {
         let what = format!("`window` of convolutions must be a power of two, not {}", self.window);
         let wrong = self.memory == MemoryLayers::Tcn && !self.window.is_power_of_two();

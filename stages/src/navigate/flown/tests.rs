@@ -21,7 +21,7 @@ fn map_table() -> RecordBatch {
     ])
 }
 
-/// A line with two measurements, the second with a gap, and a third without any.
+/// A line with three measurements: the second has a gap, and the third has no values.
 fn line(north_deg: f64) -> RecordBatch {
     let of = |f: &dyn Fn(f64) -> f64| (0..ROWS).map(|k| f(f64::from(k))).collect::<Vec<f64>>();
     table(vec![
@@ -53,7 +53,7 @@ fn on(line: &RecordBatch) -> LineInput {
     LineInput { flight: "1".into(), line: "1.01".into(), inputs: vec![line.clone(), line.slice(0, 0)], keep: None }
 }
 
-/// The numbers of a result as bits, and its texts.
+/// The values of a result as bits, and its text values.
 fn content(arrays: &[ArrayRef]) -> Vec<String> {
     let one = |array: &ArrayRef| {
         let items = array.as_fixed_size_list_opt().map(|list| list.values().clone());
@@ -81,7 +81,8 @@ fn unit_points_together_give_the_same_results_as_alone() {
     ];
     let (here, there) = (line(0.0), line(0.0005));
     let mut lines: Vec<LineInput> = points.iter().map(|_| on(&here)).collect();
-    // Three points: another INS, the same values in other memory, and the map of another stage.
+    // Three points that differ: in the INS, in the memory that holds equal values, and in the stage that computes the
+    // map.
     lines[3] = on(&there);
     lines[7] = on(&line(0.0));
     lines.push(lines[0].clone());

@@ -11,8 +11,8 @@ fn storm_nt(row: usize) -> f64 {
     120.0 * (row as f64 / 30.0).sin()
 }
 
-/// A flight in a magnetic storm. Two magnetometers, one 15 m behind the other, differ by 0.05 nT and have noise of 0.02
-/// nT.
+/// A flight in a magnetic storm. The second magnetometer is 15 m behind the first. Their readings differ by 0.05 nT,
+/// and the noise is 0.02 nT.
 fn in_a_storm() -> RecordBatch {
     let noise = |row: usize, by: f64| 0.02 * (by * row as f64).sin();
     let first = with(&flight(), "mag_1_c", |row, _| ahead_nt(row, 7.5) + storm_nt(row) + 0.05 + noise(row, 2.3));
@@ -90,7 +90,7 @@ fn unit_states_of_zero_sigma_leave_the_filter_unchanged() {
 
 #[test]
 fn unit_a_height_measurement_bounds_the_height() {
-    // The measured height is the true one; the height of the INS drifts.
+    // The measured height is the true height; the height of the INS drifts.
     let off = with(&flight(), "ins_alt", |row, alt| alt + 0.1 * row as f64);
     let off = with(&off, "alt", |row, alt| alt + 4.0 + 2.0 * (1.9 * row as f64).sin());
     let keys = "mag = 'mag_1_c'\nbaro_sigma_m = 50.0\nha_sigma_m = 50.0\ninit_altitude_sigma_m = 10.0\n";
@@ -133,7 +133,7 @@ fn unit_impossible_measurements_are_rejected_before_the_run() {
     }
 }
 
-/// The other filters with their own keys, and the measurement that they use: with or without the aircraft field.
+/// The other filters with their keys, and the measurement that each uses: with or without the aircraft field.
 const OTHERS: [(&str, &str, &str); 6] = [
     ("ekf_adaptive", "", "mag_1_c"),
     ("rts", "", "mag_1_c"),
