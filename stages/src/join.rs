@@ -294,7 +294,7 @@ mod tests {
         let pilots: Vec<Option<&str>> = made[0].as_string::<i32>().iter().collect();
         assert_eq!((pilots[0], pilots[5], pilots[9]), (Some("a"), None, Some("b")));
         let clock = batch(vec![("x", "nT", vec![1.0, 2.0]), ("tt", "s", vec![100.0, 100.0])]);
-        assert!(run(&join(JoinMethod::Nearest, 0.2), clock).unwrap_err().what.contains("of `with`"));
+        assert!(run(&join(JoinMethod::Nearest, 0.2), clock).unwrap_err().what.contains("in `with`"));
     }
 
     #[test]

@@ -384,7 +384,7 @@ fn unit_positions_in_radians_are_rejected() {
         table.push(name, "", crate::table::ColumnValues::Number(values));
     }
     let fault = magnav_hdf5::refuse_radians(folder.path(), &table).unwrap_err().to_string();
-    assert!(fault.contains("has radians"), "{fault}");
+    assert!(fault.contains("are in radians"), "{fault}");
 }
 
 /// Reads a file as flight or map and returns the result; a reader must not panic.
