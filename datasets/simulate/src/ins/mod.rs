@@ -1,4 +1,4 @@
-//! The INS of the aircraft: truth minus one realisation of its error.
+//! The INS of the aircraft: truth minus one realisation of the INS error.
 //!
 //! The errors continue from line to line of a flight. One [`FlightIns`] therefore simulates the lines of a flight in
 //! order; flights are independent of each other.

@@ -151,7 +151,7 @@ fn left_nt(rate_hz: f64) -> (f64, f64) {
     let a = matrix(&Flux { x, y, z, bt: None }, &terms, DEFAULT_SCALE_NT).unwrap();
     let both = column(line, "mag_2_uc").iter().zip(column(line, "mag_1_c"));
     let eddy: Vec<f64> = both.map(|(read, truth)| read - truth).collect();
-    // Differences at the ends are one-sided.
+    // The differences at the first and the last sample are one-sided.
     let inner = 1..eddy.len() - 1;
     let (a, eddy) = (&a[inner.start * terms.len()..inner.end * terms.len()], &eddy[inner]);
     let solved = QrAccumulator::from_matrix(a, terms.len(), &[eddy]).unwrap().solve(&[1e-12], &terms.names()).unwrap();
