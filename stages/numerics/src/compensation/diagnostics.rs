@@ -283,8 +283,8 @@ mod tests {
             assert!(missed > -1e-9);
             most = most.max(missed);
         }
-        // The third-order term, F³/2B², is 2 % here. The worst attitude nearly reaches the bound: F need not be
-        // perpendicular to B in the direction in which it is largest.
+        // The third-order term, F³/2B², is 2 % here. The worst attitude nearly reaches the bound: In the direction in
+        // which F is largest, F need not be perpendicular to B.
         assert!(most <= bound && most > 0.4 * bound, "{most} {bound}");
         assert!(approximation_bound_nt([f64::NAN; 3], [0.0; 6], 5e4).is_nan());
     }

@@ -249,7 +249,8 @@ mod tests {
     fn unit_gusts_and_turns_are_not_manoeuvres() {
         let (tt, mut attitude, _) = square([0.0; 3], [0.0; 3]);
         let mut normals = crate::random::NormalGenerator::new(5);
-        // Gusts of 1.5 degrees with a continuous rate, as the inertia of an airframe causes: two poles at 2 s.
+        // Gusts of 1.5 degrees with a continuous rate, as for an airframe with inertia: two poles with a time constant
+        // of 2 s.
         let (mut force, mut gust) = (0.0, 0.0);
         for roll in &mut attitude[0] {
             force = 0.95 * force + (1.0_f64 - 0.95 * 0.95).sqrt() * normals.draw();

@@ -131,7 +131,7 @@ mod tests {
         let of = |group| extended_terms(&input, cosines, group).unwrap();
         assert_eq!(of(ExtendedTermGroup::Raw), [[2.0, 4.0, 8.0]]);
         assert_eq!(of(ExtendedTermGroup::Projected), [[2.0, 0.0, 4.8], [0.0, 4.0, 0.0], [0.0, 0.0, 6.4]]);
-        // Differences are one-sided at the ends (2 and 4) and central in the middle (3).
+        // Differences are one-sided at the ends (values 2 and 4) and central in the middle (value 3).
         assert_eq!(of(ExtendedTermGroup::ProjectedChange), [[2.0, 0.0, 2.4], [0.0, 3.0, 0.0], [0.0, 0.0, 3.2]]);
         let names: Vec<usize> =
             [ExtendedTermGroup::Raw, ExtendedTermGroup::Projected, ExtendedTermGroup::ProjectedChange]

@@ -222,8 +222,8 @@ mod tests {
 
     #[test]
     fn law_the_standard_error_is_the_scatter_of_the_slope() {
-        // Anomaly and residual both vary slowly: 3000 samples are some 30 independent ones, and the standard error for
-        // independent samples would be ten times too small.
+        // Anomaly and residual both vary slowly: 3000 samples contain about 30 independent samples, and the standard
+        // error for independent samples would be ten times too small.
         let (mut scatter, mut said, mut textbook) = (0.0, 0.0, 0.0);
         const DRAWS: u64 = 300;
         for draw in 0..DRAWS {
@@ -245,8 +245,8 @@ mod tests {
         let noisy: Vec<f64> = anomaly.iter().map(|a| a + 2.0 * normals.draw()).collect();
         let found = anomaly_retention(&noisy, &anomaly, &anomaly).unwrap();
         let textbook = found.residual_nt / found.anomaly_nt / (ROWS as f64).sqrt();
-        // The tolerance is three standard deviations of 10 %: the anomaly's band of 0.16 Hz over 300 s contains some
-        // hundred waves of the white noise.
+        // The tolerance is three standard deviations of 10 %, because the band of the anomaly (0.16 Hz over 300 s)
+        // contains about a hundred independent components of the white noise.
         assert!((found.standard_error / textbook - 1.0).abs() < 0.3, "{} {textbook}", found.standard_error);
         assert!((found.slope - 1.0).abs() < 4.0 * found.standard_error, "{found:?}");
     }
@@ -263,7 +263,7 @@ mod tests {
         let found = anomaly_retention(&holed, &reference, &known).unwrap();
         assert_eq!((found.n, found.left_out), (2000, 1000));
         assert!((found.slope - short.slope).abs() < 1e-12 && (found.residual_nt - short.residual_nt).abs() < 1e-12);
-        // Shifts over the gap are weighted by their mean number of overlapping rows.
+        // Shifts across the gap are weighted by the mean number of rows that overlap.
         assert!((found.standard_error / short.standard_error - 1.0).abs() < 0.2, "{found:?} {short:?}");
     }
 

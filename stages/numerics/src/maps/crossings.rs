@@ -171,7 +171,7 @@ mod tests {
         let found = figure_of_merit_crossings(&north, &east, &z, &tt);
         assert!(n > 1000);
         assert_eq!((found.figure.n, found.stride), (n, 1));
-        // The same squares summed in another order.
+        // The two results are sums of the same squares in a different order.
         assert!((found.figure.value / value - 1.0).abs() < 1e-12);
     }
 

@@ -80,8 +80,8 @@ mod tests {
         let of_parity = |parity: u32, slope: f64| (0..200).map(move |k| if k % 2 == parity { slope } else { 0.0 });
         let (north, east): (Vec<f64>, Vec<f64>) = (of_parity(0, 0.02).collect(), of_parity(1, 0.05).collect());
         let bounds = window_bounds_m(&tt, &north, &east, OF);
-        // Within 10 s of a sample with even index are 11 even and 10 odd ones. The first sample of the line has 6 and 5
-        // of them.
+        // Within 10 s of a sample with even index, there are 11 samples with even index and 10 with odd index. Within
+        // 10 s of the first sample of the line, there are 6 and 5.
         let expected = |n: f64, m: f64| 5.0 * (1.0 / (n * 0.02f64.powi(2)) + 1.0 / (m * 0.05f64.powi(2))).sqrt();
         for (k, n, m) in [(100, 11.0, 10.0), (101, 10.0, 11.0), (0, 6.0, 5.0), (199, 5.0, 6.0)] {
             assert!((bounds[k] / expected(n, m) - 1.0).abs() < 1e-12, "{k}: {} {}", bounds[k], expected(n, m));

@@ -99,7 +99,7 @@ mod tests {
             ..InsErrors::default()
         };
         let output = run(&ins, &InsErrorModel::from_sources(sources), None).unwrap();
-        // 2 m/s for 60 s; the Schuler oscillation reduces it by (ω t)²/6 = 0.1 %.
+        // The displacement is 2 m/s for 60 s. The Schuler oscillation reduces the displacement by (ω t)²/6 = 0.1 %.
         assert!((output.sd_n_m[30] / 120.0 - 1.0).abs() < 0.005, "{}", output.sd_n_m[30]);
     }
 }

@@ -98,7 +98,7 @@ mod tests {
                 slope += density * r * force(r);
                 square += density * force(r).powi(2);
             }
-            // The scales are printed with four digits.
+            // The reference scales are printed with four digits.
             assert!((slope * slope / square - 0.95).abs() < 2e-4, "{loss:?} {}", slope * slope / square);
         }
     }

@@ -197,8 +197,8 @@ mod tests {
 
     #[test]
     fn law_generalised_cross_validation_finds_the_prediction_error() {
-        // Over 200 draws of the noise, the mean score at each lambda equals the mean error at new noise, within its
-        // scatter.
+        // Over 200 draws of the noise, the mean score at each lambda equals the mean error at new noise, within the
+        // scatter of the score.
         let (rows, p) = (60, 12);
         let mut normals = NormalGenerator::new(3);
         let a: Vec<f64> = (0..rows * p).map(|_| normals.draw()).collect();
@@ -279,8 +279,8 @@ mod tests {
         }
         // Computed in numpy with other draws: the error of the corner is 1.5 to 4 times the smallest error, because its
         // lambda is too small for a smooth truth [Hanke 1996]. The error of cross-validation is 1.1 to 2 times the
-        // smallest one, but occasionally it fits noise; medians are therefore compared. The errors at the two ends of
-        // the grid are 60 and 9 times the smallest one.
+        // smallest error, but occasionally it fits noise; medians are therefore compared. The errors at the two ends of
+        // the grid are 60 and 9 times the smallest error.
         by_score.sort_by(f64::total_cmp);
         by_corner.sort_by(f64::total_cmp);
         assert!(by_score[4] < 2.5 && by_corner[4] < 4.0, "{by_score:?} {by_corner:?}");

@@ -283,7 +283,7 @@ mod tests {
             };
             (0..50).map(of).sum::<f64>() / 50.0
         };
-        // 1000 lags of fifty series: one standard deviation is 0.7 %.
+        // For 1000 lags of fifty series, one standard deviation is 0.7 %.
         let (white, coloured_one, biased) = (mean(0.0, 0.0, 1.0), mean(0.9, 0.0, 1.0), mean(0.0, 0.5, 1.0));
         println!("white {white:.3}, decay of 0.9 {coloured_one:.3}, bias of half a sigma {biased:.3}");
         assert!((white - 0.95).abs() < 0.025, "{white}");
@@ -300,7 +300,7 @@ mod tests {
             };
             (0..50).map(of).sum::<f64>() / 50.0
         };
-        // (1 + a)/(1 - a) for a first-order autoregression of decay a.
+        // The expected value is (1 + a)/(1 - a) for a first-order autoregression with decay a.
         for (decay, spread, expected) in
             [(0.0, 1.0, 1.0), (0.0, 2.0, 4.0), (0.5, 1.0, 3.0), (0.5, 3f64.sqrt().recip(), 1.0)]
         {

@@ -405,8 +405,8 @@ mod tests {
         assert_eq!(found.bands.len(), cut.bands.len());
     }
 
-    /// Root mean square ratio of the coefficient's scatter to its reported standard deviation, for one sinusoidal term;
-    /// `of` returns the noise of each run.
+    /// Root mean square ratio of the scatter of the coefficient to its reported standard deviation, for one sinusoidal
+    /// term; `of` returns the noise of each run.
     fn scatter(of: impl Fn(&mut NormalGenerator) -> Vec<f64>, f: f64) -> f64 {
         let (runs, n) = (300, 1000);
         let term: Vec<f64> = (0..n).map(|k| (f * k as f64).sin()).collect();
@@ -444,7 +444,7 @@ mod tests {
 
     #[test]
     fn law_slow_terms_with_a_drifting_residual_scatter_as_reported() {
-        // Four headings in turn, as in a box, and a fast term.
+        // Terms: the four headings of a box in turn, and a fast term.
         let n = 3000;
         let heading = |k: usize| (k / 750) as f64 * std::f64::consts::FRAC_PI_2;
         let terms: Vec<[f64; 4]> =

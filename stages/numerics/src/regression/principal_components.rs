@@ -195,8 +195,8 @@ mod tests {
         for (one, other) in fit(&by_moments).iter().zip(fit(&by_rows)) {
             near(*one, other, 1e-9 * other.abs());
         }
-        // Ridge regression on whitened components equals least squares on them, with each coefficient shrunk by (n - 1)
-        // / (n - 1 + lambda).
+        // Ridge regression on whitened components equals least squares on the same components, with each coefficient
+        // shrunk by (n - 1) / (n - 1 + lambda).
         let plain =
             crate::regression::truncated_svd::path(&moments.prepare(ColumnScaling::Standardise, true).unwrap(), 0)
                 .unwrap();

@@ -192,7 +192,7 @@ mod tests {
     #[test]
     fn law_nees_equals_values_by_hand() {
         assert_eq!(position_nees(&[3.0], &[0.0], &[3.0], &[4.0], &[0.0]), [1.0]);
-        // P = [4 2; 2 4], its inverse [4 -2; -2 4]/12; e = (1, 2): (4 - 8 + 16)/12.
+        // For P = [4 2; 2 4], the inverse is [4 -2; -2 4]/12. For e = (1, 2), the result is (4 - 8 + 16)/12.
         let nees = position_nees(&[1.0], &[2.0], &[2.0], &[2.0], &[2.0]);
         assert!((nees[0] - 1.0).abs() < 1e-15, "{nees:?}");
     }
@@ -210,8 +210,8 @@ mod tests {
     #[test]
     fn law_a_small_deviation_on_a_large_field_is_kept() {
         let x: Vec<f64> = (0..100_000).map(|k| 50_000.0 + 1e-6 * f64::from(k % 2)).collect();
-        // Half of the samples are one millionth higher: σ = 0.5e-6 except for n − 1. The spacing of doubles near 50,000
-        // is 7e-12, so the error is 1e-5 of the result.
+        // Half of the samples are higher by 1e-6, so σ is 0.5e-6 up to the factor from the divisor n − 1. The spacing
+        // of doubles near 50,000 is 7e-12, so the error is 1e-5 of the result.
         assert!((std(&x).value / 0.5e-6 - 1.0).abs() < 2e-5, "{:e}", std(&x).value);
     }
 

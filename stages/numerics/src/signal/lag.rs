@@ -253,7 +253,7 @@ mod tests {
         assert!(matches!(of(&reference, 299.0), Err(LagError::TooShort { .. })));
         assert!(matches!(of(&reference, 0.0), Err(LagError::Range { .. })));
         assert!(matches!(of(&sampled(|t| waves(t - 0.5)), 0.2), Err(LagError::AtEnd { .. })));
-        // A gap excludes only its own pairs.
+        // A gap excludes only the pairs of samples that contain it.
         let mut gap = sampled(|t| waves(t - 0.06));
         gap[1000..1200].fill(f64::NAN);
         let found = of(&gap, 1.0).unwrap();

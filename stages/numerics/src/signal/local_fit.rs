@@ -77,7 +77,7 @@ mod tests {
         let (m0, m2, m4) = (moment(0), moment(2), moment(4));
         let kernel = |u: f64| weight(u) * (m4 - m2 * u * u) / (m0 * m4 - m2 * m2);
         let expected: f64 = us.iter().map(|u| kernel(*u).powi(2)).sum();
-        // 19,800 samples, some 1000 of them independent: one standard deviation is 4.5 %.
+        // About 1000 of the 19,800 samples are independent, so one standard deviation is 4.5 %.
         assert!((variance / expected - 1.0).abs() < 0.15, "{variance} {expected}");
     }
 

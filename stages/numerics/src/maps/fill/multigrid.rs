@@ -264,7 +264,7 @@ mod tests {
         level.apply(&a, &mut image);
         cycle.solve(&level, &image, &mut ama);
         let off: Vec<f64> = ama.iter().zip(&a).map(|(one, other)| one - other).collect();
-        // One cycle removes more than half of an error, measured in the energy norm of the operator.
+        // One multigrid cycle removes more than half of the error, measured in the energy norm of the operator.
         let (mut left, mut before) = (off.clone(), a.clone());
         level.apply(&off, &mut left);
         level.apply(&a, &mut before);

@@ -77,7 +77,7 @@ mod tests {
     fn unit_a_survey_has_no_far_points_and_two_areas_are_one_survey() {
         let [mut east, mut north] = survey();
         assert!(far_points(&east, &north).is_empty());
-        // A second area with 2 % of the points 300 km away, and a line to it.
+        // A second area at a distance of 300 km with 2 % of the points, and a line to this area.
         east.extend((0..400).map(|k| 8e5 + 10.0 * f64::from(k)));
         north.extend([6e5; 400]);
         assert!(far_points(&east, &north).is_empty());
@@ -99,7 +99,7 @@ mod tests {
         east[3000..3100].iter_mut().for_each(|x| *x += 2e5);
         let expected: Vec<usize> = [77, 500, 900].into_iter().chain(3000..3100).collect();
         assert_eq!(far_points(&east, &north), expected);
-        // Few points: up to a tenth of them may be wrong.
+        // Among a few points, up to a tenth may have wrong positions.
         let few: Vec<f64> = (0..20).map(|k| if k == 7 { 6e6 } else { 100.0 * f64::from(k) }).collect();
         assert_eq!(far_points(&few, &[0.0; 20]), [7]);
     }

@@ -151,8 +151,8 @@ mod tests {
                     .map(|k| density(&kernel, k) * j0(k * r) * k * step / (2.0 * PI))
                     .sum();
                 let expected = kernel.anomaly_nt2(r * r);
-                // The rougher Matérn covariance has 2e-6 of its variance above the last wavenumber, and its transform
-                // more.
+                // The rougher Matérn covariance has 2e-6 of its variance above the last wavenumber; for its transform
+                // the fraction is larger.
                 assert!((sum - expected).abs() < 2e-3 * 900.0, "{covariance:?} {r}: {sum} {expected}");
             }
         }
