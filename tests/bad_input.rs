@@ -252,8 +252,8 @@ fn gold_terms_without_excitation_are_listed() {
     }
     let done = bench.run(&[]);
     assert_eq!(done.code, 1);
-    // Without a ridge parameter only the fits of flux_a fail. With a ridge parameter, the equations are solved with a
-    // large condition number.
+    // Without a ridge parameter only the fits of flux_a fail. With a ridge parameter, these fits succeed with a large
+    // condition number.
     assert_eq!((done.computed("coefficients"), done.total("failed")), (6, 2));
     let failed = failures(&bench);
     assert!(
@@ -342,7 +342,7 @@ fn gold_an_irregular_map_is_rejected_and_a_map_with_a_hole_is_accepted() {
     let done = bench.run(&[]);
     assert_eq!(done.code, 2, "{}", done.last);
     assert!(done.stderr.contains("map.parquet") && done.stderr.contains("lon"), "{}", done.stderr);
-    // Nodes absent from the table are missing values. None of these cells is below a track.
+    // Nodes absent from the table are missing values. None of these nodes is below a track.
     let rows = map();
     write(&bench.path("map.parquet"), &[rows.slice(0, rows.num_rows() - 7)]);
     let done = bench.run(&[]);

@@ -152,7 +152,7 @@ fn user_a_map_continued_to_the_flight_height_matches_the_stinger() {
         (0..values.len()).filter(wanted).map(|i| values[i]).fold(0.0, f64::max)
     };
     // The noise of the stinger is 0.02 nT. The simulation uses a spline in latitude and longitude, the stage a spline
-    // on the native grid. Both interpolations agree at the nodes.
+    // on the native grid. Both splines agree at the nodes.
     assert!(std("scores_level", "cubic", false) < 0.1);
     assert!(std("scores_level", "linear", false) > 0.3);
     // The boxes are flown 2500 m above the map. There the level map has the full error of the short anomalies. The

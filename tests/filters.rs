@@ -201,7 +201,7 @@ fn law_varying_noise_from_a_column_gives_a_consistent_filter() {
     assert!((nis - 1.0).abs() < (4.0 * error).max(0.02), "NIS {nis} ± {error}");
     let best = of("known", "drms").0;
     // With half the noise assumed and the factor estimated, the filter is nearly as good. Without the column, the
-    // filter is not consistent.
+    // filter is less accurate.
     assert!(of("learnt", "nees").0 < 3.0 && of("learnt", "drms").0 < 1.25 * best);
     assert!(of("blind", "nees").0 > of("learnt", "nees").0 && of("blind", "drms").0 > of("learnt", "drms").0);
     // A constant assumed noise fails in both cases. With the noise of the quiet times the filter diverges. With the

@@ -417,7 +417,7 @@ fn law_errors_from_noise_match_their_predicted_covariance() {
         assert!((130.0..350.0).contains(&sum), "term {term}: {sum}");
     }
     // All terms together: squares of mean 1. Terms of one flight are correlated, so they count as at least 240
-    // independent coefficients.
+    // independent squares.
     let mean = squares.iter().sum::<f64>() / squares.len() as f64;
     assert!((mean - 1.0).abs() < 3.5 * (2.0f64 / 240.0).sqrt(), "{mean}");
 }

@@ -331,7 +331,7 @@ fn user_a_folder_that_is_no_published_set_is_never_overwritten() {
     published(&bench, &["coefficients"], "set", &["--replace"]);
     assert!(bench.path("set/data/coefficients").exists() && !bench.path("set/data/scores").exists());
     assert_eq!(verify(&bench, "set").0, Some(0));
-    // There is no other file in the folder.
+    // No temporary file remains next to the set.
     let hidden: Vec<String> = fs::read_dir(bench.folder.path())
         .unwrap()
         .flatten()

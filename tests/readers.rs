@@ -476,7 +476,7 @@ fn user_required_columns_of_a_format_can_be_renamed() {
         bytes[at..at + to.len()].copy_from_slice(to.as_bytes());
         fs::write(&path, bytes).unwrap();
         finished(&renamed);
-        // `vn` is derived from the position, so the column is known before the data are read.
+        // `vn` is derived from the position, so its columns were known before.
         assert_eq!(even(&plain, "tt, lat, vn"), even(&renamed, "tt, lat, vn"), "{name}");
     }
 }

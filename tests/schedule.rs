@@ -226,7 +226,7 @@ fn user_force_recomputes_and_reports_changed_bytes() {
     let message = done.last["failures"].to_string();
     assert!(message.contains("column `value`, row 0: ") && message.contains(" now"), "{message}");
     assert_eq!(summary(&bench)["status"], "failed");
-    // The table `even` does not depend on this change.
+    // The table `even` does not depend on this result.
     assert_eq!(bench.run(&["--force=even"]).code, 0);
     let wrong = bench.run(&["--force=evne"]);
     assert!(wrong.code == 2 && wrong.stderr.contains("did you mean `even`?"), "{}", wrong.stderr);

@@ -252,7 +252,7 @@ fn user_force_recomputes_all_trials_of_a_search() {
     let again = events(&bench, &["--force"]).pop().unwrap();
     assert_eq!((&again["computed"], &again["interrupted"]), (&0.into(), &false.into()));
     let compared = again["compared"].as_array().unwrap();
-    // All trials of all generations: the number of scores equals the number of trials in the search.
+    // All trials of all generations: the number of units equals the number that the search computed.
     for table in ["coefficients", "clean", "scores"] {
         let found = compared.iter().find(|c| c["table"] == table).unwrap();
         let computed = &first["tables"][table]["computed"];

@@ -48,9 +48,9 @@ fn metadata(file: &Path) -> ParquetMetaData {
     SerializedFileReader::new(fs::File::open(file).unwrap()).unwrap().metadata().clone()
 }
 
-/// Number of rows that parquet-mr reads from a file in splits of `split` bytes. Spark assigns a row group to the split
-/// that contains the middle of the row group's bytes. The middle is computed from the offset of the first chunk and the
-/// sizes of all chunks.
+/// Number of rows that parquet-mr reads from a file in splits of `split` bytes. The reader assigns a row group to the
+/// split that contains the middle of the row group's bytes. The middle is computed from the offset of the first chunk
+/// and the sizes of all chunks.
 fn rows_in_splits(file: &Path, split: i64) -> i64 {
     let metadata = metadata(file);
     let size = fs::metadata(file).unwrap().len() as i64;

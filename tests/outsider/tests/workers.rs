@@ -73,7 +73,7 @@ fn run_magline(folder: &Path, args: &[&str], input: &str) -> Output {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // A worker that has hung does not read its input.
+    // A lost worker does not read its input.
     let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
     child.wait_with_output().unwrap()
 }
@@ -133,7 +133,7 @@ fn user_the_engine_of_processes_survives_any_failing_unit() {
         let run = run_magline(folder.path(), &args, "");
         assert_eq!(run.status.code(), Some(1), "{failure}: {}", text(&run));
         assert!(text(&run).contains(expected), "{failure}: {}", text(&run));
-        // Three lines at two points of the first table, and all lines of the second table except one.
+        // Three lines at two points of the first table, and all units of the second table except one.
         assert_eq!(counts(&run), [8, 0, 1, 0], "{failure}: {}", text(&run));
         // All other units are published and reused.
         let again = run_magline(folder.path(), &args, "");

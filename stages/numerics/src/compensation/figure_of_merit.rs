@@ -13,11 +13,12 @@ use crate::regression::statistics::SampleStatistic;
 const LEAST_SWING_DEG: f64 = 3.0;
 /// Maximum time between extremes of one manoeuvre, in seconds.
 const SLOWEST_HALF_S: f64 = 12.0;
-/// Minimum time between extremes of a manoeuvre, in seconds; faster ones are gusts.
+/// Minimum time between extremes of a manoeuvre, in seconds; faster changes are gusts.
 const FASTEST_HALF_S: f64 = 1.0;
 /// Minimum number of extremes of a manoeuvre: slightly more than two periods.
 const LEAST_EXTREMES: usize = 5;
-/// Maximum ratio between the swings or half periods of a manoeuvre and its first ones. Gusts are less regular.
+/// Maximum ratio between the swings or half periods of a manoeuvre and the first swing or half period of the same
+/// manoeuvre. Gusts are less regular.
 const REGULAR: f64 = 1.7;
 /// Half of the averaging window for the mean attitude of a manoeuvre, in seconds.
 const TREND_S: f64 = 15.0;
@@ -40,7 +41,7 @@ pub struct BoxManoeuvre {
     pub axis: ManoeuvreAxis,
     /// Mean heading during the manoeuvre, in degrees from north.
     pub heading_deg: f64,
-    /// Rows of its extremes, high and low alternating.
+    /// Rows of the extremes of the manoeuvre, alternately high and low.
     pub extremes: Vec<usize>,
     /// Mean swing between successive extremes, in degrees.
     pub swing_deg: f64,

@@ -21,8 +21,8 @@ pub struct WindowInformation {
 
 /// Lower bound, in metres, on the root mean square horizontal error of a position from the measurements within half a
 /// window before and after each sample. The map has the slopes `north` and `east` (nT/m) at the samples, and the motion
-/// within the window is known. It is √ trace(J⁻¹) with the Fisher information J = Σ g gᵀ/σ². If a constant is unknown,
-/// the mean is subtracted from the slopes g. [Cramér-Rao bound; Kay 1993, section 3.7]
+/// within the window is known. The bound is √ trace(J⁻¹) with the Fisher information J = Σ g gᵀ/σ². If a constant is
+/// unknown, the mean is subtracted from the slopes g. [Cramér-Rao bound; Kay 1993, section 3.7]
 ///
 /// `tt_s` ascends, evenly or not. Samples without a slope are excluded from all windows. NaN if the sample itself has
 /// no slope, or if J is singular. J is singular if the map is flat or slopes in one direction only, or if there are too

@@ -9,9 +9,9 @@ const LEAST_REACH_M: f64 = 1000.0;
 type PlaneCell = [i64; 2];
 
 /// Indices, ascending, of points that are far from all others. Such points form groups of fewer than a hundredth of the
-/// points, or are single, and more than half the survey's reach around them is empty. The reach is the diagonal of the
-/// rectangle between the 10th and 90th percentiles of the coordinates, at least 1 km. Coordinates are metres on one
-/// plane; points with a coordinate that is not finite are never far.
+/// points, or are single, and the empty distance around them exceeds half of the survey's extent. The reach is the
+/// diagonal of the rectangle between the 10th and 90th percentiles of the coordinates, at least 1 km. Coordinates are
+/// metres on one plane; points with a coordinate that is not finite are never far.
 ///
 /// Groups are connected sets of occupied square cells with a side of half the reach.
 pub fn far_points(east_m: &[f64], north_m: &[f64]) -> Vec<usize> {

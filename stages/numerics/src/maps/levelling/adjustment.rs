@@ -1,12 +1,12 @@
 //! The adjustment of lines by their crossovers.
 //!
 //! A difference at a crossover is the level error of both lines, plus noise that grows with the gradient
-//! ([`CrossoverNoise`]). The corrections are the most likely ones given the crossovers of a survey. The corrections of
-//! the lines, and those of the ties about a common shift, are modelled as draws from a distribution. Its width is
-//! estimated from the scatter of the corrections beyond their own standard errors (the method of moments of DerSimonian
-//! and Laird 1986). Without such scatter the width is zero and the group is not corrected, so that the noise at the
-//! crossovers of a level survey does not become stripes. A line that is individually out of level is corrected
-//! independently of the others.
+//! ([`CrossoverNoise`]). The corrections are the most likely values, given the crossovers of a survey. The corrections
+//! of the lines, and the corrections of the ties about a common shift, are modelled as draws from a distribution. The
+//! width of the distribution is estimated from the scatter of the corrections beyond their own standard errors (the
+//! method of moments of DerSimonian and Laird 1986). Without such scatter the width is zero and the group is not
+//! corrected, so that the noise at the crossovers of a level survey does not become stripes. A line that is
+//! individually out of level is corrected independently of the others.
 
 use super::noise::CrossoverNoise;
 use super::{Crossover, LevellingGauge, LevellingOptions};
@@ -23,7 +23,7 @@ const BY_CHANCE: f64 = 0.05;
 const BEYOND: f64 = 1.645;
 /// Minimum ratio of crossovers to coefficients for initially unconstrained corrections.
 const ENOUGH: usize = 2;
-/// Minimum number of crossovers of a line that is individually out of level: one or two may be wrong.
+/// Minimum number of crossovers of a line that is individually out of level: one or two crossovers may be wrong.
 const LEAST_CROSSOVERS: usize = 3;
 
 /// Sparse least-squares equations of the line corrections, one per crossover.
