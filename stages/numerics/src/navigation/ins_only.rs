@@ -1,4 +1,4 @@
-//! INS without measurements of the field, with its covariance.
+//! INS without measurements of the field, with the covariance of its errors.
 
 use crate::navigation::gaussian::StateEstimate;
 use crate::navigation::gaussian::recursion::{FilterRecursion, run_along};
@@ -8,7 +8,7 @@ use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::position_fixes::{NO_FIX, PositionFixes};
 
 /// INS along a line, with the covariance of its error: P ← Φ P Φᵀ + Q, starting from the initial covariance. With
-/// `fixes`, aiding positions correct the INS at every sample that has one.
+/// `fixes`, aiding positions correct the INS at every sample that has a position.
 ///
 /// # Errors
 /// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with

@@ -1,4 +1,4 @@
-//! Parameters of the smoother, and the report on its windows.
+//! Parameters of the smoother, and the report on the windows.
 
 use params::{Rule, params};
 
@@ -12,7 +12,8 @@ params! {
     /// Fraction of a window that the next window shares. Windows end every `window_s` (1 - `overlap`) seconds, by
     /// default 15 s. This interval has more influence than the length of the windows.
     overlap: f64, unit "1", default 0.95, rule Rule::Between(0.0, 0.999);
-    /// Maximum delay after a sample of the measurements in its estimate. 0 navigates in real time.
+    /// Maximum time between a sample and the later measurements that are used in its estimate. 0 navigates in real
+    /// time.
     lag_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
     /// Interval over which measurements are averaged into one. 0 uses every sample.
     measurement_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
@@ -60,8 +61,8 @@ pub struct WindowReport {
     pub last_step_m: f64,
     /// Twice the cost at the solution; without robust loss, a chi-square with one degree of freedom per measurement.
     pub chi_square: f64,
-    /// Squared distance of the solution at the window's start from its prior, normalised by the prior's covariance. It
-    /// is smaller than a chi-square of `states` degrees.
+    /// Squared distance of the solution at the window's start from its prior, normalised by the prior's covariance. The
+    /// expected value is smaller than for chi-square with `states` degrees of freedom.
     pub prior_chi_square: f64,
     /// Number of states.
     pub states: usize,

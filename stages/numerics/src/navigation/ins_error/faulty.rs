@@ -11,11 +11,12 @@ use crate::navigation::pinson::{ACC, ALT, LAT, LON, StateVector, TILT_N, VN};
 /// [`InsSeries`] after its times: latitude, longitude (degrees), height (m), velocity (m/s) and specific force (m/s²)
 /// north, east and down, roll, pitch and yaw (degrees).
 ///
-/// The specific force is the true one as measured by the accelerometers x, y, z, with their biases and scale errors
-/// `acc_scale` (truth minus measurement, relative), rotated by the attitude of the INS. Latitude and longitude are
-/// valid and the attitude is a rotation for errors of any size. A position beyond a pole continues on the other side.
+/// The specific force is the true specific force as measured by the accelerometers x, y, z, with their biases and scale
+/// errors `acc_scale` (truth minus measurement, relative), rotated by the attitude of the INS. Latitude and longitude
+/// are valid and the attitude is a rotation for errors of any size. A position beyond a pole continues on the other
+/// side.
 ///
-/// `errors` has one value per sample of a series that passed [`InsSeries::check`]; additional ones are ignored.
+/// `errors` has one value per sample of a series that passed [`InsSeries::check`]; additional values are ignored.
 pub fn faulty_ins(truth: &InsSeries<'_>, errors: &[StateVector], acc_scale: [f64; 3]) -> [Vec<f64>; 12] {
     let mut columns: [Vec<f64>; 12] = Default::default();
     for (row, error) in errors.iter().enumerate().take(truth.len()) {
