@@ -7,9 +7,9 @@ use crate::{random::SplitMix64, regression::statistics::quantile};
 /// A percentile interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PercentileInterval {
-    /// Its lower end.
+    /// Lower end of the interval.
     pub low: f64,
-    /// Its upper end.
+    /// Upper end of the interval.
     pub high: f64,
 }
 

@@ -32,7 +32,7 @@ pub struct LambdaPoint {
     pub curvature: f64,
 }
 
-/// `count` values from `first` to `last`, evenly spaced in their logarithm.
+/// `count` values from `first` to `last`, evenly spaced in the logarithm.
 ///
 /// # Errors
 /// Fails with [`LeastSquaresError::Setting`] for an end that is not a finite number above 0.
@@ -97,14 +97,14 @@ fn curvature(points: &[LambdaPoint]) -> f64 {
     if moved < STANDS_STILL { 0.0 } else { log_curvature(misfit, size) }
 }
 
-/// Index of the point with the smallest expected error; `None` if none is defined.
+/// Index of the point with the smallest expected error; `None` if no score is defined.
 pub fn by_generalised_cross_validation(points: &[LambdaPoint]) -> Option<usize> {
     let defined = (0..points.len()).filter(|&k| points[k].generalised.is_finite());
     defined.min_by(|&a, &b| points[a].generalised.total_cmp(&points[b].generalised))
 }
 
 /// Index of the point at the corner, as chosen by van der Meer 2025; `None` if the curve has no corner. If the true
-/// coefficients are smooth, this ridge is weaker than the best one, by one or two decades of λ.
+/// coefficients are smooth, this ridge is weaker than the best ridge by one or two decades of λ.
 pub fn by_l_curve(points: &[LambdaPoint]) -> Option<usize> {
     let bent = (0..points.len()).filter(|&k| points[k].curvature > 0.0);
     bent.max_by(|&a, &b| points[a].curvature.total_cmp(&points[b].curvature))

@@ -5,7 +5,7 @@ use crate::regression::least_squares::{ColumnScaling, LeastSquaresError, LinearF
 /// The number of components to keep.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ComponentCount {
-    /// The first n.
+    /// The first n components.
     Count(usize),
     /// The smallest number that explains this fraction of the variance, above 0 and at most 1.
     Variance(f64),
@@ -95,7 +95,7 @@ impl PrincipalComponents {
         (weights, offsets)
     }
 
-    /// Converts a model of the components to one of the columns.
+    /// Converts a model of the components to a model of the columns.
     pub fn original(&self, fit: &LinearFit) -> LinearFit {
         let (weights, offsets) = self.as_sums();
         let mut coefficients = vec![0.0; self.means.len()];

@@ -25,14 +25,14 @@ impl GaussMarkov {
         2.0 * self.sigma * self.sigma / self.tau_s
     }
 
-    /// One realisation at the times `tt_s` (ascending, even or not), from standard normals. The process is stationary
-    /// from the first sample and exact for any step.
+    /// One realisation at the times `tt_s` (ascending, even or not), from standard normal numbers. The process is
+    /// stationary from the first sample and exact for any step.
     pub fn realisation(&self, tt_s: &[f64], normal: impl FnMut() -> f64) -> Vec<f64> {
         self.recursion(tt_s, normal, |dt_s| self.step_variance(dt_s))
     }
 
-    /// One realisation with first-order driving noise, 2σ²Δt/τ per step, as in MagNav.jl's `fogm`; its variance is too
-    /// large by the relative amount Δt/τ.
+    /// One realisation with first-order driving noise, 2σ²Δt/τ per step, as in MagNav.jl's `fogm`; the variance of the
+    /// result is too large by the relative amount Δt/τ.
     pub fn realisation_compatible(&self, tt_s: &[f64], normal: impl FnMut() -> f64) -> Vec<f64> {
         self.recursion(tt_s, normal, |dt_s| self.noise_density() * dt_s)
     }
