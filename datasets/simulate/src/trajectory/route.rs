@@ -65,7 +65,7 @@ impl RouteSegment {
     }
 }
 
-/// The swing of a course at u (0 to 1) of its length, in units of its angle.
+/// Heading change of a turn at the fraction u (0 to 1) of its length, as a fraction of the total turn angle.
 fn swing(u: f64, periods: f64) -> f64 {
     smooth_step(2.0 * periods * u.min(1.0 - u)) * (TAU * periods * u).sin()
 }

@@ -161,8 +161,8 @@ fn law_bank_is_that_of_a_coordinated_turn_within_the_roll_rate() {
         if keys.contains("box") {
             continue;
         }
-        // The bank is the arc tangent of the curvature, 3 % steeper than the chord; the wind contributes 5 % to the
-        // turn.
+        // The bank angle is the arc tangent of the centripetal acceleration over g. The curvature is 3 % above the
+        // curvature estimated from the chord, and the wind contributes 5 % to the turn.
         assert!(most(&truth.attitude_deg[0]) < 20.0 * 1.02, "{keys}: {}", most(&truth.attitude_deg[0]));
         assert!(most(&truth.rates_degps[0]) < 6.0 * 1.1, "{keys}: {}", most(&truth.rates_degps[0]));
         assert!(most(&truth.attitude_deg[0]) > 10.0);

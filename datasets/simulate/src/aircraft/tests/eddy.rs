@@ -112,7 +112,7 @@ fn law_in_a_steady_turn_the_rate_is_that_of_the_rotating_horizontal_field() {
         );
         let body_nt = true_track.attitude(i).transpose() * ned_nt;
         let found = true_track.rate_in_body(i, &Vector3::zeros(), &body_nt);
-        // Rounding of 4e4 nT at 0.1 rad/s.
+        // Rounding error of the eddy-current terms in a field of 4e4 nT that rotates at 0.1 rad/s.
         assert!((found - expected).norm() < 1e-9, "{i}: {found} {expected}");
     }
 }

@@ -81,7 +81,8 @@ fn known_positions(c: &StateMatrix) -> ([StateVector; 2], StateMatrix) {
     (factor, left)
 }
 
-/// Source of normals of a particle at a step. Draws are independent of the number and order of threads.
+/// Generator of the standard normal random numbers of a particle at a step. Draws are independent of the number and
+/// order of threads.
 fn normals_of(seed: u64, step: u64, particle: u64) -> NormalGenerator {
     NormalGenerator::new(key(seed, step).wrapping_add(particle.wrapping_mul(0xd134_2543_de82_ef95)))
 }
