@@ -72,7 +72,7 @@ impl FlightIns {
     /// The INS of a flight before its first line. For an ensemble, this function simulates all lines once to choose the
     /// member. One line is in memory at a time.
     ///
-    /// For both methods, the members are ranked by the linear error model in steps of 1 s.
+    /// For both methods, the realisations of an ensemble are ranked by the linear error model in steps of 1 s.
     ///
     /// # Errors
     /// Fails for a trajectory or a parameter outside the error model.
