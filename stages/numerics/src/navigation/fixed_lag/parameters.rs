@@ -12,8 +12,7 @@ params! {
     /// Fraction of a window that the next window shares. Windows end every `window_s` (1 - `overlap`) seconds, by
     /// default 15 s. This interval has more influence than the length of the windows.
     overlap: f64, unit "1", default 0.95, rule Rule::Between(0.0, 0.999);
-    /// Maximum time between a sample and the later measurements that are used in its estimate. 0 navigates in real
-    /// time.
+    /// Maximum delay after a sample of the measurements in its estimate. 0 navigates in real time.
     lag_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
     /// Interval over which measurements are averaged into one. 0 uses every sample.
     measurement_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
