@@ -46,7 +46,7 @@ pub struct SnapshotSource {
     pub files: Vec<(String, String)>,
     /// The key of each line (`flight/line`), or of the map.
     pub lines: BTreeMap<String, String>,
-    /// The columns that were restricted; `*` stands for all columns.
+    /// The columns that were restricted; `*` means all columns.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub restricted: Vec<String>,
 }
