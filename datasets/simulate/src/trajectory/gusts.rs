@@ -138,9 +138,9 @@ impl SecondOrderGustFilter {
     }
 }
 
-/// The response of one axis of the aircraft to the gust along this axis: displacement d and velocity v with v' = (gust
-/// - v) / lag - hold² d, and an angle a that weathercocks into the relative gust, a'' = w² (gain (gust - v) - a) - 2 ζ
-/// w a'. Sampled exactly for gusts that change linearly in a step.
+/// The response of one axis of the aircraft to the gust along this axis: displacement d and velocity v with
+/// v' = (gust - v) / lag - hold² d, and an angle a that weathercocks into the relative gust,
+/// a'' = w² (gain (gust - v) - a) - 2 ζ w a'. Sampled exactly for gusts that change linearly in a step.
 #[derive(Clone, Debug)]
 struct GustResponse {
     x: Vector4<f64>,
