@@ -1,7 +1,7 @@
-//! Structure of the source: sizes of crates, and circles of files that use each other.
+//! Structure of the source: sizes of crates, and cycles of files that use each other.
 //!
-//! A file uses another if it names one of its items by a path from `crate`, `self` or `super`. Test modules do not
-//! count, and the root of a crate is left out, because it re-exports items.
+//! A file uses another file if it names an item of that file by a path from `crate`, `self` or `super`. Test modules do
+//! not count, and the root of a crate is left out, because it re-exports items.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -61,7 +61,7 @@ fn read_modules(root: &Path, folder: &Path, modules: &mut BTreeMap<ModulePath, S
     }
 }
 
-/// Paths that begin with `crate`, `self` or `super` in `code`; a use of several items gives one path for each.
+/// Paths that begin with `crate`, `self` or `super` in `code`; a `use` of several items gives one path for each item.
 fn paths(code: &str) -> Vec<String> {
     let mut found = vec![];
     for start in ["crate::", "super::", "self::"] {

@@ -161,7 +161,7 @@ fn user_a_dropout_affects_only_its_samples_and_sensor() {
         })
         .collect();
     let mags = texts(&models, "mag");
-    // Trim: 20 samples at each end of each run. Each of the two lines is one run; the gap adds one.
+    // Trim: 20 samples at each end of each run. Each of the two lines is one run; the gap adds one more run.
     assert!((0..left.len()).all(|i| left[i] == if mags[i] == "mag_4_uc" { 30 + 3 * 40 } else { 2 * 40 }), "{left:?}");
     let track = read(&bench.path("store/tables/small/track"));
     let missing = texts(&track, "update").iter().filter(|u| *u == "missing").count();
@@ -252,7 +252,8 @@ fn gold_terms_without_excitation_are_listed() {
     }
     let done = bench.run(&[]);
     assert_eq!(done.code, 1);
-    // Without a ridge parameter only the fits of flux_a fail. With one they are solved with a large condition number.
+    // Without a ridge parameter only the fits of flux_a fail. With a ridge parameter, these fits succeed with a large
+    // condition number.
     assert_eq!((done.computed("coefficients"), done.total("failed")), (6, 2));
     let failed = failures(&bench);
     assert!(
@@ -269,7 +270,8 @@ fn gold_a_line_without_a_column_fails_where_the_column_is_read() {
     write(&bench.path("flights/3.parquet"), &[without(&line_of("3", "3.02", 500), "flux_d_z")]);
     let done = bench.run(&[]);
     assert_eq!(done.code, 1);
-    // Resampling makes a column of NaN, so navigation with this vector magnetometer fails; the other one works.
+    // Resampling makes a column of NaN, so navigation with this vector magnetometer fails; navigation with the other
+    // magnetometer works.
     let failed = failures(&bench);
     assert_eq!(failed.len(), 4, "{failed:?}");
     assert!(
@@ -340,7 +342,7 @@ fn gold_an_irregular_map_is_rejected_and_a_map_with_a_hole_is_accepted() {
     let done = bench.run(&[]);
     assert_eq!(done.code, 2, "{}", done.last);
     assert!(done.stderr.contains("map.parquet") && done.stderr.contains("lon"), "{}", done.stderr);
-    // Nodes absent from the table are missing values. None of them lies under a track.
+    // Nodes absent from the table are missing values. None of these nodes is below a track.
     let rows = map();
     write(&bench.path("map.parquet"), &[rows.slice(0, rows.num_rows() - 7)]);
     let done = bench.run(&[]);

@@ -98,7 +98,7 @@ fn user_trees_and_random_features_compensate_and_are_explained() {
                 GROUP BY \"group\" ORDER BY avg(value) DESC LIMIT 1";
     let answer = bench.magline(&["sql", "--store", "one", "--format", "csv", best]);
     assert!(answer.status.success() && stdout(&answer).lines().count() == 2, "{}{}", stdout(&answer), stderr(&answer));
-    // The axis replaces the column of its name; the column appears once.
+    // The axis replaces the column of the same name; the column appears once.
     assert_eq!(weights[0].schema().fields().iter().filter(|field| field.name() == "method").count(), 1);
     let lists =
         "SELECT count(*) FROM small.weights WHERE sample_values IS NOT NULL AND array_length(sample_values) = 20";
@@ -130,7 +130,7 @@ fn user_invalid_keys_of_trees_and_random_features_are_rejected() {
 #[test]
 fn user_the_error_without_each_input_is_a_sweep_over_subsets() {
     let bench = Bench::new();
-    // All four inputs, and all subsets of three.
+    // All four inputs together, and all subsets of three inputs.
     let axes = "[axes]\ninputs = { subsets_of = [\"x\", \"y\", \"z\", \"yy\"], at_least = 3 }";
     let fit = "model = \"ridge\"\nentries = \"$inputs\"\nlambda = 0.0\nlow_hz = 0.0\nhigh_hz = 0.0\ntrim = 0";
     bench.spec(&spec(axes, fit, "method = \"pearson\""));

@@ -64,7 +64,7 @@ fn law_the_trivial_solution_is_reported_with_its_error_bound() {
     let output = bench.magline(&["run", "spec.toml"]);
     assert!(output.status.success(), "{}", stderr(&output));
     let message = stderr(&output);
-    // Six of seven fits are trivial. The message shows the first one and the number of all.
+    // Six of seven fits are trivial. The message shows the first fault and the number of all faults.
     let first = "warning: model: the fit has a warning at 6 places, first (lambda = 0, vector = flux_a): ";
     assert!(message.contains(first) && message.contains("trivial solution"), "{message}");
     assert!(message.contains("warning: 6 warnings; the table `small.warnings` lists all"), "{message}");

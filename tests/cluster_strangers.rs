@@ -1,4 +1,5 @@
-//! Requests of foreign clients to a cluster. Without the key all are rejected; with it only tasks of magline run.
+//! Requests of foreign clients to a cluster. Without the key all requests are rejected; with the key only tasks of
+//! magline run.
 
 use std::{fs, net::TcpListener, os::unix::fs::PermissionsExt, path::Path, sync::Arc, time::Duration};
 
@@ -41,7 +42,7 @@ use crate::{
 const MAGLINE: &str = env!("CARGO_BIN_EXE_magline");
 const SECRET: &str = "geheim";
 
-/// A cluster of one worker, its ports, and files that must not be read or written through it.
+/// A cluster of one worker, its ports, and files that must not be read or written through the cluster.
 struct Scene {
     bench: Bench,
     cluster: Cluster,
@@ -125,7 +126,7 @@ impl Scene {
         assert!(!self.cluster.worker_stderr().contains(SECRET));
     }
 
-    /// Submits a plan to the scheduler; an error if it is rejected.
+    /// Submits a plan to the scheduler; returns an error if the plan is rejected.
     async fn submit(&self, channel: Channel, query: Query) -> Result<(), String> {
         let asked = ExecuteQueryParams { query: Some(query), ..ExecuteQueryParams::default() };
         let mut request = Request::new(asked);
@@ -137,7 +138,7 @@ impl Scene {
         }
     }
 
-    /// Sends tasks to the worker; an error if they are rejected.
+    /// Sends tasks to the worker; returns an error if the tasks are rejected.
     async fn launch(&self, channel: Channel, job: &str, plan: &[u8]) -> Result<(), String> {
         let task = TaskId { global_output_partition_ids: vec![0], vcores_consumed: 1, ..TaskId::default() };
         let tasks = MultiTaskDefinition {

@@ -11,7 +11,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Longest wait. It allows for machines that build and test at the same time.
+/// Longest wait. The limit allows for machines that build and test at the same time.
 const LONGEST: Duration = Duration::from_secs(240);
 
 /// Key file in the folder of a cluster.
@@ -21,7 +21,7 @@ pub const KEY: &str = "a-key-of-a-test-7d1e4b0c9a2f5863";
 
 static ONE: Mutex<()> = Mutex::new(());
 
-/// A cluster. Its processes are killed when it is dropped.
+/// A cluster. The processes are killed when the cluster is dropped.
 pub struct Cluster {
     program: PathBuf,
     folder: PathBuf,

@@ -77,7 +77,7 @@ fn user_a_grown_sweep_costs_only_its_new_points() {
     for table in ["even", "terms"] {
         assert_eq!(number(of(&more, table), "compute"), 0.0, "{table}");
     }
-    // A third value in addition to two costs half as much as these two.
+    // A third value costs half as much as the first two values together.
     assert_eq!(number(of(&more, "clean"), "compute"), 16.0);
     assert_eq!(number(of(&more, "clean"), "rows"), number(of(&whole, "clean"), "rows") / 2.0);
     assert!(number(&more, "bytes") < number(&whole, "bytes"));

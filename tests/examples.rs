@@ -43,7 +43,8 @@ fn val_tolles_lawson_on_real_samples_equals_scikit_learn() {
         let cells: Vec<&str> = row.split(',').collect();
         let (lambda, value): (f64, f64) = (cells[0].parse().unwrap(), cells[2].parse().unwrap());
         let at = (0..ours.len()).find(|i| lambdas[*i] == lambda && terms[*i] == cells[1]).unwrap();
-        // The matrix has a condition number of about 1e3. Both programs solve by SVD, so all but the last digits agree.
+        // The matrix has a condition number of about 1e3. Both programs use the SVD, so all digits except the last
+        // agree.
         assert!((ours[at] - value).abs() <= 1e-7 * value.abs().max(1.0), "{row}: {}", ours[at]);
         compared += 1;
     }
@@ -67,8 +68,9 @@ fn ref_simple_magnav_flight_has_the_published_drms() {
         let at = (0..values.len()).find(|i| axes[*i] == axis && metrics[*i] == metric).unwrap();
         values[at]
     };
-    // MagNav.jl 1.3.3 with its defaults: 7.35 m cubic, 2.00 m bilinear, INS alone 1.98 m. It differs in one element
-    // of F, in the discretisation of the noise, in the velocities (grid north for true north) and in the radii.
+    // Errors of MagNav.jl 1.3.3 with its defaults: 7.35 m with the cubic map, 2.00 m with the bilinear map, and 1.98 m
+    // for the INS alone. MagNav.jl differs in one element of F, in the discretisation of the noise, in the velocities
+    // (grid north for true north) and in the radii.
     assert!((of("cubic", "drms") - 7.35).abs() < 0.5, "{}", of("cubic", "drms"));
     assert!((of("linear", "drms") - 2.00).abs() < 0.3, "{}", of("linear", "drms"));
     assert!((of("linear", "ins_drms") - 1.98).abs() < 0.05, "{}", of("linear", "ins_drms"));
@@ -97,7 +99,7 @@ fn user_the_osborne_example_compensates_and_navigates() {
         assert_eq!(after.len(), 12);
         assert!(after.iter().zip(&before).all(|(a, b)| a < b), "{mag}");
     }
-    // Each filter is better than its INS and consistent: the expected value of NEES is 2, that of NIS is 1.
+    // Each filter is better than its INS and consistent: the expected values are 2 for NEES and 1 for NIS.
     let all =
         |metric: &str| -> Vec<f64> { (0..values.len()).filter(|i| metrics[*i] == metric).map(|i| values[i]).collect() };
     let (drms, ins) = (all("drms"), all("ins_drms"));
@@ -121,7 +123,7 @@ fn user_a_calibration_at_great_height_retains_the_anomaly() {
     let (metrics, values) = (texts(&summary, "metric"), numbers(&summary, "value"));
     let (low, high, lines) =
         (numbers(&summary, "low"), numbers(&summary, "high"), summary.iter().map(|b| b.num_rows()).sum::<usize>());
-    // Two calibrations of three magnetometers, six metrics each.
+    // Two calibrations of three magnetometers, with six metrics each.
     assert_eq!(lines, 36);
     let of = |mag: &str, calibration: &str, metric: &str| {
         let at =
@@ -150,7 +152,7 @@ fn user_a_map_continued_to_the_flight_height_matches_the_stinger() {
         (0..values.len()).filter(wanted).map(|i| values[i]).fold(0.0, f64::max)
     };
     // The noise of the stinger is 0.02 nT. The simulation uses a spline in latitude and longitude, the stage a spline
-    // on the native grid. Both agree at the nodes.
+    // on the native grid. Both splines agree at the nodes.
     assert!(std("scores_level", "cubic", false) < 0.1);
     assert!(std("scores_level", "linear", false) > 0.3);
     // The boxes are flown 2500 m above the map. There the level map has the full error of the short anomalies. The

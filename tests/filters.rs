@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fs};
 
 use crate::support::{Bench, numbers, read, repository, stderr, texts};
 
-/// Forty flights of 20 min. Each draws its errors from the default assumptions of `navigate`.
+/// Forty flights of 20 min. The errors of each flight are drawn from the default assumptions of `navigate`.
 fn flights(magnetometers: &str) -> String {
     let map = repository().join("datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif");
     format!(
@@ -118,8 +118,8 @@ fn law_every_filter_is_consistent_and_near_the_cramer_rao_bound() {
     }
     let (mean, error) = nees["ins_only"];
     assert!((mean - 2.0).abs() < 4.0 * error, "ins_only: NEES {mean} ± {error}");
-    // The track holds the bound as standard deviations. Their mean variance is the smallest possible mean squared
-    // error.
+    // The track holds the bound as standard deviations. The mean of the variances of the bound is the smallest possible
+    // mean squared error.
     let track = read(&bench.path("store/tables/filters/track"));
     let (filters, north, east) = (texts(&track, "filter"), numbers(&track, "sd_n"), numbers(&track, "sd_e"));
     let squares = |of: &str| -> Vec<f64> {
@@ -200,11 +200,12 @@ fn law_varying_noise_from_a_column_gives_a_consistent_filter() {
     let (nis, error) = of("known", "nis");
     assert!((nis - 1.0).abs() < (4.0 * error).max(0.02), "NIS {nis} ± {error}");
     let best = of("known", "drms").0;
-    // With half the noise assumed and the factor estimated, the filter is nearly as good. Without the column it is not.
+    // With half the noise assumed and the factor estimated, the filter is nearly as good. Without the column, the
+    // filter is less accurate.
     assert!(of("learnt", "nees").0 < 3.0 && of("learnt", "drms").0 < 1.25 * best);
     assert!(of("blind", "nees").0 > of("learnt", "nees").0 && of("blind", "drms").0 > of("learnt", "drms").0);
-    // One constant noise fails in both cases. With the noise of the quiet times the filter diverges. With the mean
-    // noise the NIS is right on average, but the information of the quiet times is lost.
+    // A constant assumed noise fails in both cases. With the noise of the quiet times the filter diverges. With the
+    // mean noise the NIS is right on average, but the information of the quiet times is lost.
     assert!(of("fixed", "nees").0 > 100.0 && of("fixed", "nis").0 > 100.0);
     assert!(of("mean", "drms").0 > 1.5 * best, "{} {best}", of("mean", "drms").0);
 }
@@ -261,7 +262,7 @@ fn law_a_difference_of_magnetometers_navigates_through_a_storm() {
     for filter in ["ekf", "iekf", "ukf"] {
         assert!(held[filter].0 < 0.25 * ins[filter].0, "{filter}: {:?} {:?}", held[filter], ins[filter]);
         assert!(spoilt[filter].0 > 20.0 && lost[filter].0 > 3.0 * held[filter].0, "{filter}: {:?}", spoilt[filter]);
-        // Tolerance of four standard errors. The unscented filter treats the curvature of the map as noise and is
+        // The tolerance is four standard errors. The unscented filter treats the curvature of the map as noise and is
         // cautious.
         let (mean, error) = nees[filter];
         let cautious = filter == "ukf" && mean < 2.0;

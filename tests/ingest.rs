@@ -38,7 +38,7 @@ pub fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     found
 }
 
-/// A log of `rows` rows at 10 Hz in milligauss, and a mapping of it.
+/// A log of `rows` rows at 10 Hz in milligauss, and a mapping of this log.
 fn log(folder: &Path, name: &str, rows: usize) {
     let mut text = "ms,MagX,MagY,MagZ,cur\n".to_owned();
     for i in 0..rows {
@@ -350,7 +350,7 @@ fn user_another_file_is_never_replaced_silently() {
     assert!(before == files(&at.join("out")));
     assert_eq!(run(&["--replace"]).status.code(), Some(0));
     assert_eq!(file(&at.join("out/log.parquet")).iter().map(RecordBatch::num_rows).sum::<usize>(), 50);
-    // Two logs of one name.
+    // Two logs with the same name.
     fs::create_dir(at.join("b")).unwrap();
     log(&at.join("b"), "log.csv", 20);
     let clash = magline(at, &["ingest", "log.csv", "b/log.csv", "--to", "c", "--mapping", "m.toml"]);

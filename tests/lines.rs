@@ -201,9 +201,10 @@ fn user_the_report_shows_the_quality_of_the_data() {
         // Two gaps of 7 s in one flight: total missing time.
         "! 2</td>",
         "! 14.00</td>",
-        // 120 samples of one value take 11.9 s.
+        // 120 equal samples last 11.9 s.
         "! 120, 11.90 s</td>",
-        // Twice 60 missing values: 6.1 s from the last before to the first after.
+        // Two gaps of 60 missing values. Each lasts 6.1 s, from the last value before the gap to the first value after
+        // it.
         "! 120, 6.100 s</td>",
         "Flight 7: flagged samples over time",
         "class=\"stuck\"",

@@ -144,7 +144,7 @@ columns = ["quiet", "t", "lat"]
     assert_eq!(other.run(&["--threads", "4"]).code, 0);
     assert!(other.tables("store") == one);
 
-    // Expected value from the files by python3: the two minutes around 10:00:05 minus the mean of both days.
+    // Expected value, computed from the files with Python: the two minutes around 10:00:05 minus the mean of both days.
     let variation = table(&bench, "variation");
     assert_eq!(numbers(&variation, "tt")[0], 36_005.0);
     assert!(

@@ -51,7 +51,7 @@ fn ref_ardupilot_logs_of_4_1_and_3_6_are_read_through_their_mappings() {
             [-4000.0, 27_000.0, -43_000.0]
         );
         let gps = table("gps");
-        // The first two records have no fix. The velocity is 12 m/s eastward.
+        // The first two records have no GNSS fix. The velocity is 12 m/s eastward.
         assert_eq!(numbers(&gps, "lat").len(), 58);
         assert_eq!(["lat", "lon", "msl"].map(|n| numbers(&gps, n)[0]), [-35.362_581, 149.165_23, 584.36]);
         assert!(numbers(&gps, "vn")[0].abs() < 1e-12 && numbers(&gps, "ve")[0] == 12.0);

@@ -31,7 +31,8 @@ level_m        = 300.0
 cross_validate = 4
 "#;
 
-/// Map of the flights with the standard deviation of its node error: 40 nT west of 10 degrees, 1 nT east of it.
+/// Map of the flights with the standard deviation of its node error: 40 nT west of the longitude of 10 degrees, and 1
+/// nT east of it.
 fn with_errors() -> RecordBatch {
     let map = map();
     let column = |name: &str| numbers(std::slice::from_ref(&map), name);

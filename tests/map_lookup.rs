@@ -68,8 +68,8 @@ fn looked_up(spec: &str) -> (Vec<RecordBatch>, Vec<RecordBatch>, AnomalyGrid, Cr
     let (west, south) = (map.x.first, map.y.first);
     let (east, north) = (map.x.last(), map.y.last());
     let (wide, high) = (east - west, north - south);
-    // Along two edges through nodes. Steps of 50 m would be 500 m/s, so the step is 10 m and every tenth sample is a
-    // node.
+    // The lines follow two edges of the map, through the nodes. Steps of 50 m would be 500 m/s, so the step is 10 m and
+    // every tenth sample is a node.
     let lines = [
         line_batch("1.01", &crs, |i| (west + 10.0 * i, south), 1000),
         line_batch("1.02", &crs, |i| (east, south + 10.0 * i), 1000),

@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use crate::support::{Bench, batch, magline, map, numbers, read, repository, stderr, stdout, write};
 
-/// File extension and format. If the format is empty, the extension determines it.
+/// File extension and format. If `format` is empty, the extension determines the format.
 const FORMATS: [(&str, &str); 11] = [
     ("parquet", ""),
     ("tif", ""),
@@ -155,7 +155,7 @@ fn user_a_hole_is_filled_from_its_surroundings_or_another_map() {
     ]);
     fine(&output);
     assert!(stderr(&output).contains("median -25.00"), "{}", stderr(&output));
-    // The other map is exact except for its level, which follows from the overlap.
+    // The other map is exact except for its level, which is computed from the overlap.
     assert!(rms("both.parquet") < 1e-6, "{}", rms("both.parquet"));
 }
 
@@ -304,7 +304,7 @@ fn user_invalid_arguments_are_rejected_before_the_computation() {
 #[test]
 fn user_levelling_shifts_ties_and_keeps_level_lines() {
     let bench = Bench::new();
-    // Ties are 25 nT too high, and their values come from positions 15 m off the recorded ones.
+    // Ties are 25 nT too high, and the values of the ties are from positions 15 m away from the recorded positions.
     points_of(&bench, |i, row| {
         if row[4] >= 100.0 {
             let shift_m = 15.0 * ((i / 7) as f64).sin();

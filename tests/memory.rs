@@ -47,7 +47,7 @@ fn peak_kb(lines: usize) -> u64 {
 #[cfg(target_os = "linux")]
 fn user_the_peak_of_memory_does_not_grow_with_the_number_of_lines() {
     let (few, many) = (peak_kb(4), peak_kb(40));
-    // 36 more lines are 36 * 20,000 * 39 columns * 8 bytes = 225 MB. A fit keeps the means of each second of its terms,
-    // 16 MB of them, and the allocator takes memory in pieces of 32 MB.
+    // 36 more lines are 36 * 20,000 * 39 columns * 8 bytes = 225 MB. A fit keeps the means of the terms over each
+    // second, which are 16 MB. The allocator takes memory in blocks of 32 MB.
     assert!(many < few + 60_000, "{few} kB for 4 lines, {many} kB for 40");
 }

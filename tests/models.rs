@@ -51,7 +51,7 @@ fn run(bench: &Bench) {
     assert_eq!(done.code, 0, "{}", done.stderr);
 }
 
-/// The coefficients of a fit in the order of the terms, the intercept last.
+/// The coefficients of a fit in the order of the terms; the intercept is last.
 fn coefficients(bench: &Bench, name: &str) -> Vec<f64> {
     numbers(&read(&bench.path("store/tables/small").join(name)), "value")
 }
@@ -147,7 +147,7 @@ fn val_robust_models_equal_scikit_learn_and_statsmodels() {
         .collect();
     let bench = small_case(&stages.concat());
     run(&bench);
-    // At the minimum of the objective, coefficients have half of its digits.
+    // At the minimum of the objective, coefficients have half of the accurate digits of the objective.
     (0..table["kind"].len()).for_each(|row| near(&bench, &format!("robust{row}"), &table, row, 1e-4));
 }
 
@@ -198,7 +198,7 @@ fn val_chosen_parameters_match_explicit_formulas() {
     let simpler = means.iter().position(|m| *m <= limit).unwrap();
     assert!(simpler < best, "{means:?}");
     assert_eq!(chosen(&bench, "best"), table["alpha"][best]);
-    // In this case scikit-learn's mean squares lead to the same choice as the variances.
+    // In this case the mean squares of scikit-learn and the variances lead to the same choice.
     assert_eq!(best, least(&table["mean_square"]));
     assert_eq!(chosen(&bench, "simpler"), table["alpha"][simpler]);
     assert_eq!(chosen(&bench, "gcv"), table["lambda"][least(&table["gcv"])]);
@@ -294,8 +294,8 @@ fn law_entries_of_a_list_are_the_columns_of_that_name() {
     assert_eq!(sets, ["a0", "a1+a2", "a5", "a0+a1+a2", "a0+a5", "a1+a2+a5"]);
     for column in ["value", "residual_std"] {
         for (a, b) in numbers(&columns, column).iter().zip(numbers(&entries, column)) {
-            // One factor is a part of the factor of eight columns, the other is computed separately. Robust models stop
-            // at a tolerance.
+            // One factor is a part of the factor of eight columns; the other factor is computed separately. Robust
+            // models stop at a tolerance.
             assert!((a - b).abs() <= 1e-6 * (b.abs() + 1e-2), "{column}: {a} {b}");
         }
     }
@@ -416,7 +416,8 @@ fn law_errors_from_noise_match_their_predicted_covariance() {
         let sum: f64 = squares.iter().skip(term).step_by(18).sum();
         assert!((130.0..350.0).contains(&sum), "term {term}: {sum}");
     }
-    // All terms together: squares of mean 1. Terms of one flight are correlated, so they count as at least 240.
+    // All terms together: squares of mean 1. Terms of one flight are correlated, so they count as at least 240
+    // independent squares.
     let mean = squares.iter().sum::<f64>() / squares.len() as f64;
     assert!((mean - 1.0).abs() < 3.5 * (2.0f64 / 240.0).sqrt(), "{mean}");
 }
@@ -457,7 +458,7 @@ fn user_a_key_of_any_model_of_the_sweep_is_accepted() {
     assert!(String::from_utf8_lossy(&none.stderr).contains("`components` belongs to `pls` and `truncated_svd`"));
 }
 
-/// Sweep of two models over the ridge parameter, which applies to only one of them.
+/// Sweep of two models over the ridge parameter, which applies to only one of the models.
 fn two_models(more: &str) -> Bench {
     let stage = fit("swept", "mag_4_uc", &format!("model = \"$kind\"\nlambda = \"$lambda\"\ncomponents = 2\n{more}"));
     small_case(&format!(
@@ -489,7 +490,7 @@ fn user_points_that_differ_only_in_an_unused_key_are_computed_once_and_all_publi
     let clean = read(&bench.path("store/tables/small/clean"));
     let rows = |lambda: f64| numbers(&clean, "lambda").iter().filter(|l| **l == lambda).count();
     assert!(rows(0.1) > 0 && rows(0.1) == rows(1.0) && rows(0.1) == rows(10.0));
-    // All results are now in the store, including the one shared with another point.
+    // All results are now in the store, including the result shared with another point.
     let again = bench.run(&[]);
     assert_eq!((again.code, again.total("computed")), (0, 0), "{}", again.last);
     // The bytes are the same with one thread and after growth in steps.

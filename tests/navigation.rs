@@ -86,7 +86,8 @@ fn user_the_date_of_the_spec_takes_precedence_over_the_flight() {
     assert_eq!(nobody, both);
     let flight = residual(&bench_of(dated(2024.0)), &core_field_keys[..2]);
     assert_ne!(flight, both);
-    // The first samples lack the day, others the year. The first sample with both gives the date.
+    // The first samples lack the day, and other samples lack the year. The first sample with day and year gives the
+    // date.
     let holes = residual(
         &bench_of(|line| {
             let line = changed(&dated(2024.0)(line), "doy", |row, x| if row < 3 { f64::NAN } else { x });
@@ -210,7 +211,7 @@ fn user_automatic_noise_uses_the_calibration_residual() {
         let (found, on_line) = (numbers(&model, of_model), numbers(&clean, of_line));
         assert!(found[0] > 0.0 && found.iter().chain(&on_line).all(|x| *x == found[0]), "{of_model} {found:?}");
     }
-    // The same numbers set explicitly. With an offset the FOGM part has twice the variance and time constant.
+    // The same noise values, set explicitly. With an offset the FOGM part has twice the variance and time constant.
     let by_hand = track(&bench, "lat");
     let (white, sigma, tau) = (
         numbers(&model, "residual_sigma")[0],
@@ -251,7 +252,7 @@ fn user_automatic_noise_uses_lines_over_a_known_field() {
         (read(&bench.path("store/tables/small/left")), read(&bench.path("store/tables/small/expected")));
     let sigma = numbers(&left, "residual_sigma");
     assert!(sigma.len() == 1 && numbers(&expected, "mag_sigma").iter().all(|x| *x == sigma[0]));
-    // Without a true field its parts are required; the message gives the stages that compute them.
+    // Without a true field, the components of the field are required; the message gives the stages that compute them.
     bench.spec(&(spec + &more.replace("truth = \"mag_1_c\"\n", "")));
     let run = bench.run(&[]);
     assert_eq!(run.code, 2);
@@ -269,13 +270,13 @@ fn user_a_map_at_another_height_has_an_estimated_error() {
         assert!(all.len() == 4 && all.iter().all(|x| (x - all[0]).abs() < 1e-9), "{all:?}");
         all[0]
     };
-    // The map is at 300 m. Its waves are about 2.5 km long, 100 nT rms. At 200 m above it, 100 (1 - exp(-2 pi 0.08)) nT
-    // are lost.
+    // The map is at 300 m. The waves of the map are about 2.5 km long and have an rms of 100 nT. At 200 m above the
+    // map, the field is smaller by 100 (1 - exp(-2 pi 0.08)) nT.
     assert!(error(300.0, &[]) < 1e-6);
     let high = error(500.0, &[]);
     assert!((20.0..70.0).contains(&high), "{high}");
     assert!(error(320.0, &[]) < 0.25 * high);
-    // The remaining error of a continued map comes from its edges.
+    // The remaining error of a continued map comes from the edges of the map.
     let continued = error(500.0, &["--set", "track.map_levels_m=[300.0, 500.0, 700.0]"]);
     assert!((0.0..0.5 * high).contains(&continued), "{continued} {high}");
 }

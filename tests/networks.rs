@@ -117,7 +117,7 @@ fn user_killed_fits_of_trees_resume_to_the_same_bytes_on_other_threads() {
     killed("model = \"boosted_trees\"\ntrees = 4000\nleaf_samples = 2\nsubsample = 0.8\nseed = 5");
 }
 
-/// Kills a fit after it stored a state, and runs it again.
+/// Kills a fit after a state is stored, and runs the fit again.
 fn killed(keys: &str) {
     let bench = Bench::new();
     bench.spec(&spec("x = [1]", keys).replace("[axes]\nx = [1]\n", ""));
@@ -213,7 +213,8 @@ fn aircraft(flight: &str, seed: u32, lines: &[(&str, f64, f64)], magnetometer: &
     )
 }
 
-/// Spec with a network of the first aircraft and two networks of one minute of the second: cold start and warm start.
+/// Spec with a network of the first aircraft and two networks trained on one minute of the second aircraft: cold start
+/// and warm start.
 fn transfer(first_epochs: u32) -> String {
     let mut spec = "name = \"transfer\"\nstore = \"store\"\n".to_owned();
     for one in ["first", "second"] {
@@ -306,7 +307,7 @@ fn user_training_can_start_from_the_network_of_another_aircraft() {
     let (cold, warm) = (score("cold"), score("warm"));
     println!("std error of the second aircraft: cold {cold:.1} nT, from the first {warm:.1} nT");
     assert!(warm < 0.5 * cold, "{warm} {cold}");
-    // The lineage lists its inputs. A changed input recomputes only the results that depend on it.
+    // The lineage lists the inputs of the table. A changed input recomputes only the results that depend on it.
     let lineage = bench.magline(&["lineage", "transfer.warm", "--store", "store"]);
     assert!(
         stdout(&lineage).contains("value <- ") && stdout(&lineage).contains("taught.value"),

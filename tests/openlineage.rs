@@ -119,7 +119,7 @@ fn user_openlineage_events_name_every_hop_from_the_files_to_the_scores() {
     let again = events(&bench.path("again.jsonl"));
     assert_ne!(again[0]["run"]["runId"], id);
     assert_eq!(plain(again), plain(found.clone()));
-    // A changed byte of an input changes its version and those of its dependents.
+    // A changed byte of an input changes the version of the input and the versions of its dependents.
     write(&bench.path("flights/2.parquet"), &[line_of("2", "2.01", 600)]);
     bench.run(&["--openlineage", "third.jsonl"]);
     let third = events(&bench.path("third.jsonl"));
@@ -193,7 +193,7 @@ fn serve(listener: TcpListener, status: &'static str) -> std::thread::JoinHandle
     })
 }
 
-/// Answers one request on a connection.
+/// Answers one request of a connection.
 fn one_client(stream: TcpStream, status: &str, bodies: &mut Vec<(String, Value)>) -> bool {
     let mut reader = BufReader::new(stream.try_clone().unwrap());
     let (mut head, mut length) = (String::new(), 0);

@@ -29,7 +29,7 @@ fn total(line: &str, rows: usize) -> RecordBatch {
         .fold(line_of("1", line, rows), |b, column| changed(&b, column, |_, x| x + 48_000.0))
 }
 
-/// Line of [`total`] with the velocities of its positions.
+/// Line of [`total`] with velocities that agree with the positions.
 fn moving(line: &str, rows: usize) -> RecordBatch {
     let flight = total(line, rows);
     let column = |name: &str| numbers(std::slice::from_ref(&flight), name);
@@ -54,7 +54,7 @@ fn renamed(flight: &RecordBatch, from: &str, to: &str) -> RecordBatch {
     RecordBatch::try_new(std::sync::Arc::new(schema.finish()), flight.columns().to_vec()).unwrap()
 }
 
-/// Bench with one file of these lines and additional keys of its table.
+/// Bench with one file of these lines and with additional keys in the table of the spec.
 fn bench(lines: &[RecordBatch], more: &str) -> Bench {
     let bench = Bench::new();
     fs::remove_file(bench.path("flights/2.parquet")).unwrap();
@@ -89,7 +89,7 @@ fn refused(lines: &[RecordBatch], more: &str) -> String {
     let printed = stderr(&check);
     let what = errors[0].split(" (").next().unwrap();
     assert!(printed.contains(what) && printed.contains("--> spec.toml:6:8"), "{what}\n{printed}");
-    // The same values are accepted with `accept`.
+    // With `accept`, the same values are accepted.
     let accepted = format!("accept = [\"range\"]\n{more}");
     bench.spec(&SPEC.replace("path = \"flights/\"", &format!("path = \"flights/\"\n{accepted}")));
     assert_eq!(bench.magline(&["check", "spec.toml"]).status.code(), Some(0));

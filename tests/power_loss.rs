@@ -1,7 +1,7 @@
 //! After a power loss at any moment, or any flipped bit, another run restores the store.
 //!
-//! A preloaded library (`shim/power.c`) ends a run before a chosen rename, link or fsync. It first drops unsynced data,
-//! as a disk may do.
+//! A preloaded library (`shim/power.c`) ends a run before a chosen rename, link or fsync. Before that, unsynced data
+//! are dropped, as on a disk that loses power.
 #![cfg(target_os = "linux")]
 
 use std::{
@@ -129,7 +129,7 @@ impl Scene {
         fs::read_to_string(self.folder.join("count")).unwrap().trim().parse().unwrap()
     }
 
-    /// True if a run in `store` was ended at its point.
+    /// True if a run in `store` was ended at the selected point.
     fn dies(&self, store: &str, more: &[&str], end: End) -> bool {
         let output = self.shimmed(store, more, Some(end)).output().unwrap();
         assert!(output.status.signal() == Some(9) || output.status.success(), "{end:?}: {}", stderr(&output));
@@ -167,7 +167,7 @@ impl Scene {
         Shown { files: self.files(store), answer: self.ask(store).unwrap() }
     }
 
-    /// Checks the published files after a loss: none, or exactly one of `wholes`.
+    /// Checks the published files after a loss: there are none, or they equal one item of `wholes`.
     fn is_one_of(&self, store: &str, wholes: &[&Shown]) -> Result<(), String> {
         let (files, answer) = (self.files(store), self.ask(store));
         if files.is_empty() {

@@ -29,7 +29,7 @@ given  = "Ada"
 family = "Lovelace"
 "#;
 
-/// Spec with metadata and replaced parts of its text.
+/// Spec with metadata with parts of the text replaced.
 fn spec(changes: &[(&str, &str)]) -> String {
     let text = SPEC.to_owned() + FACTS;
     changes.iter().fold(text, |text, (from, to)| {
@@ -247,7 +247,7 @@ fn user_all_damage_to_a_set_is_found_and_reported() {
         let at = bytes.len() / 2;
         bytes[at] ^= 1;
         fs::write(&path, &bytes).unwrap();
-        // An altered checksum is reported for its file.
+        // An altered checksum is reported with the name of the file.
         let named: &[&str] = if name == "SHA256SUMS" { &[] } else { &[name] };
         found(&format!("a flipped bit in {name}"), named);
         fs::write(&path, &original[name][..at]).unwrap();
@@ -294,7 +294,7 @@ fn user_all_damage_to_a_set_is_found_and_reported() {
         edit(name, from, to);
         found(&format!("{name}: {from} -> {to}"), &[name]);
     }
-    // A line replaced by another line, with its checksum.
+    // A line is replaced by another line, and the checksum is adapted.
     let other = format!("{}/part-0.parquet", line_folder("set", "clean", "2", "2.02"));
     fs::copy(bench.path(&other), bench.path(&data)).unwrap();
     resum();
@@ -331,7 +331,7 @@ fn user_a_folder_that_is_no_published_set_is_never_overwritten() {
     published(&bench, &["coefficients"], "set", &["--replace"]);
     assert!(bench.path("set/data/coefficients").exists() && !bench.path("set/data/scores").exists());
     assert_eq!(verify(&bench, "set").0, Some(0));
-    // No other file is left next to it.
+    // No temporary file remains next to the set.
     let hidden: Vec<String> = fs::read_dir(bench.folder.path())
         .unwrap()
         .flatten()
@@ -354,7 +354,7 @@ fn user_missing_metadata_is_reported_with_the_required_key() {
     assert_eq!(done.code, 0, "{}", done.stderr);
     let message = refused(&publish(&bench, &["score"], &["--to", "set"]));
     assert!(message.contains("did you mean `scores`?"), "{message}");
-    // Results of another spec are not published under this one.
+    // Results of another spec are not published under this spec.
     let message = refused(&publish(&bench, &["scores"], &["--to", "set", "--set", "axes.lambda=[0.5]"]));
     assert!(message.contains("magline run spec.toml --set 'axes.lambda=[0.5]'"), "{message}");
     // `check` reports errors in the metadata with their positions.
@@ -380,7 +380,7 @@ const RESTRICTED: (&str, &str) =
 #[test]
 fn user_columns_derived_from_a_restricted_column_are_not_published() {
     let bench = ran(&[RESTRICTED, ("mag    = [\"mag_4_uc\", \"mag_5_uc\"]", "mag    = [\"mag_4_uc\"]")]);
-    // Restriction is inherited through three stages, row by row.
+    // A restriction is inherited row by row, through three stages.
     for (table, chain) in [
         ("clean", "clean.mag_c <- terms.mag_4_uc <- even.mag_4_uc <- flights.mag_4_uc"),
         ("track", "clean.mag_c <- terms.mag_4_uc <- even.mag_4_uc <- flights.mag_4_uc"),
@@ -397,7 +397,7 @@ fn user_columns_derived_from_a_restricted_column_are_not_published() {
     assert_eq!(json(&bench, "set/dictionary.json")["restricted"], Value::Array(vec![]));
     let columns = read(&bench.path(&line_folder("set", "terms", "1", "1.01")));
     assert!(columns[0].column_by_name("tl").is_some() && columns[0].column_by_name("mag_4_uc").is_none());
-    // With `--include-restricted` it is published, and all documents state this.
+    // With `--include-restricted` the table is published, and all documents state this.
     published(&bench, &["clean"], "told", &["--include-restricted"]);
     let held = json(&bench, "told/dictionary.json")["restricted"].clone();
     let names: BTreeSet<&str> = held.as_array().unwrap().iter().filter_map(|h| h["column"].as_str()).collect();
@@ -471,7 +471,7 @@ fn user_whole_tables_embargoes_and_maps_are_protected() {
     let (status, message) = code(&of(map, "restricted = true"), "track", "e");
     assert!(status == Some(2) && message.contains("anomaly.anomaly"), "{message}");
     assert_eq!(code(&of(map, "restricted = true"), "clean", "f").0, Some(0));
-    // A misspelt column would protect nothing.
+    // A misspelt column name would protect no column.
     bench.spec(&of(flights, "restricted = [\"mag_1c\"]"));
     let message = refused(&bench.magline(&["check", "spec.toml"]));
     assert!(message.contains("did you mean `mag_1_c`?"), "{message}");

@@ -31,7 +31,7 @@ fn user_sql_gives_the_least_error_of_each_combination() {
         assert_eq!(row["best"].as_f64().unwrap(), best);
     }
     let csv = bench.magline(&["sql", "SELECT count(*) AS n FROM small.clean", "--format", "csv"]);
-    // Two lines of 700 and two of 500 samples at 8 points.
+    // Two lines of 700 samples and two lines of 500 samples, at 8 points.
     assert_eq!(stdout(&csv), "n\n19200\n");
 }
 

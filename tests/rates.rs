@@ -1,4 +1,4 @@
-//! Models at another sample rate than that of their fit.
+//! Models at a sample rate that differs from the rate of the fit.
 
 use std::collections::HashMap;
 
@@ -10,8 +10,8 @@ use crate::support::{Bench, batch, numbers, read, texts, with_keys, write};
 const RATE_HZ: f64 = 40.0;
 const FIELD_NT: f64 = 52_000.0;
 
-/// Line at 40 Hz with slow manoeuvres. Its magnetometer has permanent and induced fields, and eddy currents from the
-/// exact rate of change.
+/// Line at 40 Hz with slow manoeuvres. The magnetometer measures permanent and induced fields, and eddy currents from
+/// the exact rate of change.
 fn line(name: &str, seed: f64) -> RecordBatch {
     let rows = 6000;
     let vector = |t: f64| {

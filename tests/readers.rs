@@ -120,7 +120,7 @@ fn user_units_in_the_names_of_renamed_columns_are_converted() {
     let (theirs, ours) = (even(&theirs, columns), even(&ours, columns));
     assert_eq!((theirs.len(), ours.len()), (300, 300));
     for (a, b) in theirs.iter().flatten().zip(ours.iter().flatten()) {
-        // Two roundings to 1e-16 of the value.
+        // Two rounding errors of 1e-16 of the value.
         assert!((a - b).abs() <= 1e-12 * b.abs(), "{a} {b}");
     }
 }
@@ -195,8 +195,8 @@ fn user_words_for_missing_values_are_read_as_missing() {
     fs::write(bench.path("logs/1.csv"), csv(&lines(60), &same, &cell)).unwrap();
     finished(&bench);
     let mags: Vec<f64> = even(&bench, "mag_4_uc").into_iter().map(|r| r[0]).collect();
-    // The gap is shorter than the 1 s that resampling bridges. All values are interpolated from neighbours, so none is
-    // a filler.
+    // The gap is shorter than the 1 s that resampling bridges. All values are interpolated from neighbours, so no value
+    // is a placeholder for missing data.
     assert!(mags.iter().all(|x| (x - 48_000.0).abs() < 1_000.0), "{mags:?}");
     // Without the option the first unknown word fails its lines, and the message names the option.
     bench.spec(&spec(""));

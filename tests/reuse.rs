@@ -102,7 +102,7 @@ fn user_a_changed_column_recomputes_only_its_readers() {
     computed(&bench, &[]);
     let lines = [line_of("1", "1.01", 700), changed(&line_of("1", "1.02", 500), "mag_5_uc", |_, x| x + 1.0)];
     write(&bench.path("flights/1.parquet"), &lines);
-    // One line is resampled again. Its A-matrices and the results of mag_4_uc do not read mag_5_uc.
+    // One line is resampled again. The A-matrices of the line and the results of mag_4_uc do not depend on mag_5_uc.
     assert_eq!(computed(&bench, &[]), [1, 0, 0, 4, 4, 4]);
 }
 

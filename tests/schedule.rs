@@ -1,4 +1,4 @@
-//! Runs started by a scheduler: locks, limits, and files with their outcome.
+//! Runs started by a scheduler: locks, limits, and files with the outcome of runs.
 
 use std::{
     collections::BTreeMap,
@@ -106,7 +106,7 @@ fn user_a_killed_or_expired_holder_does_not_lock() {
     assert!(fs::read_to_string(&leases(&bench)[0]).unwrap().contains("\"free\":false"), "it released its lease");
     let done = bench.run(&[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
-    // Lease of a process on another machine, whose lock is invisible here. It is valid while it is renewed.
+    // Lease of a process on another machine, whose lock is invisible here. The lease is valid while it is renewed.
     let lease = leases(&bench).pop().unwrap();
     let number: u64 = lease.to_string_lossy().rsplit('-').next().unwrap().parse().unwrap();
     let other = bench.path(&format!("store/locks/small.lease-{}", number + 1));
@@ -144,7 +144,7 @@ fn user_until_computes_one_table_and_keeps_downstream_tables() {
     let done = bench.run(&["--until", "even"]);
     assert_eq!((done.total("computed"), &done.last["left"]), (0, &serde_json::json!([])));
     assert_eq!(bench.tables("store"), before);
-    // With another rate `even` and `terms` change; the other tables are those of the last complete run.
+    // With another rate `even` and `terms` change; the other tables remain as in the last complete run.
     let slow = SPEC.replace("rate_hz = 10.0", "rate_hz = 5.0");
     bench.spec(&slow);
     let (even, clean) = (bytes_of(&bench, "even"), bytes_of(&bench, "clean"));
@@ -160,7 +160,7 @@ fn user_until_computes_one_table_and_keeps_downstream_tables() {
     assert!(bench.magline(&["gc", "--store", "store", "--yes"]).status.success());
     assert!(bytes_of(&bench, "clean") == clean);
     assert!(bench.magline(&["verify", "--store", "store"]).status.success());
-    // The lineage of a skipped table is still that of its run.
+    // The lineage of a skipped table still refers to the run that computed the table.
     let lineage: Value =
         serde_json::from_slice(&bench.magline(&["lineage", "small.clean", "--format", "json"]).stdout).unwrap();
     assert_eq!(lineage["table"], "clean");
@@ -226,7 +226,7 @@ fn user_force_recomputes_and_reports_changed_bytes() {
     let message = done.last["failures"].to_string();
     assert!(message.contains("column `value`, row 0: ") && message.contains(" now"), "{message}");
     assert_eq!(summary(&bench)["status"], "failed");
-    // `even` does not depend on it.
+    // The table `even` does not depend on this result.
     assert_eq!(bench.run(&["--force=even"]).code, 0);
     let wrong = bench.run(&["--force=evne"]);
     assert!(wrong.code == 2 && wrong.stderr.contains("did you mean `even`?"), "{}", wrong.stderr);
@@ -297,7 +297,8 @@ fn user_a_run_past_its_time_limit_resumes_in_the_next_run() {
     assert_eq!(whole.total("computed") + whole.total("reused"), u64::from(12 + points * (4 + 3 * 16)));
 }
 
-/// Samples by name and labels. Asserts that help and type of each family precede its samples.
+/// Samples by name and labels. Asserts that the lines `HELP` and `TYPE` of each metric precede the samples of the
+/// metric.
 fn metrics(path: &Path) -> BTreeMap<String, f64> {
     let text = fs::read_to_string(path).unwrap();
     assert!(text.ends_with('\n'));
@@ -365,7 +366,7 @@ fn user_a_watched_folder_uses_complete_files_and_reports_incomplete_ones() {
         fs::write(bench.path("flights").join(name), half).unwrap();
     }
     assert_eq!(bench.run(&[]).total("computed"), 0);
-    // Half a file under its final name: the run reports it, and the tables stay unchanged.
+    // A truncated file has its final name: the run reports it, and the tables stay unchanged.
     let before = bench.tables("store");
     fs::write(bench.path("flights/3.parquet"), half).unwrap();
     let refused = bench.run(&[]);
@@ -376,12 +377,12 @@ fn user_a_watched_folder_uses_complete_files_and_reports_incomplete_ones() {
         refused.stderr
     );
     assert!(bench.tables("store") == before);
-    // With `--settle` it is skipped and reported.
+    // With `--settle` the file is skipped and reported.
     let done = bench.run(&["--settle", "1h"]);
     assert_eq!((done.code, done.total("computed")), (0, 0), "{}", done.stderr);
     let notes = done.last["notes"].to_string();
     assert!(notes.contains("skipped by `--settle`") && notes.contains("flights/3.parquet"), "{notes}");
-    // When it is complete, the next run reads it and computes only its units.
+    // When the file is complete, the next run reads it and computes only the units of this file.
     fs::write(bench.path("flights/3.parquet"), &bytes).unwrap();
     old("flights/3.parquet");
     let done = bench.run(&["--settle", "1h"]);

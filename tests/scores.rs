@@ -179,7 +179,7 @@ fn user_without_a_held_out_line_no_point_is_the_best() {
     assert!(body.contains("every point is in sample") && body.contains("4 of 4"), "{body}");
 }
 
-/// Second model, fitted to the residual of the first one on other lines.
+/// Second model, fitted to the residual of the first model on other lines.
 const SECOND: &str = r#"
 [[stages]]
 name   = "terms_again"
@@ -215,7 +215,7 @@ fn user_lines_are_in_sample_through_other_tables() {
     let text = spec(&[("[0.025, 0.25, 25.0]", "[0.025]")]) + SECOND;
     let (bench, ..) = ran(&text);
     assert_eq!(in_sample(&bench, "scores"), lines([true, false, true, false]));
-    // Lines of the first model, and those of the second, which was fitted to the residual of the first.
+    // Lines of the first model, and lines of the second model, which was fitted to the residual of the first.
     assert_eq!(in_sample(&bench, "scores_again"), lines([true, true, true, false]));
     // A changed `where` of the second model does not affect the first.
     bench.spec(&text.replace("line = '1.02'", "line = '2.02'"));
@@ -261,7 +261,7 @@ fn user_a_summary_pools_held_out_lines_and_flags_in_sample_lines() {
     assert!(!marks("held_out").is_empty() && marks("held_out").iter().all(|seen| !seen));
     assert!(!marks("fitted").is_empty() && marks("fitted").iter().all(|seen| *seen));
     assert!(!err.contains("lines in sample with"), "{err}");
-    // Summary and pooled scores show the same number.
+    // The summary and the pooled scores show the same number.
     for (metric, value) in metrics(&bench, "scores_pooled").into_iter().filter(|(_, value)| value.is_finite()) {
         let summary = of("together", &metric, "value");
         assert!((summary - value).abs() <= 1e-12 * value.abs(), "{metric}: {summary} {value}");
@@ -392,7 +392,7 @@ fn user_pooled_scores_are_a_table_like_the_others() {
         read(&bench.path("store/tables/small/scores_pooled")).iter().map(RecordBatch::num_rows).sum::<usize>()
     );
     assert!(bench.magline(&["verify", "set"]).status.success());
-    // The table stays when a run skips its table of scores.
+    // The table stays unchanged when a run skips its table of scores.
     let before = bench.tables("store");
     assert_eq!(bench.run(&["--until", "clean", "--set", "axes.lambda=[0.025, 0.25, 25.0]"]).code, 0);
     assert_eq!(bench.tables("store").keys().collect::<Vec<_>>(), before.keys().collect::<Vec<_>>());

@@ -252,7 +252,7 @@ fn user_force_recomputes_all_trials_of_a_search() {
     let again = events(&bench, &["--force"]).pop().unwrap();
     assert_eq!((&again["computed"], &again["interrupted"]), (&0.into(), &false.into()));
     let compared = again["compared"].as_array().unwrap();
-    // All trials of all generations: the number of scores equals that of the search.
+    // All trials of all generations: the number of units equals the number that the search computed.
     for table in ["coefficients", "clean", "scores"] {
         let found = compared.iter().find(|c| c["table"] == table).unwrap();
         let computed = &first["tables"][table]["computed"];
@@ -263,7 +263,7 @@ fn user_force_recomputes_all_trials_of_a_search() {
 
 #[test]
 fn user_the_cost_of_a_search_includes_all_its_trials() {
-    // Halving: three of nine are promoted to a second rung, twice.
+    // Successive halving: in each of two generations, three of nine trials are promoted to the second rung.
     for (keys, assumed) in [(TPE, 12), (HALVING, 15)] {
         let bench = searched(keys);
         let text = std::fs::read_to_string(bench.path("spec.toml")).unwrap();
@@ -417,7 +417,7 @@ fn user_halving_promotes_the_best_third() {
         }
     }
     assert!((0..24).filter(|i| rung[*i] == 2.0).all(|i| state[i] == "done" && share[i] == "2.01"));
-    // 18 fits at the first rung and 6 at the second, not 36.
+    // There are 18 fits at the first rung and 6 fits at the second rung instead of 36 fits.
     assert_eq!(done.computed("coefficients"), 24);
     let text = stdout(&bench.magline(&["explain", "spec.toml"]));
     assert!(text.contains("rungs share = 1.01 | 2.01; 1 of 3 trials is promoted to the next rung"), "{text}");

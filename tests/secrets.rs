@@ -1,4 +1,4 @@
-//! Credentials, and servers that try to have them shown or sent elsewhere.
+//! Credentials, and servers that try to make the program show them or send them elsewhere.
 
 use std::{
     fs,
@@ -137,7 +137,7 @@ fn user_an_endpoint_with_a_password_is_rejected_and_not_shown() {
         assert_hidden(&bench, &printed);
     }
     assert_eq!(asked.load(Ordering::Relaxed), 0);
-    // The password of a server of lineage events is not shown either.
+    // The password of the server for lineage events is also not shown.
     let to = format!("http://me:geheim-password@{address}/?key=geheim-password");
     let run = bench.magline(&["run", "spec.toml", "--openlineage", &to]);
     let printed = stdout(&run) + &stderr(&run);

@@ -92,7 +92,7 @@ fn user_a_spec_from_elsewhere_does_not_replace_tables() {
         );
         assert_eq!(bench.tables("store"), before);
     }
-    // The original spec may run, and so may another name in the same store.
+    // The original spec may run, and a spec with another name may use the same store.
     assert_eq!(bench.run(&[]).code, 0);
     fs::write(bench.path("from/other.toml"), evil.replace("\"small\"", "\"other\"")).unwrap();
     assert!(bench.magline(&["run", "from/other.toml", "-q"]).status.success());
@@ -147,7 +147,7 @@ fn family(process: u32) -> Vec<u32> {
     std::iter::once(process).chain(children.split_whitespace().filter_map(|n| n.parse().ok())).collect()
 }
 
-/// Peak memory of a query and its processes, MB, and its output.
+/// Peak memory of a query with its processes, MB, and the output of the query.
 #[cfg(target_os = "linux")]
 fn peak_mb(bench: &Bench, query: &str, limit: &str) -> (u64, Output) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_magline"))

@@ -48,8 +48,9 @@ fn metadata(file: &Path) -> ParquetMetaData {
     SerializedFileReader::new(fs::File::open(file).unwrap()).unwrap().metadata().clone()
 }
 
-/// Number of rows that parquet-mr reads from a file in splits of `split` bytes. It assigns a row group to the split
-/// with the middle of its bytes. It computes the middle from the offset of the first chunk and the sizes of all chunks.
+/// Number of rows that parquet-mr reads from a file in splits of `split` bytes. The reader assigns a row group to the
+/// split that contains the middle of the row group's bytes. The middle is computed from the offset of the first chunk
+/// and the sizes of all chunks.
 fn rows_in_splits(file: &Path, split: i64) -> i64 {
     let metadata = metadata(file);
     let size = fs::metadata(file).unwrap().len() as i64;
@@ -126,7 +127,7 @@ fn user_a_table_holds_keys_and_new_columns_and_sql_adds_passthrough_columns() {
     let clean: BTreeSet<String> = names("clean").into_iter().collect();
     let expected = ["mag", "vector", "lambda", "flight", "line", "tt", "lat", "mag_1_c"].iter().chain(&made);
     assert_eq!(clean, expected.map(|n| (*n).to_owned()).collect());
-    // The logical table has all columns. Passthrough columns equal those of their source table.
+    // The logical table has all columns. Passthrough columns equal the columns of the source table.
     let sum = |table: &str, column: &str| {
         query(
             &bench,
@@ -261,7 +262,7 @@ fn user_tables_change_together_and_a_reader_keeps_its_snapshot() {
     let smaller = smaller.replace("name  = \"scores\"", "name  = \"marks\"");
     bench.spec(&smaller);
     assert_eq!(bench.run(&[]).code, 0);
-    // The previous version is unchanged. The new one has neither the removed stage nor other points.
+    // The previous version is unchanged. The new version has neither the removed stage nor other points.
     assert_eq!(texts(&read(&folder.join("scores")), "metric"), texts(&opened, "metric"));
     assert!(!bench.path("store/tables/small/scores").exists() && bench.path("store/tables/small/marks").is_dir());
     for file in ["notes.txt", "mine.parquet"] {
@@ -298,7 +299,7 @@ fn user_a_run_reports_the_bytes_that_gc_would_free() {
     let sizes =
         || files(&bench.path("store/objects")).iter().map(|file| fs::metadata(file).unwrap().len()).sum::<u64>();
     let before = sizes();
-    // One of two values is replaced.
+    // One of two axis values is replaced.
     let changed = ["--set", "axes.lambda=[0.0, 0.5]"];
     let output = bench.magline(&["run", "spec.toml", changed[0], changed[1]]);
     assert!(output.status.success(), "{}", stderr(&output));

@@ -213,7 +213,7 @@ fn user_a_killed_worker_costs_only_its_unfinished_units() {
         let before = fs::read_to_string(bench.path("receipts.jsonl")).unwrap();
         let whole = before.lines().filter_map(|l| serde_json::from_str::<Value>(l).ok()).collect::<Vec<_>>();
         let before = times(&whole, "computed");
-        // The same tasks again: units with a receipt are reused, the others are computed.
+        // The same tasks run again: units with a receipt are reused, and the other units are computed.
         let output = task(&bench, "store", lines.join("\n").as_bytes(), &["--retries", "100"]);
         assert!(output.status.success(), "{}", stderr(&output));
         let again = units(&receipts(&output));
@@ -311,7 +311,7 @@ fn user_invalid_tasks_are_rejected_and_the_others_are_computed() {
     assert_eq!(task(&bench, "store", b"", &["--share", "3/3"]).status.code(), Some(2));
 }
 
-/// Fits of unresampled columns, so that an uneven line reaches them.
+/// Fits of unresampled columns, so that an unevenly sampled line reaches the fits.
 const FITS: &str = r#"
 name  = "small"
 store = "store"
@@ -341,7 +341,7 @@ columns  = ["mag_4_uc"]
 #[test]
 fn user_an_unusable_line_gives_the_same_failure_by_tasks() {
     let bench = Bench::new();
-    // Steps alternate between 0.08 and 0.12 s: one fit skips that line, the other has no line left.
+    // Steps alternate between 0.08 and 0.12 s: one fit skips that line, and the other fit has no usable line.
     let uneven = changed(&line_of("1", "1.02", 500), "tt", |i, tt| if i % 2 == 1 { tt + 0.02 } else { tt });
     write(&bench.path("flights/1.parquet"), &[line_of("1", "1.01", 700), uneven]);
     bench.spec(FITS);
@@ -391,8 +391,9 @@ fn user_the_example_for_xargs_runs_a_spec_to_its_end() {
     same(&bench, "whole", "store");
 }
 
-/// Replacement of Slurm's `sbatch`: runs a job's array one after another, after the jobs it depends on, and prints the
-/// job's number. It checks the options that the scripts use, and implements nothing else of Slurm.
+/// Replacement of Slurm's `sbatch`. It runs the tasks of a job array one after another, after the jobs that the array
+/// depends on, and prints the number of the job. It checks the options that the scripts use, and implements nothing
+/// else of Slurm.
 const SBATCH: &str = r#"#!/bin/bash
 set -e
 array=none parsable=no
@@ -430,7 +431,7 @@ fn user_the_example_for_slurm_submits_itself_to_the_end() {
     let output = cluster(&bench, "slurm.sh");
     let log = fs::read_to_string(bench.path("log")).unwrap_or_default();
     assert!(output.status.success(), "{} {log}", stderr(&output));
-    // One planning job and one work job for each of six waves, and a last job that publishes.
+    // One planning job and one work job for each of six waves, and a final job that publishes the tables.
     assert_eq!(fs::read_to_string(bench.path("jobs")).unwrap().trim(), "13", "{log}");
     same(&bench, "whole", "store");
 }

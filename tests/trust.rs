@@ -19,7 +19,7 @@ fn ran() -> Bench {
     bench
 }
 
-/// Files below `folder` with their bytes; links with their targets.
+/// Files below `folder` with their bytes, and links with their targets.
 fn everything(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut folders = vec![folder.to_owned()];
@@ -159,7 +159,7 @@ fn user_a_query_error_suggests_the_nearest_table_and_column() {
     }
 }
 
-/// Peak resident memory of a query, MB, and its output.
+/// Peak resident memory of a query, MB, and the output of the query.
 #[cfg(target_os = "linux")]
 fn peak_mb(bench: &Bench, args: &[&str]) -> (u64, Output) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_magline"))
@@ -296,7 +296,7 @@ fn user_where_depends_only_on_the_row() {
 #[test]
 fn user_a_where_of_thousands_of_terms_runs() {
     let bench = Bench::new();
-    // The first term selects the same lines as `line like '%.01'`; the others select nothing.
+    // The first term selects the same lines as `line like '%.01'`; the other terms select nothing.
     let terms: String = (0..3000).map(|i| format!(" or tt = {i}")).collect();
     let spec = SPEC.replace("lambda = [0.0, 0.025]", "lambda = [0.025]");
     bench.spec(&spec);

@@ -23,7 +23,7 @@ fn ran(spec: &str) -> (Bench, String, String) {
 #[test]
 fn user_a_diverged_filter_is_flagged_wherever_its_score_is_shown() {
     let (bench, out, err) = ran(&diverging());
-    // The terminal: every row is flagged, and none is the best.
+    // On the terminal, every row is flagged, and no row is marked as the best.
     let rows: Vec<&str> = out.lines().skip_while(|l| !l.contains("nees")).skip(1).take(2).collect();
     assert!(rows.iter().all(|r| r.starts_with("! ") && r.ends_with("4/4")), "{out}");
     assert!(out.contains("! flagged: worse than the INS alone, NEES or NIS far from the expected value"), "{out}");
@@ -104,7 +104,7 @@ fn user_json_holds_warnings_notes_scores_time_version_and_run() {
     assert_eq!((scores[0]["marked"].as_u64(), scores[0]["lines"].as_u64()), (Some(4), Some(4)));
     assert!(scores[0]["metrics"]["drms"].as_f64().unwrap() > scores[0]["metrics"]["ins_drms"].as_f64().unwrap());
 
-    // The same request has the same identifier, for any state of the store and formatting of the spec.
+    // Equal requests have the same identifier, for any state of the store and formatting of the spec.
     let run = |bench: &Bench| bench.run(&[]).last["run"].clone();
     assert_eq!(run(&bench), last["run"]);
     bench.spec(&format!("# a comment\n{}", diverging()));
@@ -162,7 +162,7 @@ input = "scores"
     let report = bench.magline(&["report", "spec.toml", "-o", "report.html"]);
     assert!(report.status.success(), "{}", stderr(&report));
     let page = std::fs::read_to_string(bench.path("report.html")).unwrap();
-    // Three axes give eight points, and no table has the fourth axis as an additional column.
+    // The three axes have eight points, and no table has an additional column for a fourth axis.
     assert!(page.contains("<strong>8</strong>sweep points"), "{}", &page[page.find("<header>").unwrap()..][..600]);
     assert!(page.contains("id=\"summary-pooled\"") && page.contains("class=\"intervals\""));
     let drms = page.split("drms: pooled values with their intervals").nth(1).unwrap();

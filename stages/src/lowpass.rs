@@ -131,7 +131,7 @@ mod tests {
         let heading = |t: f64| (300.0 + 4.0 * t).rem_euclid(360.0);
         let y = run(&lowpass(&["x"], Some(1.0), None), "deg", heading);
         let off = |k: usize| (y[k] - heading(k as f64 / RATE_HZ)).abs();
-        // A straight line is unchanged, a few seconds from the ends.
+        // A straight line is unchanged except within a few seconds of the ends.
         let worst = (300..2700).map(|k| off(k).min((off(k) - 360.0).abs())).fold(0.0, f64::max);
         assert!(worst < 1e-6, "{worst}");
         assert!(y.iter().all(|y| (0.0..360.0).contains(y)));

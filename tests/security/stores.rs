@@ -210,7 +210,7 @@ fn user_targets_of_links_in_a_store_are_neither_written_nor_removed() {
     };
     old("home/docs");
     old("home/2024");
-    // Position of the link, its target, and true if a run succeeds.
+    // Position of the link, target of the link, and whether a run succeeds.
     for (at, target, runs) in [
         ("damaged", "home", false),
         ("tmp", "home", false),

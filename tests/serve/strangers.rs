@@ -54,7 +54,7 @@ fn user_a_query_past_its_timeout_is_ended_and_frees_its_slot() {
     let wrong = served.ask(client, slow).unwrap_err();
     assert!(wrong.contains("exceeded its time limit of 2 s"), "{wrong}");
     assert_eq!(counted(client), 19_200);
-    // A query with unread rows also frees its slot, and its stream ends with an error.
+    // A query with unread rows also releases its slot, and the stream of rows ends with an error.
     let info = served.plan(client, "SELECT a.mag_c FROM small.clean a, small.clean b").unwrap();
     let ticket = info.endpoint[0].ticket.clone().unwrap();
     let mut rows = served.runtime.block_on(client.do_get(ticket)).unwrap();
@@ -95,7 +95,7 @@ fn user_a_disconnected_client_frees_its_slot() {
     let served = Served::new(&bench, |s| (s.queries, s.timeout) = (1, Duration::from_secs(600)));
     let client = &mut served.client();
     let begun = Instant::now();
-    // 368 million rows, of which three messages are read. The rows are neither computed at once nor stored.
+    // 368 million rows, but only three messages are read. The rows are neither computed at once nor stored.
     let info = served.plan(client, "SELECT a.mag_c, b.tt FROM small.clean a, small.clean b").unwrap();
     let ticket = info.endpoint[0].ticket.clone().unwrap();
     let mut rows = served.runtime.block_on(client.do_get(ticket)).unwrap();

@@ -20,7 +20,7 @@ pub enum GridHeight {
     Cells(Vec<f64>),
 }
 
-/// The meaning of the coordinates in a file. In an [`AnomalyGrid`] they are always the coordinates of the nodes.
+/// The meaning of the coordinates in a file. In an [`AnomalyGrid`] the values are always the coordinates of the nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Registration {
     /// Grid-registered: the outermost nodes lie on the edge of the map.
@@ -208,9 +208,10 @@ impl AnomalyGrid {
 
     /// Metres per unit of `x` and of `y`, at the middle of the map.
     ///
-    /// For eastings and northings it is the unit of the coordinate system. If the scale of the projection differs by
-    /// more than 0.5 % from 1, as for web Mercator, it is metres on the ground. For degrees it is the transverse radius
-    /// of curvature times the cosine of the latitude, and the meridian radius [Torge & Müller, Geodesy, 4.1.3].
+    /// For eastings and northings, the length is the unit of the coordinate system. If the scale of the projection
+    /// differs by more than 0.5 % from 1, as for web Mercator, the length is in metres on the ground. For degrees, the
+    /// lengths are the transverse radius of curvature times the cosine of the latitude, and the meridian radius [Torge
+    /// & Müller, Geodesy, 4.1.3].
     pub fn unit_m(&self) -> (f64, f64) {
         if self.is_geographic() {
             let lat = middle(&self.y).to_radians();
@@ -234,7 +235,7 @@ impl AnomalyGrid {
         (along(self.x.step, 0.0), along(0.0, self.y.step))
     }
 
-    /// The unit of the coordinates; empty where it has no common name.
+    /// The unit of the coordinates; empty if the unit has no common name.
     pub fn unit(&self) -> &'static str {
         match self.crs.unit_m() {
             _ if self.is_geographic() => "deg",
@@ -294,7 +295,7 @@ impl AnomalyGrid {
     }
 }
 
-/// Metres on the ground per unit of a projected system, along (dx, dy) from a position in it.
+/// Metres on the ground per unit of a projected system, along (dx, dy) from a position in the system.
 pub(super) fn ground_m(crs: &Crs, (x, y): (f64, f64), (dx, dy): (f64, f64)) -> Option<f64> {
     let (a, b) = (crs.unproject(x, y)?, crs.unproject(x + dx, y + dy)?);
     let lat = a.0.to_radians();
@@ -314,7 +315,7 @@ fn scaled(axis: &EvenAxis, factor: f64) -> EvenAxis {
     EvenAxis { first: axis.first * factor, step: axis.step * factor, len: axis.len }
 }
 
-/// Fractional node index of a coordinate; `None` off the axis.
+/// Fractional node index of a coordinate; `None` for a position off the axis.
 pub fn node_on(axis: &EvenAxis, coordinate: f64) -> Option<f64> {
     // Rounding of a forward and inverse projection must not move an outermost node off the axis.
     const SLACK: f64 = 1e-6;

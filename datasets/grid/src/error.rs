@@ -1,4 +1,4 @@
-//! Errors of reading and writing, with the file they occur in.
+//! Errors of reading and writing, each with the path of the file.
 
 use std::{fmt, path::Path};
 
@@ -59,7 +59,7 @@ impl ReadError {
         Self(Box::new(self.0.help(help)))
     }
 
-    /// Suggests the nearest of `known` to `given`, or lists all of them.
+    /// Suggests the nearest of `known` to `given`, or lists all known names.
     pub fn nearest<S: AsRef<str>>(self, given: &str, known: &[S]) -> Self {
         Self(Box::new(self.0.nearest(given, known)))
     }

@@ -1,5 +1,5 @@
-//! Interpolation between the nodes of a projected grid. It is local, so that unknown nodes affect only their
-//! neighbourhood.
+//! Interpolation between the nodes of a projected grid. The interpolation is local, so that unknown nodes affect only
+//! their neighbourhood.
 
 use numerics::maps::plane_grid::EvenAxis;
 
@@ -22,7 +22,7 @@ pub fn at(values: &[f64], x: &EvenAxis, y: &EvenAxis, column: f64, row: f64) -> 
     ten().or_else(six).or_else(four).unwrap_or(f64::NAN)
 }
 
-/// The value of the polynomial through N x N nodes; `None` where one of them is unknown.
+/// The value of the polynomial through N x N nodes; `None` where a node is unknown.
 pub fn through<const N: usize>(values: &[f64], width: usize, height: usize, column: f64, row: f64) -> Option<f64> {
     let (i, wx) = weights::<N>(column, width)?;
     let (j, wy) = weights::<N>(row, height)?;

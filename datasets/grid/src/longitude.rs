@@ -34,7 +34,7 @@ pub fn round(axis: &EvenAxis) -> Option<usize> {
 
 fn rolled(axis: &EvenAxis) -> (EvenAxis, Vec<usize>) {
     let distinct = ((360.0 / axis.step).round() as usize).clamp(1, axis.len);
-    // The first meridian, counted in steps from the file's first, that is not west of -180.
+    // The first meridian that is not west of -180 degrees, counted in steps from the first meridian of the file.
     let ahead = ((-180.0 - axis.first) / axis.step - SLACK).ceil();
     let first = axis.first + ahead * axis.step;
     let start = (ahead as i64).rem_euclid(distinct as i64) as usize;

@@ -29,8 +29,8 @@ type CoordinateRange = (f64, f64);
 
 impl AnomalyGrid {
     /// The map in degrees: unchanged if its coordinates are WGS-84 degrees (within 1 m), else resampled to a regular
-    /// grid of latitude and longitude that covers it. The spacing is at most the map's. Nodes of a resampled map that
-    /// are outside the map, or within two nodes of an unknown node, are NaN.
+    /// grid of latitude and longitude that covers the map. The spacing is at most the map's. Nodes of a resampled map
+    /// that are outside the map, or within two nodes of an unknown node, are NaN.
     ///
     /// # Errors
     /// Fails for a map of fewer than 4 x 4 nodes, a map around a pole, and coordinates that are invalid in their
@@ -182,7 +182,8 @@ impl AnomalyGrid {
         Ok((x, y))
     }
 
-    /// Steps in degrees that are at most the map's steps on the ground. They are equal where a degree is longest.
+    /// Steps in degrees that are at most the map's steps on the ground. The spacings in metres are equal where a degree
+    /// is longest.
     fn degrees_of_steps(&self, lat: CoordinateRange) -> (f64, f64) {
         let longest = lat.0.abs().max(lat.1.abs()).to_radians();
         let widest = if lat.0 <= 0.0 && lat.1 >= 0.0 { 0.0 } else { lat.0.abs().min(lat.1.abs()).to_radians() };
@@ -192,7 +193,7 @@ impl AnomalyGrid {
         (lon_step, lat_step)
     }
 
-    /// The map's steps on the ground, in metres. Both use the scale of the projection along its northings.
+    /// The map's steps on the ground, in metres. Both axes use the scale of the projection along its northings.
     fn steps_m(&self) -> (f64, f64) {
         if self.is_geographic() {
             let (x, y) = self.unit_m();
@@ -202,7 +203,7 @@ impl AnomalyGrid {
         (self.x.step * scale, self.y.step * scale)
     }
 
-    /// The map's shorter step in units of another system, at a position in it.
+    /// The map's shorter step in units of another system, at a position in that system.
     fn units_of_steps(&self, target: &Crs, x: f64, y: f64) -> Result<(f64, f64), ReadError> {
         let (x_m, y_m) = self.steps_m();
         // 1 km is small compared with the earth and large compared with rounding.
@@ -254,7 +255,7 @@ impl AnomalyGrid {
         self.fault(format!("({x}, {y}) is not a position in EPSG:{}", crs.code())).help("check the EPSG code")
     }
 
-    /// The border's nodes, back to the first.
+    /// The nodes of the border in order; the last node is the first node again.
     pub fn outline(&self) -> Vec<(f64, f64)> {
         let (e, n) = (self.x.coordinates(), self.y.coordinates());
         let (west, east) = (self.x.first, self.x.last());

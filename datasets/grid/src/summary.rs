@@ -50,9 +50,10 @@ pub struct MapSummary {
     pub min_mean_max_nt: (f64, f64, f64),
     /// Standard deviation of the known values (of the population), in nT.
     pub std_nt: f64,
-    /// The percentiles 1, 5, 25, 50, 75, 95 and 99 of the known values, linear between the two nearest, in nT.
+    /// The percentiles 1, 5, 25, 50, 75, 95 and 99 of the known values, in nT, by linear interpolation between the two
+    /// nearest values.
     pub percentiles_nt: [f64; 7],
-    /// Mean absolute difference between neighbours along x and along y, both known, in nT.
+    /// Mean absolute difference between neighbouring known nodes along x and along y, in nT.
     pub mean_step_nt: (f64, f64),
     /// Notes on the processing of the file's values.
     pub notes: Vec<String>,

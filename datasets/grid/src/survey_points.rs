@@ -24,7 +24,7 @@ pub struct SurveyPointSet {
     pub height_m: Vec<f64>,
     /// The values; NaN where missing.
     pub value_nt: Vec<f64>,
-    /// The line of each point, as an index into `lines`; one line for all if the file names none.
+    /// The line of each point, as an index into `lines`; one line for all points if the file names no line.
     pub line: Vec<u32>,
     /// The names of the lines, in the order in which they first occur.
     pub lines: Vec<String>,
@@ -54,11 +54,11 @@ pub struct ReductionColumns {
 }
 
 impl SurveyPointSet {
-    /// Points at finite WGS-84 latitudes and longitudes, on the plane of `to_epsg`, by default of their UTM zone. They
-    /// have no values, no heights and one unnamed line; the caller adds these.
+    /// Points at finite WGS-84 latitudes and longitudes, on the plane of `to_epsg`, by default the UTM zone of the
+    /// points. They have no values, no heights and one unnamed line; the caller adds these.
     ///
     /// # Errors
-    /// Fails without points, for an unknown system or one in degrees, without a UTM zone, and for points that are
+    /// Fails without points, for an unknown system or a system in degrees, without a UTM zone, and for points that are
     /// invalid in the system.
     pub fn at(lat_deg: Vec<f64>, lon_deg: Vec<f64>, to_epsg: Option<u16>) -> Result<SurveyPointSet, ReadError> {
         let nowhere = Path::new("");
@@ -131,7 +131,7 @@ pub fn no_metres(path: &Path, crs: &Crs) -> ReadError {
 /// The projection of points in degrees: the requested one, else their UTM zone.
 ///
 /// # Errors
-/// Fails for an unknown system, one in degrees, and points without a UTM zone.
+/// Fails for an unknown system, a system in degrees, and points without a UTM zone.
 pub fn plane(path: &Path, to_epsg: Option<u16>, lat: &[f64], lon: &[f64]) -> Result<Crs, ReadError> {
     let crs = match to_epsg {
         Some(code) => Crs::from_epsg(path, code)?,

@@ -4,7 +4,7 @@ use arrow_array::{Array, RecordBatch, StringArray, cast::AsArray};
 use datasets::{FlightOptions, RowFault};
 use schemas::Fault;
 
-/// The identifier of rows that have none.
+/// The identifier of rows without an identifier.
 pub const MISSING: &str = "(missing)";
 
 /// A line with all its rows; or rows without a line, which have no parts.
@@ -26,7 +26,7 @@ struct IdentifierGap {
     flight: String,
     line: String,
     rows: usize,
-    /// The first of them in the file, from 0.
+    /// Index of the first of these rows in the file, from 0.
     row: u64,
 }
 
@@ -92,7 +92,7 @@ impl<'a> LineAssembly<'a> {
             let (flight, line) = (flight.to_owned(), line.to_owned());
             done = self.open.replace(LineBatches { flight, line, parts: vec![], rows: 0, fault: None });
         } else if let (Some(open), Some(gap)) = (&mut self.open, gap) {
-            // The same line has rows on both sides, so it is incomplete without the rows between.
+            // The same line has rows on both sides, so the line is incomplete without the rows between.
             let row = open.rows as u64;
             let fault = gap_fault(self.options, &gap).in_row(row);
             open.fault.get_or_insert(fault);

@@ -33,7 +33,7 @@ pub fn minute_after(numbers: &[f64]) -> Option<usize> {
     known.get(at + 1).map(|(row, ..)| *row)
 }
 
-/// Seconds of the day of a number in digits; `None` if it is not a time.
+/// Seconds of the day of a number in digits; `None` if the number is not a time.
 fn seconds(x: f64) -> Option<f64> {
     let whole = x.floor();
     let (hours, minutes, s) = ((whole / 1e4).floor(), (whole / 100.0).floor() % 100.0, whole % 100.0);
@@ -78,7 +78,7 @@ mod tests {
         ] {
             assert_eq!(minute_after(&digits(from_s, step_s, n)), Some(row), "{from_s} {step_s}");
         }
-        // Hours and minutes, such as those of a base station.
+        // Hours and minutes, such as the times of a base station.
         let hhmm: Vec<f64> = (0..90).map(|i| f64::from(1000 + i / 60 * 100 + i % 60)).collect();
         assert_eq!((minute_after(&hhmm), formats(&hhmm)), (Some(60), "`%H%M` for hhmm, `%H%M%S` for hhmmss"));
         let mut holes = digits(36_000.0, 0.1, 1_800);

@@ -257,8 +257,8 @@ fn heights(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     None
 }
 
-/// Whether two heights change equally, so that they have one unit and differ by a constant, such as for a barometer
-/// that is set to 0 on the ground.
+/// Whether two heights change equally, so that both have the same unit and differ by a constant, such as for a
+/// barometer that is set to 0 on the ground.
 fn rise_together(a: &[f64], b: &[f64], rows: &[usize]) -> bool {
     let column = |x: &[f64]| rows.iter().map(|i| x[*i]).collect::<Vec<f64>>();
     let (a, b) = (column(a), column(b));

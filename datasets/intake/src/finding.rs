@@ -50,11 +50,12 @@ pub struct Finding {
     pub check: FindingKind,
     /// The number of samples.
     pub n: u64,
-    /// The first of them, as a row of the line, from 0.
+    /// Row of the first affected sample in the line, from 0.
     pub first_row: u64,
-    /// The value there, in the shortest spelling that parses to the same value; `None` if it is missing or infinite.
+    /// The value at that row, in the shortest spelling that parses to the same value; `None` if the value is missing or
+    /// infinite.
     value: Option<String>,
-    /// Its unit.
+    /// Unit of the value.
     pub unit: String,
 }
 
@@ -97,7 +98,7 @@ impl FileColumns {
         self.columns.get(ours).map_or(ours, |(name, _)| name)
     }
 
-    /// The unit that the file or the spec gives; empty if neither gives one.
+    /// The unit that the file or the spec gives; empty if neither gives a unit.
     pub(super) fn unit(&self, ours: &str) -> &str {
         self.columns.get(ours).map_or("", |(_, unit)| unit)
     }

@@ -17,7 +17,7 @@ pub fn flight_formats() -> &'static [FlightFormat] {
     &FORMATS
 }
 
-/// Opens a flight log, or a synth spec as one.
+/// Opens a flight log, or a synth spec whose simulated flight is read like a log.
 ///
 /// # Errors
 /// Fails as [`datasets::open_flight`].

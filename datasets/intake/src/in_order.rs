@@ -12,12 +12,12 @@ struct InOrderState<O, E> {
     failed: bool,
 }
 
-/// Applies `work` to each item of `next`, to up to `most` of them at once on the threads of the pool. `next` is called
-/// on this thread, with at most `most` unfinished items. `done` is called after each item with the number of finished
+/// Applies `work` to each item of `next`, to up to `most` items at once on the threads of the pool. `next` is called on
+/// this thread, with at most `most` unfinished items. `done` is called after each item with the number of finished
 /// items.
 ///
 /// # Errors
-/// Fails with the first error in the order of the items, not in time.
+/// Fails with the first error in the order of the items, which may differ from the order in time.
 pub fn in_order<I: Send, O: Send, E: Send>(
     most: usize,
     mut next: impl FnMut() -> Option<Result<I, E>>,
@@ -129,7 +129,7 @@ mod tests {
                 let squares: Vec<usize> = (0..40).map(|i| i * i).collect();
                 let (all, reported) = run(vec![], None);
                 assert_eq!((all, reported), (Ok(squares), (1..=40).collect()), "outside of a pool");
-                // Errors in the pool when this thread is one of its workers.
+                // Errors in the pool when this thread belongs to the pool.
                 let reported = pool.install(|| [run(vec![], None).1.len(), run(vec![7, 8], None).0.unwrap_err()]);
                 assert_eq!(reported, [40, 7]);
                 assert_eq!(run(vec![9], Some(12)).0, Err(9));

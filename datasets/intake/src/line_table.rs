@@ -186,7 +186,8 @@ pub struct LineDivider<'a> {
 }
 
 impl LineDivider<'_> {
-    /// The rows of a batch (`flight`, `line`, `tt` in s) within a line of the table, under its name, and their faults.
+    /// The rows of a batch (`flight`, `line`, `tt` in s) within a line of the table, under the name of the line, and
+    /// the faults of the rows.
     ///
     /// # Errors
     /// Fails for a batch without these columns, which is an error in the program.

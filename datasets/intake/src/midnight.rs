@@ -17,10 +17,10 @@ const DAY_S: f64 = 86_400.0;
 const NEAR_S: f64 = 3_600.0;
 
 /// Line of the flight table across midnight, with `tt` increasing past 86,400 s. The columns `year` and `doy` hold the
-/// day of each sample, even if the log did not advance them. `None` if the line needs no change.
+/// day of each sample, even if the log did not advance the date. `None` if the line needs no change.
 ///
 /// # Errors
-/// Fails for a date that differs from the date of the first sample plus the midnights since.
+/// Fails for a date that differs from the date of the first sample plus the number of midnights since then.
 pub fn unwrapped(batch: &RecordBatch) -> Result<Option<RecordBatch>, Fault> {
     let Some(raw) = batch.column_by_name("tt").and_then(|c| c.as_primitive_opt::<Float64Type>()) else {
         return Ok(None);
@@ -68,7 +68,7 @@ impl Default for MidnightUnwrapper {
 }
 
 impl MidnightUnwrapper {
-    /// The time of the next sample, s past the midnight before the first one.
+    /// The time of the next sample, s past the midnight before the first sample.
     pub(super) fn next(&mut self, t: f64) -> f64 {
         let ends = (DAY_S - NEAR_S..DAY_S + NEAR_S).contains(&self.before);
         if ends && (0.0..NEAR_S).contains(&t) {

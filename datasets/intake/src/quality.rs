@@ -36,7 +36,7 @@ pub struct LineExamination {
     pub batch: RecordBatch,
     /// The findings, in the order of the columns.
     pub findings: Vec<Finding>,
-    /// The faults that make it unusable, one for each mistake.
+    /// The faults that make the line unusable, one for each mistake.
     pub faults: Vec<Fault>,
 }
 
@@ -62,7 +62,7 @@ pub fn examine(
     line.vectors(&schema, accepted);
     let QualityLine { columns, mut findings, mut faults, .. } = line;
     let batch = RecordBatch::try_new(schema, columns).map_err(|e| Fault::data(e.to_string()))?;
-    // An impossible value also contradicts others: it is reported once.
+    // An impossible value also contradicts other columns, but it is reported only once.
     let faulty: Vec<String> = faults.iter().filter_map(|f| f.place.column.clone()).collect();
     for (fault, finding) in consistency::contradictions(&batch, &faulty, origins) {
         findings.push(finding);
@@ -80,7 +80,7 @@ struct QualityLine<'a> {
     origins: &'a FileColumns,
 }
 
-/// Number of samples of a kind, and the row of the first.
+/// Number of samples of a kind, and the row of the first sample.
 #[derive(Clone, Copy, Default)]
 struct RowTally {
     n: usize,
@@ -102,7 +102,7 @@ struct SampleCounts {
     infinite: RowTally,
     zero: RowTally,
     outside: RowTally,
-    /// Number of samples that neither are missing nor count as missing.
+    /// Number of samples that are neither missing nor counted as missing.
     known: usize,
     constant: bool,
 }
@@ -253,7 +253,7 @@ fn vectors(schema: &Schema) -> Vec<([usize; 3], String)> {
     schema.fields().iter().filter_map(of).collect()
 }
 
-/// The fault of a column that has impossible values: the first of them, their number, and the valid range.
+/// The fault of a column that has impossible values: with the first value, the number of values, and the valid range.
 fn impossible(
     name: &str,
     limits: &PlausibleRange,

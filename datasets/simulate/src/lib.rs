@@ -169,8 +169,8 @@ pub fn synthesise(spec: &Path, to: &Path) -> Result<Vec<PathBuf>, ReadError> {
     synthesise_with(spec, to, &|_, _| ())
 }
 
-/// [`synthesise`], which calls `progress` after each line with the number of lines done and their total. It is called
-/// from several threads, concurrently and not always in order.
+/// [`synthesise`], which calls `progress` after each line with the number of lines done and their total. `progress` is
+/// called from several threads, concurrently and not always in order.
 ///
 /// # Errors
 /// Fails in the cases of [`synthesise`].
@@ -200,8 +200,8 @@ pub fn synthesise_with(
         .map(|n| (to.join(format!(".{n}.{own}.parquet.partial")), to.join(format!("{n}.parquet"))))
         .collect();
     let one = |(flight, (partial, _)): (usize, &(PathBuf, PathBuf))| {
-        // Flights after a failed one are skipped. Flights before it are simulated, because an earlier fault is reported
-        // first.
+        // Flights after a failed flight are skipped. Flights before it are simulated, because an earlier fault is
+        // reported first.
         let wanted = || flight <= failed.load(Ordering::Relaxed);
         let lines = LineSimulator::new(world.clone(), flight..flight + 1, at_once).take_while(|_| wanted());
         let counted = lines.inspect(|_| progress(done.fetch_add(1, Ordering::Relaxed) + 1, all));

@@ -1,7 +1,7 @@
 //! The simulation of lines in their order, some of them in parallel.
 //!
 //! Only the INS of a line depends on earlier lines of its flight. The truth of the next lines is therefore computed
-//! first, then the field and the sensors of each in parallel with the INS of each flight. The results equal a
+//! first, then the field and the sensors of each line, in parallel with the INS of each flight. The results equal a
 //! sequential simulation.
 
 use std::{collections::VecDeque, sync::Arc};
@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::{SimulationContext, ins, scene::SynthLineContext, trajectory::TrueTrajectory};
 
-/// The INS output along some lines of a flight, up to the first on which it fails.
+/// The INS output along some lines of a flight, up to the first line on which the INS fails.
 type InsLineOutputs = Vec<Result<[Vec<f64>; 13], ReadError>>;
 
 /// Iterator over the simulated lines, several of which are computed in parallel.
@@ -34,7 +34,7 @@ impl LineSimulator {
         LineSimulator { world, left, at_once: at_once.max(1), ins: None, ready: VecDeque::new() }
     }
 
-    /// Simulates the next lines, up to the first that fails.
+    /// Simulates the next lines, up to the first line that fails.
     fn advance(&mut self) -> Result<(), ReadError> {
         let world = self.world.clone();
         let (path, spec) = (&world.simulation.path, &world.simulation.spec);
@@ -98,7 +98,7 @@ fn navigate(
     (ins_lines, Some(run))
 }
 
-/// Applies `one` to each, in parallel if there are several.
+/// Applies `one` to each, in parallel if there are several lines.
 fn each<T: Send, R: Send>(mut all: Vec<T>, one: impl Fn(T) -> R + Send + Sync) -> Vec<R> {
     match (all.len(), all.pop()) {
         (1, Some(only)) => vec![one(only)],

@@ -76,7 +76,7 @@ mod tests {
         let mean = x.iter().sum::<f64>() / 2e5;
         let (variance, fourth) =
             (x.iter().map(|x| x * x).sum::<f64>() / 2e5, x.iter().map(|x| x.powi(4)).sum::<f64>() / 2e5);
-        // Five standard errors of 0.0022, 0.0032 and 0.022.
+        // The tolerances are five standard errors, which are 0.0022, 0.0032 and 0.022.
         assert!(mean.abs() < 0.011 && (variance - 1.0).abs() < 0.016 && (fourth - 3.0).abs() < 0.11);
     }
 }

@@ -79,7 +79,7 @@ fn variants<T: crate::reading::variant::SynthVariantValue>(lists: &ChoiceRegistr
     out
 }
 
-/// Keys as a table; those inside a key as `key.inner`.
+/// Keys as a table; keys inside a key are written as `key.inner`.
 fn keys(docs: &[ParamDoc]) -> String {
     let mut out = "| key | type | unit | default | allowed | meaning |\n|---|---|---|---|---|---|\n".to_owned();
     for doc in docs.iter().filter(|doc| doc.owners.is_empty()) {

@@ -120,7 +120,8 @@ fn law_velocity_and_force_are_the_derivatives_of_position() {
             assert!(rms < 2e-3, "{} axis {axis}: {rms}", name(line));
         }
         let speed: Vec<f64> = (0..line.num_rows()).map(|i| velocity[0][i].hypot(velocity[1][i])).collect();
-        // Along the surface both radii have the same scale with height: 1.5e-6 at 3000 m.
+        // Along the surface, both radii of curvature are scaled by the height in the same way, with an error of 1.5e-6
+        // at 3000 m.
         assert!(speed.iter().all(|v| (v - 60.0).abs() < 2e-3));
     }
 }
@@ -245,8 +246,8 @@ fn law_a_scalar_reads_the_magnitude_of_the_vector_sum() {
     let line = &lines(&written(&folder, &spec_text("gusts_deg = [3.0, 3.0, 3.0]", &format!("{sensors}{flights}"))))[0];
     let (truth, read) = (column(line, "mag_1_c"), column(line, "mag_2_uc"));
     let most = truth.iter().zip(read).fold(0.0_f64, |a, (t, r)| a.max((r - t).abs()));
-    // A permanent field changes the magnitude by its component along the earth's field: at most its magnitude, and not
-    // zero.
+    // A permanent field changes the magnitude by its component along the earth's field. The change is at most the
+    // magnitude of the permanent field, and not zero.
     assert!(most <= 500.0 && most > 10.0, "{most}");
 }
 
@@ -264,8 +265,8 @@ fn law_the_velocity_of_the_ins_follows_from_its_measured_force() {
         for i in 0..ROWS {
             let half = 0.5 * (tt[i + 1] - tt[i]);
             for j in [i, i + 1] {
-                // The specific force of zero acceleration. Subtracting it removes the Coriolis and transport terms and
-                // adds gravity.
+                // The specific force of zero acceleration. This subtraction removes the Coriolis and transport terms
+                // and adds gravity.
                 let v = [ins_v[0][j], ins_v[1][j], ins_v[2][j]];
                 let rest = numerics::navigation::strapdown::specific_force_mps2(lat(j), c("ins_alt")[j], v, [0.0; 3]);
                 velocity[0] += half * (force[0][j] - rest[0]);
@@ -274,8 +275,8 @@ fn law_the_velocity_of_the_ins_follows_from_its_measured_force() {
             }
         }
         for axis in 0..2 {
-            // Five standard deviations of the velocity random walk over 120 s, 2.6e-3 m/s. A tilt of 0.01 degrees of
-            // the wrong sign would give 0.4 m/s.
+            // The tolerance is five standard deviations of the velocity random walk over 120 s, which is 2.6e-3 m/s. A
+            // tilt of 0.01 degrees of the wrong sign would give 0.4 m/s.
             let error = velocity[axis] - ins_v[axis][ROWS];
             assert!(error.abs() < 0.013, "{} axis {axis}: {error}", name(&line));
         }

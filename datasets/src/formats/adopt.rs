@@ -165,7 +165,7 @@ pub(super) fn without_fillers(path: &Path, raw: RawFlight, options: &FlightOptio
     RawFlight { schema: Arc::new(Schema::new(nullable)), parts: Box::new(parts), fillers: false, ..raw }
 }
 
-/// The flight and line to add to a file without them.
+/// The flight and line to add to a file without flight and line.
 fn added_keys(
     path: &Path,
     fields: &[Field],

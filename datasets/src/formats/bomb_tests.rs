@@ -56,7 +56,7 @@ fn table(columns: Vec<(String, ArrayRef)>) -> RecordBatch {
 #[test]
 fn unit_a_parquet_file_that_declares_too_much_is_rejected() {
     let case = Case::new();
-    // 300 values of 1 MiB, all of them null.
+    // 300 values of 1 MiB, all null.
     let nulls = FixedSizeBinaryArray::new_null(1 << 20, 300);
     let bytes = parquet(&table(vec![("x".into(), Arc::new(nulls))]));
     assert!(bytes.len() < 10_000);
@@ -102,7 +102,7 @@ fn unit_tables_of_too_many_columns_are_rejected() {
 fn unit_an_hdf5_file_that_declares_too_much_is_rejected() {
     let case = Case::new();
     let mut file = FileBuilder::new();
-    // Bytes become Float64: 8 times 9 MiB for each of the four, of which three are within the limit.
+    // Bytes become Float64: 8 times 9 MiB for each of the four columns, of which three are within the limit.
     let zeros = vec![0_i8; 9 << 20];
     for name in ["lat", "lon", "tt", "utm_z"] {
         let shape = [zeros.len() as u64];

@@ -27,7 +27,7 @@ pub enum LineageEventType {
     Complete,
     /// A part failed.
     Fail,
-    /// It was interrupted.
+    /// The run was interrupted.
     Abort,
 }
 
@@ -218,7 +218,7 @@ impl LineageDataset {
         })
     }
 
-    /// One of its columns as the source of another.
+    /// A column of this data set as the source of another column.
     fn field(&self, column: &str, kind: &str, subtype: &str) -> Value {
         json!({
             "namespace": self.namespace,

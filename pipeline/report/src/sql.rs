@@ -47,10 +47,10 @@ pub trait BatchSink: Send {
     /// Receives the next batch; all batches have the same schema. Returns whether more are wanted.
     ///
     /// # Errors
-    /// Fails when it cannot be written.
+    /// Fails when the batch cannot be written.
     fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault>;
 
-    /// Number of bytes of this batch that it will keep.
+    /// Number of bytes of this batch that the receiver will keep.
     fn keeps(&self, batch: &RecordBatch) -> usize;
 
     /// Ends the result, which may have no batches.

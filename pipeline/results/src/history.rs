@@ -24,7 +24,7 @@ pub struct RunRecord {
     pub run: String,
     /// The program's version.
     pub version: String,
-    /// Version of the tables that it published.
+    /// Version of the tables that the run published.
     pub tables: u64,
     /// Units computed, reused, failed, skipped.
     pub units: [usize; 4],
@@ -70,7 +70,7 @@ pub fn is_whole(bytes: &[u8]) -> bool {
     bytes.split(|b| *b == b'\n').all(|line| line.is_empty() || fine(line))
 }
 
-/// Adds a run; its number is the next.
+/// Adds a run; the number of the run is the next number.
 ///
 /// # Errors
 /// Fails when the store cannot be written.
@@ -138,7 +138,7 @@ fn names(root: &Path) -> Vec<String> {
     found
 }
 
-/// The runs of one pipeline, or of all.
+/// The runs of one pipeline, or of all pipelines.
 ///
 /// # Errors
 /// Fails when there is no such pipeline.

@@ -43,9 +43,9 @@ pub struct PooledMetric {
 /// A metric pooled over some lines.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PooledValue {
-    /// The value, in the metric's unit; `None` if no line has one.
+    /// The value, in the metric's unit; `None` if no line has a value.
     pub value: Option<f64>,
-    /// Number of samples or pairs behind it.
+    /// Number of samples or pairs from which the value is computed.
     pub n: i64,
     /// Number of lines with a value.
     pub lines: usize,
@@ -57,7 +57,8 @@ impl PooledMetric {
         is_pooled_in_sample(self.held_out.lines, self.in_sample.lines)
     }
 
-    /// The displayed value: over the held-out lines, or over the in-sample lines if only they have a value.
+    /// The displayed value: over the held-out lines, or over the in-sample lines if only the in-sample lines have a
+    /// value.
     pub fn shown(&self) -> PooledValue {
         if self.is_in_sample() { self.in_sample } else { self.held_out }
     }
@@ -194,11 +195,11 @@ pub fn made_of(name: &str) -> (&'static str, &'static [&'static str]) {
     }
 }
 
-/// The pooled scores that the last run of `plan` published. `None` if there are none, or if an axis has the name of one
-/// of their columns. Points that the spec no longer has are skipped.
+/// The pooled scores that the last run of `plan` published. `None` if there are no pooled scores, or if an axis has the
+/// name of one of their columns. Points that the spec no longer has are skipped.
 ///
 /// # Errors
-/// Fails when they exist but cannot be read.
+/// Fails when the scores exist but cannot be read.
 pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<PooledMetric>>, Fault> {
     let axes = &plan.spec.axes;
     let columns = || COLUMNS.iter().map(|(name, _)| *name);

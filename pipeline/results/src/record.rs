@@ -1,4 +1,4 @@
-//! The inputs of the tables, stored with them.
+//! The inputs of the tables, stored together with the tables.
 
 use std::{
     collections::BTreeMap,
@@ -46,7 +46,7 @@ pub struct SnapshotSource {
     pub files: Vec<(String, String)>,
     /// The key of each line (`flight/line`), or of the map.
     pub lines: BTreeMap<String, String>,
-    /// The columns that were restricted; `*` is all of them.
+    /// The columns that were restricted; `*` means all columns.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub restricted: Vec<String>,
 }
@@ -62,7 +62,7 @@ pub struct SnapshotTable {
     pub version: u32,
     /// Whether it is one small file.
     pub tidy: bool,
-    /// The axes it depends on.
+    /// The axes that the table depends on.
     pub axes: Vec<String>,
     /// Its input tables.
     pub inputs: Vec<String>,
@@ -72,7 +72,7 @@ pub struct SnapshotTable {
     pub points: Vec<(BTreeMap<String, String>, BTreeMap<String, String>)>,
     /// Its columns.
     pub columns: Vec<SnapshotColumn>,
-    /// The lines it has.
+    /// The lines that the table contains.
     pub lines: usize,
     /// Number of units computed when the time was last measured, and the time, s.
     pub cost: Option<(usize, f64)>,
@@ -89,7 +89,8 @@ pub struct SnapshotColumn {
     pub unit: String,
     /// Its description.
     pub doc: String,
-    /// (table, column) of each column it was made from; the column of the same name if it passed through.
+    /// (table, column) of each column from which the column was computed; the column of the same name if it passed
+    /// through.
     pub from: Vec<(String, String)>,
 }
 
@@ -135,7 +136,7 @@ pub fn record(graph: &PlanGraph, store: &Store, costs: &[(usize, f64)], left: &[
     Ok(snapshot)
 }
 
-/// The tables of a plan with their columns, and the inputs of these.
+/// The tables of a plan with their columns, and the inputs of these columns.
 pub fn described(graph: &PlanGraph) -> Vec<SnapshotTable> {
     graph
         .plan
@@ -271,7 +272,7 @@ pub fn lifted(graph: &PlanGraph, store: &Store) -> Vec<String> {
     found
 }
 
-/// The full path of a spec, and the hash of its text; `None` if it is not a file.
+/// The full path of a spec, and the hash of its text; `None` if the spec is not a file.
 fn made_by(spec: &Spec) -> Option<(String, String)> {
     let path = fs::canonicalize(&spec.file).ok()?;
     Some((path.to_string_lossy().into_owned(), HashKey::from_parts([&spec.text]).to_string()))

@@ -95,7 +95,7 @@ impl ScoreTableView<'_> {
         word.chars().take(self.axis_width.saturating_sub(2)).chain("..".chars()).collect()
     }
 
-    /// The position of the metric that is omitted next; the leading one is never omitted.
+    /// The position of the metric that is omitted next; the leading metric is never omitted.
     fn least(&self) -> Option<usize> {
         let lead = self.scores.headline();
         let free = (0..self.metrics.len()).filter(|i| Some(self.metrics[*i]) != lead);
@@ -194,7 +194,8 @@ mod tests {
             values: vec![Some(7.0); 10],
             metrics,
         };
-        // The first point has lines in sample only, the second both, the third one metric in sample.
+        // The first point has only lines in sample, the second point has lines in sample and out of sample, and the
+        // third point has one metric in sample.
         let mut one = vec![false; 10];
         one[5] = true;
         some.in_sample = vec![of(9, 0, vec![true; 10]), of(1, 8, vec![false; 10]), of(1, 8, one)];

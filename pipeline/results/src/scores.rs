@@ -20,7 +20,7 @@ pub struct Scores {
     pub rows: Vec<(Vec<String>, Vec<Option<f64>>)>,
     /// The largest number of lines of a row, in sample or not.
     pub lines: usize,
-    /// Number of flagged lines of each row: their filter diverged, or its covariance is wrong.
+    /// Number of flagged lines of each row: lines on which the filter diverged or its covariance is wrong.
     pub marks: Vec<usize>,
     /// The flagged rows whose filter is only cautious: its errors are smaller than its covariance.
     pub cautious: Vec<usize>,
@@ -31,10 +31,10 @@ pub struct Scores {
 /// Scores of a point on its lines in sample: seen by its model, noise, map or search.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct InSampleScores {
-    /// Their number.
+    /// Number of in-sample lines.
     pub lines: usize,
-    /// Number of the other lines, over which the values of the row are pooled; if it is 0, they are pooled over the
-    /// in-sample lines.
+    /// Number of the other lines, over which the values of the row are pooled; if it is 0, the values are pooled over
+    /// the in-sample lines.
     pub held_out: usize,
     /// Whether the value of each metric is of lines in sample only.
     pub metrics: Vec<bool>,
@@ -127,8 +127,8 @@ impl Scores {
         self.rows.get(row).and_then(|(_, values)| values.get(metric).copied().flatten())
     }
 
-    /// The metric that ranks the points: the most significant one with a value out of sample or, without any, with a
-    /// value.
+    /// The metric that ranks the points: the most significant metric with a value out of sample or, if there is no such
+    /// metric, with any value.
     pub fn headline(&self) -> Option<usize> {
         let has = |m: &usize, fit: bool| {
             (0..self.rows.len()).any(|r| self.value(r, *m).is_some() && (fit || !self.is_in_sample(r, *m)))
@@ -236,7 +236,7 @@ impl Scores {
     }
 }
 
-/// Axis value in one form for all its spellings: `0.0` and `0` are one number.
+/// Axis value in one form for all its spellings: `0.0` and `0` are the same number.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum AxisWord {
     Number(u64),
@@ -244,7 +244,7 @@ enum AxisWord {
 }
 
 impl AxisWord {
-    /// A value of an axis as another program writes it; of numbers or not.
+    /// A value of an axis as another program writes it, for numeric and other axes.
     fn from_text(text: &str, number: bool) -> AxisWord {
         match text.parse::<f64>() {
             // -0 equals 0.

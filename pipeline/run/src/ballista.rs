@@ -87,10 +87,10 @@ impl TaskEngine for BallistaEngine {
     }
 }
 
-/// Waits until a scheduler of this version answers. Calls `waits` once if none answers at first.
+/// Waits until a scheduler of this version answers. Calls `waits` once if no scheduler answers at first.
 ///
 /// # Errors
-/// Fails when it has another version or another key.
+/// Fails when the scheduler has another version or another key.
 pub fn await_scheduler(authority: &str, trust: &ClusterTrust, waits: impl FnOnce(&str)) -> Result<(), Fault> {
     const AGAIN_AFTER: Duration = Duration::from_millis(500);
     let scheduler = SchedulerClient::at(authority, trust)?;
@@ -128,7 +128,7 @@ async fn stop_signal() {
     }
 }
 
-/// Time since an observation, reset by the next one.
+/// Time since an observation, reset by the next observation.
 #[derive(Clone, Copy, Debug)]
 struct ObservationTimer(Instant);
 

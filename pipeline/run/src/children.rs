@@ -43,7 +43,7 @@ pub struct ProcessStopHandle(Arc<Mutex<ProcessStopState>>);
 #[derive(Debug, Default)]
 struct ProcessStopState {
     stopped: bool,
-    /// Running process; `None` before its start and after its end.
+    /// Running process; `None` before the start and after the end of the process.
     process: Option<Pid>,
 }
 
@@ -53,7 +53,7 @@ impl ProcessStopHandle {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Ends the process after its current units, and starts no other.
+    /// Ends the process after its current units, and starts no other units.
     pub fn stop(&self) {
         let mut held = self.held();
         held.stopped = true;
@@ -111,9 +111,9 @@ impl Drop for WorkerProcess {
 }
 
 impl WorkerCommand {
-    /// Computes a task in `worker` or, if it is `None`, in a new worker. Replaces a lost worker; `worker` holds the
-    /// last one on return. The receipt is partial or `None` when this process receives a stop signal. A task that the
-    /// workers reject has a receipt with the reason.
+    /// Computes a task in `worker` or, if it is `None`, in a new worker. Replaces a lost worker; On return, `worker`
+    /// holds the last worker. The receipt is partial or `None` when this process receives a stop signal. A task that
+    /// the workers reject has a receipt with the reason.
     pub fn receipt(
         &self,
         worker: &mut Option<WorkerProcess>,

@@ -18,8 +18,8 @@ use super::{
     work::{UnitResult, UnitWorker},
 };
 
-/// Units to compute. Points of a sweep that are equal in all inputs of their stage have one key. The first of them is
-/// computed, and the others share its result.
+/// Units to compute. Points of a sweep that are equal in all inputs of their stage have one key. The first of these
+/// points is computed, and the other points share its result.
 struct PendingUnits {
     units: Vec<(PlanUnit, HashKey)>,
     /// First unit of each key, in order.

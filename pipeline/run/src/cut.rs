@@ -1,5 +1,5 @@
 //! Contents of a table's files: the keys (axes, flight, line, tt), the columns of the stage, and the carried columns.
-//! Columns that pass through stay in the table that made them.
+//! Columns that pass through a stage stay in the table that made them.
 
 use std::sync::Arc;
 

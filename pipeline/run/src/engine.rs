@@ -71,8 +71,8 @@ impl EngineCapacity {
 /// Component that computes tasks. The driver plans, searches the store, lays out and publishes in the same way for
 /// every engine.
 pub trait TaskEngine: Sync {
-    /// Whether tasks are computed in this process. They then need no plan in the store, and their results are in the
-    /// catalogue.
+    /// Whether tasks are computed in this process. The tasks then need no plan in the store, and their results are in
+    /// the catalogue.
     fn is_local(&self) -> bool;
 
     /// Capacity of this engine.

@@ -21,7 +21,7 @@ pub struct OutcomeCounts {
     pub reused: usize,
     /// Not computable.
     pub failed: usize,
-    /// Not tried, because one of their inputs failed.
+    /// Units that were not tried, because one of their inputs failed.
     pub skipped: usize,
 }
 
@@ -66,7 +66,7 @@ impl UnitOutcome {
 
 /// Event of a run.
 pub enum Event<'a> {
-    /// A file of a source is being read, or a line of it is complete.
+    /// A file of a source is being read, or a line of the file is complete.
     Reading {
         /// Name of the source.
         table: &'a str,

@@ -2,7 +2,7 @@
 //!
 //! The units have one order, given by the plan and the lines, and are divided into chunks of similar size. A chunk is
 //! computed together and becomes one pack. The packs of a run thus do not depend on threads, on time or on the place
-//! where an earlier run was killed. A growing sweep writes packs for the new units. When these become many, they are
+//! where an earlier run was killed. A growing sweep writes packs for the new units. When there are many packs, they are
 //! merged, as by `compact`.
 
 use std::{collections::HashMap, ops::Range};
@@ -15,8 +15,8 @@ use super::cut::TableAssembler;
 
 /// Size of a chunk in memory, bytes.
 const CHUNK_BYTES: usize = 8 << 20;
-/// Number of points of one line up to which a chunk may exceed its size, so that they share the computations of the
-/// line.
+/// Number of points of one line up to which a chunk may exceed its size, so that its points share the computations of
+/// the line.
 const POINTS_TOGETHER: usize = 8;
 
 /// Units of a table in the order of its rows, in chunks.

@@ -1,4 +1,4 @@
-//! Execution of a plan: missing results are computed, stored ones are reused, and failures are isolated.
+//! Execution of a plan: missing results are computed, stored results are reused, and failures are isolated.
 
 mod again;
 #[cfg(feature = "cluster")]
@@ -69,7 +69,7 @@ pub struct RunSummary {
     pub warnings: Vec<Warning>,
     /// Pooled scores of each table of scores.
     pub scores: Vec<(String, Scores)>,
-    /// Trials of a search, by trial and rung.
+    /// Trials of a search, in the order of trial and rung.
     pub trials: Vec<SearchTrialScore>,
     /// Choices made automatically.
     pub notes: Vec<String>,
@@ -77,7 +77,7 @@ pub struct RunSummary {
     pub seconds: Vec<f64>,
     /// Hash of the computation and its data: equal for the same spec and inputs.
     pub run: String,
-    /// Whether it was interrupted.
+    /// Whether the run was interrupted.
     pub interrupted: bool,
     /// Folder of the tables.
     pub folder: std::path::PathBuf,
@@ -121,7 +121,7 @@ impl Default for RunOptions<'_> {
 }
 
 /// Runs `plan` in `store`, on rayon's current thread pool. Damaged files are quarantined and recomputed. For a search,
-/// runs only the trials of the plan; [`search()`] runs it to its end.
+/// runs only the trials of the plan; [`search()`] runs the search to its end.
 ///
 /// # Errors
 /// Fails when a source cannot be read, the store cannot be written, or another run holds the lock of the pipeline. No

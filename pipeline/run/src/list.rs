@@ -25,8 +25,8 @@ pub struct TaskList {
 const TASK_S: f64 = 0.1;
 
 /// Lists the units that can be computed from the results in `store`, in tasks of at most `most` units. The default size
-/// gives a separate process an acceptable overhead. With `only`, lists one table. The plan and the index are in the
-/// store on return. Computes nothing, but reads new sources.
+/// gives a separate process an acceptable overhead. With `only`, lists the tasks of one table. The plan and the index
+/// are in the store on return. Computes nothing, but reads new sources.
 ///
 /// # Errors
 /// Fails when a source cannot be read, the table `only` is unknown, or the store cannot be written.

@@ -43,7 +43,7 @@ pub(super) struct PlanPass<'a> {
     pub(super) relay: Option<&'a search::EventRelay<'a>>,
 }
 
-/// Pass, repeated while it finds damaged parts of the store.
+/// Pass over the plan, repeated while the pass finds damaged parts of the store.
 pub(super) fn run_with_repair(
     plan: &Plan,
     store: &Store,

@@ -1,5 +1,5 @@
-//! Published tables: plain Parquet data sets of one run, with the axes as ordinary columns. They replace the previous
-//! ones in one step.
+//! Published tables: plain Parquet data sets of one run, with the axes as ordinary columns. These data sets replace the
+//! previous data sets in one step.
 
 use std::{collections::BTreeSet, sync::Arc};
 
@@ -99,7 +99,7 @@ fn has_rows(store: &Store, id: HashKey) -> bool {
     store.catalogue().by_id(id).is_some_and(|p| p.units.iter().any(|u| u.count().is_some_and(|n| n > 0)))
 }
 
-/// Writes the failures, even if there are none.
+/// Writes the failures, even if the table is empty.
 fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<ExtraTable, Fault> {
     let text = |f: &dyn Fn(&Failure) -> Option<String>| -> ArrayRef {
         Arc::new(failures.iter().map(f).collect::<StringArray>())
@@ -114,7 +114,7 @@ fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<ExtraTab
     write_reserved_table(plan, store, "failures", &points, columns)
 }
 
-/// Writes the warnings, even if there are none.
+/// Writes the warnings, even if the table is empty.
 fn warnings(plan: &Plan, store: &Store, warnings: &[Warning]) -> Result<ExtraTable, Fault> {
     let text = |f: &dyn Fn(&Warning) -> Option<String>| -> ArrayRef {
         Arc::new(warnings.iter().map(f).collect::<StringArray>())
@@ -136,7 +136,7 @@ fn warnings(plan: &Plan, store: &Store, warnings: &[Warning]) -> Result<ExtraTab
     write_reserved_table(plan, store, "warnings", &points, columns)
 }
 
-/// Writes the pooled scores, even if there are none. Writes nothing for a plan without a table of scores.
+/// Writes the pooled scores, even if the table is empty. Writes nothing for a plan without a table of scores.
 fn pooled(plan: &Plan, store: &Store, pooled: &[PooledMetric]) -> Result<Option<ExtraTable>, Fault> {
     if pooled::tables(plan).next().is_none() {
         return Ok(None);

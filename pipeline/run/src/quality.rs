@@ -25,7 +25,7 @@ pub fn count(graph: &PlanGraph) -> (usize, usize) {
     (of_lines.iter().sum(), of_lines.len())
 }
 
-/// Writes all findings, even if there are none.
+/// Writes all findings, even if the table is empty.
 ///
 /// # Errors
 /// Fails when the store cannot be written.

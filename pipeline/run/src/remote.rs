@@ -47,8 +47,8 @@ pub struct WorkerTally {
 pub type ReceiptCallback<'a> = dyn Fn(&Receipt) + Sync + 'a;
 
 /// Computes `tasks` one after another, on rayon's current thread pool. `answered` receives each receipt. `overdue`
-/// receives the receipt of a task that exceeds its time limit. It should end the process, since a thread cannot be
-/// stopped.
+/// receives the receipt of a task that exceeds its time limit. The function should end the process, since a thread
+/// cannot be stopped.
 pub fn serve(
     store: &Store,
     catalogue: &[StageEntry],
@@ -134,7 +134,7 @@ struct PlanSession<'a> {
 }
 
 impl PlanSession<'_> {
-    /// Computes `first` and the following tasks of the same plan; returns the first task of another one.
+    /// Computes `first` and the following tasks of the same plan; returns the first task of another plan.
     fn serve(
         &self,
         first: Task,
@@ -148,7 +148,7 @@ impl PlanSession<'_> {
             if task.plan != plan || task.magline != VERSION {
                 return Some(task);
             }
-            // While it waits for tasks, an interrupt ends the process at once.
+            // While the process waits for tasks, an interrupt ends the process at once.
             STARTED.store(true, Ordering::SeqCst);
             let begun = Instant::now();
             match checked(self.worker.graph(), &task) {

@@ -27,7 +27,7 @@ pub(super) struct PlanRunner<'a> {
     pub(super) engine: &'a dyn TaskEngine,
     /// Worker in this process.
     pub(super) worker: &'a UnitWorker<'a>,
-    /// Plan in the store, if the engine needs one.
+    /// Plan in the store, if the engine needs a plan.
     pub(super) recorded: Option<HashKey>,
     /// Whether other processes compute units.
     pub(super) is_remote: bool,

@@ -1,4 +1,4 @@
-//! Search by generations: each is planned from the scores of the previous ones, and run.
+//! Search by generations: each generation is planned from the scores of the previous generations, and run.
 //!
 //! The store holds only the results of a search, which are addressed by their inputs. A killed search plans its
 //! generations again and finds the finished results in the store. After the last generation all trials are published
@@ -113,12 +113,12 @@ impl<'a> EventRelay<'a> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Marks the next pass as the last one.
+    /// Marks the next pass as the last pass.
     fn last(&self) {
         self.state().last = true;
     }
 
-    /// Outcomes of each of these tables over all passes, and their time, s.
+    /// Outcomes of each of these tables over all passes, and the time of these tables, s.
     pub fn sums<'t>(&self, tables: impl Iterator<Item = &'t str>) -> Vec<(OutcomeCounts, f64)> {
         let state = self.state();
         let spent = |name: &str| state.tables.get(name).copied().unwrap_or_default();

@@ -1,4 +1,5 @@
-//! Table of a run: existing results are found, missing ones are dispatched as tasks, and both are laid out in packs.
+//! Table of a run: existing results are found, missing results are dispatched as tasks, and all results are laid out in
+//! packs.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -61,7 +62,7 @@ impl TableProgress<'_> {
         self.known.iter().filter(|k| matches!(k, LayoutUnit::Pending(_))).count()
     }
 
-    /// Whether a result is in none of the packs.
+    /// Whether no pack contains the result.
     fn lacks(&self, cover: &PackCover) -> bool {
         cover.covered.iter().zip(&self.known).any(|(covered, k)| !covered && matches!(k, LayoutUnit::There(_)))
     }
@@ -72,7 +73,7 @@ impl TableProgress<'_> {
     }
 
     /// Whether a result must be written again. With `whole`, it is rewritten together with the other results of its
-    /// chunk; otherwise only if no pack has it in the required form.
+    /// chunk; otherwise only if no pack has the result in the required form.
     fn is_stale(&self, i: usize, cover: &PackCover, whole: bool) -> bool {
         matches!(self.known[i], LayoutUnit::There(_)) && (whole || !cover.covered[i])
     }
@@ -123,7 +124,7 @@ impl<'a> PlanRunner<'a> {
         new.sort_by_key(|(unit, _)| unit.and_then(|unit| at.get(&unit).copied()));
     }
 
-    /// The table `t` with the state of its units; `None` for a table without files, or if none can be made.
+    /// The table `t` with the state of its units; `None` for a table without files, or if no unit can be computed.
     pub(super) fn sheet(&mut self, t: usize, count: &mut OutcomeCounts) -> Option<TableProgress<'a>> {
         if !self.graph.plan.tables[t].keep {
             self.passed_over(t);

@@ -20,13 +20,13 @@ pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 pub struct Task {
     /// Format number of this object.
     task: u64,
-    /// Version of the program that made it.
+    /// Version of the program that made the task.
     pub magline: String,
     /// Plan, a file of the store; `None` for a task within this process.
     pub plan: Option<HashKey>,
     /// Name of the table.
     pub table: String,
-    /// Whether the result is a part of a file of the table, and not a whole one.
+    /// Whether the result is a part of a file of the table, and not a whole file.
     #[serde(default, skip_serializing_if = "is_false")]
     pub part: bool,
     /// Units, in the order of the table's rows.
@@ -39,7 +39,7 @@ pub struct Task {
 pub struct TaskUnit {
     /// Position of the sweep point.
     pub point: usize,
-    /// Position of the line among those of the plan; `None` for a survey stage.
+    /// Position of the line among the lines of the plan; `None` for a survey stage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line: Option<LineId>,
     /// Key of the result.
@@ -65,7 +65,7 @@ impl TaskUnit {
 pub struct Receipt {
     /// Format number of this object.
     receipt: u64,
-    /// Version of the program that made it.
+    /// Version of the program that made the receipt.
     pub magline: String,
     /// Plan, as in the task.
     pub plan: Option<HashKey>,
@@ -78,7 +78,7 @@ pub struct Receipt {
     /// Reason why the task was rejected.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refused: Option<String>,
-    /// Whether the worker ended after it, because a unit exceeded its time limit.
+    /// Whether the worker ended after this task, because a unit exceeded its time limit.
     #[serde(default, skip_serializing_if = "is_false")]
     pub ended: bool,
     /// Wall time, s.
@@ -93,7 +93,7 @@ pub struct Receipt {
 pub struct UnitAnswer {
     /// Position of the sweep point.
     pub point: usize,
-    /// Position of the line among those of the plan.
+    /// Position of the line among the lines of the plan.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line: Option<LineId>,
     /// Key of the result.

@@ -31,8 +31,8 @@ enum StoredUnitState {
     Unknown,
 }
 
-/// Goals of `rows`, which are the trials of the plan of `graph`. `None` if a score of one of them is not computed yet;
-/// with `all` that counts as a failure.
+/// Goals of `rows`, which are the trials of the plan of `graph`. `None` if a score of a trial is not computed yet; with
+/// `all` that counts as a failure.
 ///
 /// A trial that lacks the scores of a line has no goal, because means over different lines are not comparable.
 /// Unreadable lines are excluded from all trials.
@@ -73,7 +73,7 @@ pub fn scored(
 /// Checks that the goal of a search covers at least one line.
 ///
 /// # Errors
-/// Fails when it covers none.
+/// Fails when the goal covers no line.
 pub fn check(graph: &PlanGraph) -> Result<(), Fault> {
     graph.plan.goal()?.map_or(Ok(()), |goal| wanted(graph, &goal).map(drop))
 }
@@ -91,7 +91,7 @@ pub fn no_trial_succeeded(plan: &Plan, trials: &[SearchTrialScore]) -> Option<Fa
     })
 }
 
-/// Whether each line counts: `where` selects it, and it is readable.
+/// Whether each line counts: the line is selected by `where` and is readable.
 fn wanted(graph: &PlanGraph, goal: &SearchGoal) -> Result<Vec<bool>, Fault> {
     let selected = match &goal.lines {
         Some(predicate) => predicate.lines(&graph.lines)?,

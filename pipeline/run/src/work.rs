@@ -25,7 +25,7 @@ mod survey;
 pub struct UnitResult {
     /// Unit of the plan.
     pub unit: PlanUnit,
-    /// Columns that the stage made, or its fault.
+    /// Columns that the stage made, or the fault of the stage.
     pub rows: Result<RecordBatch, Fault>,
     /// Notes attached to the result: skipped lines and warnings.
     pub remarks: Remarks,
@@ -167,7 +167,7 @@ impl<'a> UnitWorker<'a> {
             Some(first) => guarded(|| Ok(first.stage.run_points(&able))),
             None => Ok(vec![]),
         };
-        // A panic of one point discards the others of the group: each is then computed separately.
+        // A panic of one point discards the results of the whole group; each point is then computed separately.
         let alone = |point: &AnyLinePoint| guarded(|| point.stage.run(point.line, point.prepared));
         let answers = together.unwrap_or_else(|_| able.iter().map(alone).collect());
         let mut answers = answers.into_iter();

@@ -104,7 +104,8 @@ impl<'a> Lineage<'a> {
         let Some(stage) = self.stages.get(table) else { return vec![] };
         let Some(own) = stage.columns.iter().find(|c| c.name == *column) else { return vec![] };
         if stage.tidy {
-            // A list in a small table holds single samples, such as those of an importance.
+            // A list in a small table holds values of single samples, such as the contributions in a table of feature
+            // importance.
             let single = own.kind.starts_with("list") || matches!(self.aggregates.get(table), Some(Err(_)));
             if !single || IDENTIFIERS.contains(&column.as_str()) {
                 return vec![];

@@ -130,7 +130,7 @@ fn gone(what: &str) -> Status {
 }
 
 impl QueryRegistry {
-    /// Registry without queries; they are computed on `runtime`.
+    /// Empty registry of queries. Later queries are computed on `runtime`.
     pub fn new(settings: &ServerSettings, runtime: Handle) -> QueryRegistry {
         let tables = ServedTables {
             store: settings.store.clone(),

@@ -1,10 +1,10 @@
 //! Records of workers that compute a unit or were lost during its computation.
 //!
 //! An attempt is one execution of some units by one worker, recorded in a file `attempts/<name>`. The file lists host
-//! and time, then the keys of the units, one per line. The worker removes it when all units have answers, and on a stop
-//! signal. A remaining file thus belongs to a killed worker; one of its units or another cause killed it. If the worker
-//! survives and a unit has no answer, for example after a panic, the file keeps only this unit and the reason. The
-//! files are not synced to the disk, because a power loss is not the fault of a unit.
+//! and time, then the keys of the units, one per line. The worker removes the file when all units have answers, and on
+//! a stop signal. A remaining file thus belongs to a killed worker; one of its units or another cause killed it. If the
+//! worker survives and a unit has no answer, for example after a panic, the file keeps only this unit and the reason.
+//! The files are not synced to the disk, because a power loss is not the fault of a unit.
 //!
 //! In an object store, an attempt has one object `attempts/<name>-<marks>` per 24 units. The marks are the first digits
 //! of the keys. A worker thus finds the objects that may concern its units by one listing, and reads only those.
@@ -197,7 +197,7 @@ fn left_of(text: &str, old: bool, done: &dyn Fn(HashKey) -> bool) -> String {
 }
 
 impl Store {
-    /// Texts of all attempts in the folder, with their files.
+    /// Texts of all attempts in the folder, with the paths of the files.
     fn attempts_in_folder(&self) -> impl Iterator<Item = (PathBuf, String)> {
         let files = fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten();
         // An attempt that ends in the meantime is skipped.

@@ -90,7 +90,7 @@ pub fn stamp(about: &fs::Metadata) -> (u64, u64) {
 }
 
 impl PackCatalogue {
-    /// Opens the packs in the store at `root`. Also returns the damaged ones.
+    /// Opens the packs in the store at `root`. Also returns the damaged packs.
     ///
     /// # Errors
     /// Fails when the folder cannot be read.
@@ -135,7 +135,7 @@ impl PackCatalogue {
         Ok((all, damaged))
     }
 
-    /// Opens the packs of an object store with the cache `root`. Also returns the damaged ones. Reads the footers of
+    /// Opens the packs of an object store with the cache `root`. Also returns the damaged packs. Reads the footers of
     /// packs that are missing from all indexes.
     ///
     /// # Errors
@@ -183,7 +183,8 @@ impl PackCatalogue {
         all
     }
 
-    /// Packs in the index of the store at `root`, without a check of the packs; `None` if it is missing or damaged.
+    /// Packs in the index of the store at `root`, without a check of the packs; `None` if the index is missing or
+    /// damaged.
     pub fn indexed(root: &Path) -> Option<PackCatalogue> {
         let mut all = PackCatalogue::default();
         load(root)?.into_iter().for_each(|pack| all.insert(pack));
@@ -191,7 +192,7 @@ impl PackCatalogue {
         Some(all)
     }
 
-    /// Adds a pack, replacing one of the same name.
+    /// Adds a pack, replacing a pack of the same name.
     pub fn insert(&mut self, pack: StorePack) {
         let at = self.packs.len();
         let mut first = 0;
@@ -247,7 +248,7 @@ impl PackCatalogue {
         self.packs.iter().flatten()
     }
 
-    /// Bytes of the index, if it differs from the one on the disk.
+    /// Bytes of the index, if it differs from the index on the disk.
     pub fn to_write(&mut self) -> Option<Vec<u8>> {
         if !std::mem::take(&mut self.changed) {
             return None;

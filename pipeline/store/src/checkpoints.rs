@@ -1,4 +1,4 @@
-//! State of units that take minutes. A killed run resumes from it.
+//! State of units that take minutes. A killed run resumes from this state.
 //!
 //! Each state is a file named by the key of its unit. It holds the hash of the state, then the state. A file that does
 //! not verify is ignored, because the unit can be recomputed.
@@ -41,7 +41,7 @@ impl Store {
         (hash(state).as_bytes() == sum).then(|| state.to_vec())
     }
 
-    /// Stores the state of a unit, in place of the previous one.
+    /// Stores the state of a unit, in place of the previous state.
     ///
     /// # Errors
     /// Fails when the file system reports an error.

@@ -121,7 +121,7 @@ impl Deref for Store {
 
 /// Unit to write into a pack.
 pub struct NewUnit {
-    /// Its key.
+    /// Key of the unit.
     pub key: HashKey,
     /// Hash of the other columns: see [`PackedUnit`].
     pub passthrough_hash: u64,
@@ -167,8 +167,8 @@ impl Store {
         Store::opened(root, PackReader::open)
     }
 
-    /// Opens the store at `root` for a worker with the packs of the index, which the driver has written. It does not
-    /// list all packs. [`PackReader::adopt`] adds others.
+    /// Opens the store at `root` for a worker with the packs of the index, which the driver has written. The index does
+    /// not list all packs. [`PackReader::adopt`] adds others.
     ///
     /// # Errors
     /// Fails when there is no store, or the folder cannot be written.

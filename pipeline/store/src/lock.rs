@@ -38,15 +38,15 @@ const BEAT: Duration = Duration::from_secs(10);
 const MOST: u64 = 1 << 53;
 /// Age of the last renewal at which a holder on another host is assumed dead.
 pub const GONE_AFTER: Duration = Duration::from_secs(120);
-/// Polling intervals while waiting: for a lock of this machine, and for one in an object store.
+/// Polling intervals while waiting: for a lock of this machine, and for a lock in an object store.
 const LOOK_AGAIN: [Duration; 2] = [Duration::from_millis(200), Duration::from_secs(3)];
 
 /// Process that holds a lock.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LockHolder {
-    /// Name of its host.
+    /// Name of the host of the process.
     pub host: String,
-    /// Identifier of its host's boot, equal only for processes under one kernel. Empty if unknown.
+    /// Identifier of the boot of the host, equal only for processes under one kernel. Empty if unknown.
     pub boot: String,
     /// Process identifier.
     pub pid: u32,
@@ -124,7 +124,7 @@ pub fn boot() -> String {
 /// Lock that another process holds.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ForeignLock {
-    /// Process; `None` if the lease does not name it.
+    /// Process; `None` if the lease does not name the holder.
     pub holder: Option<LockHolder>,
     /// Time since the last renewal.
     pub silent: Option<Duration>,
@@ -154,7 +154,7 @@ pub struct PipelineLock {
     number: u64,
     text: String,
     heart: LeaseHeartbeat,
-    /// Lease in the object store, if the folder is a copy of one.
+    /// Lease in the object store, if the folder is a copy of an object store.
     lease: Option<Box<RemoteLease>>,
     _lock: File,
 }
@@ -315,7 +315,7 @@ impl Drop for PipelineLock {
         *self.heart.shared.over.lock().unwrap_or_else(PoisonError::into_inner) = true;
         self.heart.shared.wake.notify_all();
         self.heart.thread.take().into_iter().for_each(|t| drop(t.join()));
-        // The text keeps its length, so one write is enough. If the write fails, the lease ends when it expires.
+        // The text keeps its length, so a single write is enough. If the write fails, the lease ends when it expires.
         let free = self.text.replace("\"free\":false", "\"free\":true ");
         let _ = self.heart.file.write_all_at(free.as_bytes(), 0).and_then(|()| self.heart.file.sync_all());
     }
@@ -405,7 +405,7 @@ impl Store {
         }))
     }
 
-    /// Creates the complete file of a lease; `false` if it exists.
+    /// Creates the complete file of a lease; `false` if the file exists.
     fn lease(&self, to: &Path, text: &[u8]) -> io::Result<bool> {
         let tmp = self.temporary();
         File::create(&tmp).and_then(|mut f| f.write_all(text).and_then(|()| f.sync_all()))?;

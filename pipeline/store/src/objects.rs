@@ -127,7 +127,7 @@ impl PackReader {
         self.remote.as_ref()
     }
 
-    /// Copies the file of a pack into the folder if it is missing.
+    /// Copies the file of a pack into the folder if the file is missing.
     ///
     /// # Errors
     /// Fails when an object store cannot be reached or reports an error, or holds different bytes.
@@ -147,7 +147,7 @@ impl PackReader {
         done.map_err(|e| self.fault(id, &e))
     }
 
-    /// Adds the pack `id` of another process to the catalogue. Returns whether it exists and is intact.
+    /// Adds the pack `id` of another process to the catalogue. Returns whether the pack exists and is intact.
     pub fn adopt(&self, id: HashKey) -> bool {
         if self.catalogue().by_id(id).is_some() {
             return true;
@@ -241,7 +241,7 @@ impl PackReader {
         }
     }
 
-    /// Fault for an unreadable pack; a damaged or missing one is removed from the catalogue.
+    /// Fault for an unreadable pack; a damaged or missing pack is removed from the catalogue.
     fn fault(&self, id: HashKey, reason: &StoreFileFault) -> Fault {
         let path = self.file(id);
         match reason {
@@ -282,7 +282,7 @@ impl PackReader {
             catalogue.find(key).and_then(|p| Some((catalogue.pack(p.pack)?.id, p)))
         };
         let found = look().or_else(|| {
-            // The index in an object store is that of the last writer.
+            // The index in an object store is the index of the last writer.
             self.remote.is_some().then(|| self.refresh()).and_then(|()| look())
         });
         found.ok_or_else(|| {

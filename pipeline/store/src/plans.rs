@@ -39,7 +39,7 @@ impl Store {
     /// Plan with the name `key`.
     ///
     /// # Errors
-    /// Fails when it is missing, damaged or unreadable.
+    /// Fails when the plan is missing, damaged or unreadable.
     pub fn plan(&self, key: HashKey) -> Result<Vec<u8>, Fault> {
         const HELP: &str = "write the plan and the tasks again with `magline tasks`";
         let file = self.plan_at(key);

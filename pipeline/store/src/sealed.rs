@@ -1,8 +1,8 @@
 //! Sealed file of the store: ordinary Parquet, with checksums that its reader verifies.
 //!
 //! The footer's metadata contain a CRC-32 of every column chunk (`magline.crc`). The seal is between the last row group
-//! and the footer, in bytes that Parquet does not use. It consists of a mark, a CRC-32 of all bytes before it and one
-//! of the footer. Reading a column verifies only the footer and the decoded chunks.
+//! and the footer, in bytes that Parquet does not use. It consists of a mark, a CRC-32 of all bytes before the seal,
+//! and a CRC-32 of the footer. Reading a column verifies only the footer and the decoded chunks.
 
 use std::{
     fmt::Display,
@@ -44,7 +44,7 @@ const CRC: &str = "magline.crc";
 /// Reason why a file of the store is unreadable.
 #[derive(Debug)]
 pub enum StoreFileFault {
-    /// Bytes that differ from the written ones.
+    /// The bytes differ from the written bytes.
     Damaged(String),
     /// Existing file that cannot be read.
     Machine(String),

@@ -26,7 +26,7 @@ pub struct StoreTableEntry {
     pub files: usize,
     /// Size, bytes.
     pub bytes: u64,
-    /// Number of its version.
+    /// Number of the pipeline's version.
     pub version: u64,
 }
 
@@ -84,7 +84,7 @@ pub struct GcOptions {
 pub struct GcReport {
     /// Number of packs.
     pub packs: usize,
-    /// Their size, bytes.
+    /// Size of the packs, bytes.
     pub bytes: u64,
     /// Versions, as `pipeline/number`.
     pub versions: Vec<String>,

@@ -77,9 +77,9 @@ pub struct ManifestTable {
 pub struct ManifestFile {
     /// Name, below the folder of the version.
     pub name: String,
-    /// Name of its pack, if it is one.
+    /// Name of the pack, if the file is a pack.
     pub pack: Option<String>,
-    /// Hash of its bytes, if it is not a pack.
+    /// Hash of the bytes, if the file is not a pack.
     pub hash: Option<String>,
     /// Size, bytes.
     pub size: u64,
@@ -88,7 +88,7 @@ pub struct ManifestFile {
 }
 
 impl ManifestFile {
-    /// Whether both are equal except for the time.
+    /// Whether two versions are equal except for the time.
     fn same(&self, other: &ManifestFile) -> bool {
         (&self.name, &self.pack, &self.hash, self.size) == (&other.name, &other.pack, &other.hash, other.size)
     }
@@ -192,7 +192,7 @@ pub fn current(root: &Path, pipeline: &str) -> Option<Version> {
     Version::open(&newest(root, pipeline)?)
 }
 
-/// Files of a published table, in the order of its rows. Foreign files in its folder are ignored.
+/// Files of a published table, in the order of its rows. Foreign files in the folder of the table are ignored.
 ///
 /// # Errors
 /// Fails when the folder is a copy, and the object store cannot be reached or reports an error.
@@ -227,10 +227,10 @@ fn bring(folder: &Path) -> Result<(), Fault> {
     }
 }
 
-/// Columns `columns` of a small published table, verified; `None` if it does not exist.
+/// Columns `columns` of a small published table, verified; `None` if the table does not exist.
 ///
 /// # Errors
-/// Fails when it cannot be read.
+/// Fails when the table cannot be read.
 pub fn published(folder: &Path, columns: &[&str]) -> Result<Option<RecordBatch>, Fault> {
     let mut batches = vec![];
     for file in parts(folder)? {

@@ -10,13 +10,13 @@
 //! | [`pearson()`], [`spearman`] | correlation of a column with the target, for any model |
 //! | [`iterative_hard_thresholding`] | membership in the few columns of a sparse linear model |
 //!
-//! A contribution is relative to background rows. To treat a group as unknown, its columns take the values of each
-//! background row in turn; the other groups keep their values. With correlated groups, this gives rows that do not
+//! A contribution is relative to background rows. When a group is treated as unknown, its columns take the values of
+//! each background row in turn; the other groups keep their values. With correlated groups, this gives rows that do not
 //! occur in the data, to which the model extrapolates. Therefore compare groups that each hold all columns of one
 //! sensor, not single columns.
 //!
-//! A model is a function from rows to predictions (or derivatives). Its result for a row depends on that row only. The
-//! model is called with a few thousand rows at a time, from several threads.
+//! A model is a function from rows to predictions (or derivatives). The result of the function for a row depends on
+//! that row only. The model is called with a few thousand rows at a time, from several threads.
 
 mod correlation;
 mod expected_gradients;
@@ -87,7 +87,7 @@ pub enum ImportanceError<E = Infallible> {
     /// The model returns NaN or an infinite number for finite rows.
     #[error("the model returns a number that is not finite")]
     NotFinite,
-    /// There are fewer than two blocks, so they cannot be permuted.
+    /// There are fewer than two blocks, so no blocks can be permuted.
     #[error("{rows} rows are fewer than two blocks of {block} rows; use shorter blocks")]
     OneBlock {
         /// The number of rows.

@@ -10,7 +10,8 @@ use rayon::prelude::*;
 const CHUNK: usize = 4096;
 /// Ratio of standard deviation to mean below which a column varies only by the rounding of its mean.
 pub(crate) const LEAST_DEVIATION: f64 = 1e-12;
-/// Ratio of a component's standard deviation to the largest one below which the component is rounding error.
+/// Ratio of a component's standard deviation to the largest standard deviation, below which the component is rounding
+/// error.
 pub(crate) const LEAST_COMPONENT: f64 = 1e-7;
 
 /// Error of columns that cannot be inputs.
@@ -64,7 +65,7 @@ pub enum InputScalingError {
 pub struct WhitenedComponents {
     /// The number of components.
     pub count: usize,
-    /// The weights of the standardised columns, `count` by columns, row-major. They include the whitening: each
+    /// The weights of the standardised columns, `count` by columns, row-major. The weights include the whitening: each
     /// component has a variance of 1 over the rows from which the weights are computed.
     pub weights: Vec<f64>,
     /// Fraction of the variance of the standardised columns that the components contain.
@@ -147,8 +148,8 @@ impl InputScaling {
         self.components.as_ref().map_or(self.mean.len(), |components| components.count)
     }
 
-    /// Inputs computed from rows of columns, row-major. A value that is not finite gives NaN in every input of its row
-    /// that depends on it. Values after the last whole row are ignored.
+    /// Inputs computed from rows of columns, row-major. A value that is not finite in a row gives NaN in every input
+    /// that depends on the value. Values after the last whole row are ignored.
     pub fn apply(&self, x: &[f64]) -> Vec<f64> {
         let (columns, width) = (self.mean.len().max(1), self.width().max(1));
         let rows = x.len() / columns;

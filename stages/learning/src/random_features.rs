@@ -21,8 +21,9 @@
 //! (2.30), section 5.4.1; the restricted likelihood: Patterson and Thompson 1971]. Correlated errors of successive
 //! samples make both standard deviations too small.
 //!
-//! Between training rows and near the limits of their range, the standard deviation of the prediction grows to that of
-//! the prior. Far outside the range the features are periodic, and the mean does not return to the constant.
+//! Between training rows and near the limits of their range, the standard deviation of the prediction grows to the
+//! standard deviation of the prior. Far outside the range the features are periodic, and the mean does not return to
+//! the constant.
 
 #[cfg(test)]
 mod tests;
@@ -209,8 +210,8 @@ impl RandomFeatureSettings {
 }
 
 impl RandomFeatures {
-    /// Predictions of rows of `width` columns each, and the standard deviations of the function there, both in the unit
-    /// of the target. The variance of a new reading adds `noise_variance`. NaN for rows that are not finite.
+    /// Predictions of rows of `width` columns each, and the standard deviations of the function at these rows, both in
+    /// the unit of the target. The variance of a new reading adds `noise_variance`. NaN for rows that are not finite.
     ///
     /// # Errors
     /// Fails for an incomplete row, and if the sizes of the model's parts do not match.
@@ -507,7 +508,7 @@ impl FeatureSpectrum {
         (0.5 * (a + b)).exp()
     }
 
-    /// The weights, and the factor of their covariance.
+    /// The weights, and a factor of the covariance of the weights.
     fn solution(&self, lambda: f64) -> (Vec<f64>, Vec<f64>) {
         let m = self.means.len();
         let scaled: Vec<f64> = self.along.iter().zip(&self.values).map(|(c, d)| c / (d + lambda)).collect();

@@ -118,7 +118,7 @@ pub struct Forest {
     pub trees: Vec<RegressionTree>,
 }
 
-/// Regression tree. Its root is node 0.
+/// Regression tree. The root of the tree is node 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RegressionTree {
     /// The nodes; children come after their parent.
@@ -134,9 +134,9 @@ pub enum RegressionTreeNode {
         feature: usize,
         /// In the unit of the column.
         threshold: f64,
-        /// A node after this one.
+        /// Index of a child node, larger than the index of this node.
         left: usize,
-        /// A node after this one.
+        /// Index of a child node, larger than the index of this node.
         right: usize,
     },
     /// The end of the path.
@@ -223,7 +223,7 @@ impl RegressionTree {
         }
     }
 
-    /// Subtracts its predictions from the residuals of all rows.
+    /// Subtracts the predictions of this tree from the residuals of all rows.
     fn take_off(&self, x: &[f64], width: usize, residuals: &mut [f64]) {
         let rows = x.par_chunks_exact(width);
         residuals.par_iter_mut().zip(rows).with_min_len(BLOCK).for_each(|(r, row)| *r -= self.value(row));
@@ -350,7 +350,7 @@ pub fn boost_on(
                     if number == 1 {
                         return Err(BoostingError::NoSplit);
                     }
-                    // Another draw of rows may have a split; the same rows do not.
+                    // With another draw of rows, a split may exist; with the same rows, no split exists.
                     if how.subsample >= 1.0 {
                         break;
                     }
@@ -378,14 +378,14 @@ pub fn boost_on(
     Ok(boosted)
 }
 
-/// The rows that tree `number` uses, ascending; `None` for all.
+/// The rows that tree `number` uses, ascending; `None` selects all rows.
 fn drawn(how: &BoostingSettings, number: usize, rows: usize) -> Option<Vec<u32>> {
     let seen = how.seen(rows);
     let bits = || SplitMix64::new(seed_of(how.seed, &["tree", &number.to_string()]));
     (seen < rows).then(|| draws::chosen(&mut bits(), rows, seen))
 }
 
-/// Validation rows and the residuals of their targets.
+/// Validation rows, and the residuals of the targets in these rows.
 struct ValidationResiduals<'a> {
     x: &'a [f64],
     width: usize,

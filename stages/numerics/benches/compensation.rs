@@ -1,5 +1,5 @@
 //! Bench of the Tolles-Lawson matrix, band-pass and ridge fit of 144,668 samples x 18 terms for 5 magnetometers and 20
-//! lambdas. The number of samples is that of the compensated flights of Gnadt 2022.
+//! lambdas. The number of samples equals the number in the compensated flights of Gnadt 2022.
 //!
 //! `cargo bench -p magline-numerics --bench compensation --profile dev` prints the fastest of several runs on one and
 //! on two threads. It checks the coefficients against those of `compensation_numpy.py` for the same input. That script
@@ -18,7 +18,8 @@ type Failure = Box<dyn std::error::Error + Send + Sync>;
 const SAMPLES: usize = 144_668;
 const RATE_HZ: f64 = 10.0;
 const TRIM: usize = 20;
-/// Number of repetitions, as in the numpy script. Both report the fastest run, which is the least disturbed.
+/// Number of repetitions, as in the numpy script. This bench and the script report the fastest run, which is the least
+/// disturbed.
 const REPEATS: usize = 9;
 
 /// Coefficients at both ends of the ridge path, written by `compensation_numpy.py --write`.
@@ -84,7 +85,7 @@ fn fit(flight: &Flight, lambdas: &[f64]) -> Result<(RidgePath, [f64; 3]), Failur
     Ok((path, [built, filtered - built, done - filtered]))
 }
 
-/// The largest difference from the reference, relative to the largest coefficient of its fit.
+/// The largest difference from the reference, relative to the largest coefficient of the same fit.
 ///
 /// The condition number of the filtered matrix is 2e2, and the filters round at some 1e-12 of the signal. Coefficients
 /// may therefore differ by 1e-9. The remaining tolerance allows for other versions of numpy.

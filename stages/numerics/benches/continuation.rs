@@ -20,7 +20,8 @@ const COLUMNS: usize = 7279;
 const PADDED: [usize; 2] = [3840, 8748];
 const STEP_M: f64 = 50.0;
 const UP_M: f64 = 300.0;
-/// Number of repetitions, as in the Python script. Both report the fastest run, which is the least disturbed.
+/// Number of repetitions, as in the Python script. This bench and the script report the fastest run, which is the least
+/// disturbed.
 const REPEATS: usize = 7;
 
 /// Nodes computed by harmonica, written by `continuation_harmonica.py --write`.
@@ -60,7 +61,7 @@ fn map() -> PlaneGrid {
     PlaneGrid { east_m: axis(COLUMNS), north_m: axis(ROWS), values }
 }
 
-/// Peak memory of the process, in bytes; `None` if the system does not report it.
+/// Peak memory of the process, in bytes; `None` if the system does not report the memory.
 fn most_memory() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|line| line.starts_with("VmHWM"))?;
@@ -80,7 +81,7 @@ fn from_harmonica(answer: &PlaneGrid) -> Result<f64, Failure> {
     if nodes < 50 { Err(format!("only {nodes} nodes in the reference").into()) } else { Ok(worst) }
 }
 
-/// Largest difference from the closed form, relative to its largest value, at least 2 km from the edges.
+/// Largest difference from the closed form, relative to the largest value of the field, at least 2 km from the edges.
 fn from_closed_form(answer: &PlaneGrid) -> f64 {
     let (mut worst, mut largest) = (0.0_f64, 0.0_f64);
     for row in (40..ROWS - 40).step_by(3) {

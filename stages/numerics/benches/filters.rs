@@ -1,7 +1,7 @@
 //! Every navigation filter on one line of 63 minutes at 10 Hz, and SLAM on lines of up to ten hours at 1 Hz.
 //!
 //! `cargo bench -p magline-numerics --bench filters --profile dev` prints the processor time of a step and the position
-//! error. The time is the median of three, on one thread. The bench rejects any filter that diverges.
+//! error. The time is the median of three runs, on one thread. The bench rejects any filter that diverges.
 
 #[path = "../tests/osborne/mod.rs"]
 mod osborne;

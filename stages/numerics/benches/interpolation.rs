@@ -1,6 +1,6 @@
 //! Interpolation of anomaly maps, compared with scipy. The cases are value and gradient along a flight and at random
-//! places, one at a time and in batches. One map fits the cache and one does not. Another case fills gaps of a large
-//! map.
+//! places, one at a time and in batches. One map fits into the cache; the other map does not. Another case fills gaps
+//! of a large map.
 //!
 //! `cargo bench -p magline-numerics --bench interpolation --profile dev` prints the fastest of several runs on one
 //! thread and checks each against a formula. `interpolation_scipy.py` times scipy on the same work, runs this bench,
@@ -23,7 +23,7 @@ use numerics::{
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 const LOOK_UPS: usize = 2_000_000;
-/// Number of repetitions. The fastest counts on both sides, as the least disturbed.
+/// Number of repetitions. The fastest run counts in this bench and in the script, because it is the least disturbed.
 const REPEATS: usize = 7;
 const SOUTH_DEG: f64 = -22.0;
 const WEST_DEG: f64 = 140.0;
@@ -32,8 +32,8 @@ const STEP_DEG: f64 = 0.001;
 /// Name, rows and columns of the maps; the large one has as many nodes as the map of Gnadt 2022.
 const MAPS: [(&str, usize, usize); 2] = [("small", 400, 330), ("large", 3195, 7279)];
 
-/// Processor time of this thread in seconds, or elapsed time if the system does not report it. Other work on the
-/// machine affects the processor time less.
+/// Processor time of this thread in seconds, or elapsed time if the system does not report the processor time. Other
+/// work on the machine affects the processor time less.
 fn seconds_now() -> f64 {
     static START: OnceLock<Instant> = OnceLock::new();
     let told = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
@@ -66,7 +66,8 @@ fn map(rows: usize, columns: usize, scale: f64) -> Result<GeographicGrid, Failur
     Ok(GeographicGrid::new(&axis(SOUTH_DEG, rows), &axis(WEST_DEG, columns), &values)?)
 }
 
-/// Positions of a flight with steps of some 7 m, back and forth over the map, or as many scattered over it.
+/// Positions of a flight with steps of about 7 m, back and forth over the map; or the same number of random positions
+/// on the map.
 fn places(rows: usize, columns: usize, along_track: bool) -> (Vec<f64>, Vec<f64>) {
     let (height, width) = (STEP_DEG * (rows - 3) as f64, STEP_DEG * (columns - 3) as f64);
     let place = |k: usize| {
@@ -206,7 +207,7 @@ fn gappy() -> PlaneGrid {
     PlaneGrid { east_m: axis(columns), north_m: axis(rows), values }
 }
 
-/// Processor time of one thread, or elapsed time with several, and the result.
+/// Processor time of one thread, or elapsed time with several threads, and the result.
 fn timed<T>(threads: usize, work: impl FnOnce() -> T) -> (f64, T) {
     let (start, clock) = (seconds_now(), Instant::now());
     let answer = work();

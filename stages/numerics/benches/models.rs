@@ -1,5 +1,5 @@
 //! Linear models of 432,000 samples (12 hours at 10 Hz in 24 lines) x 60 terms: the factor of each line, a path of 100
-//! elastic nets, its cross-validation by line, 100 ridges, all numbers of components of partial least squares.
+//! elastic nets, cross-validation of the path by line, 100 ridges, all numbers of components of partial least squares.
 //!
 //! `cargo bench -p magline-numerics --bench models --profile dev` prints the fastest of several runs. It checks the
 //! coefficients against those of `models_sklearn.py --write` for the same input. That script prints its own times.

@@ -80,7 +80,7 @@ fn filter(
          (INS {ins:.0} m, filter {drms:.1} m DRMS)",
         map.interpolation()
     );
-    // Chance cannot make a filter this accurate; a broken one is hundreds of metres off.
+    // A filter cannot be this accurate by chance; the error of a faulty filter is hundreds of metres.
     if !(drms < 30.0 && ins > 300.0 && output.report.updates == SAMPLES as usize) {
         return Err(format!("the filter lost its way: {drms} m, {:?}", output.report).into());
     }

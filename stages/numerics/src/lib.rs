@@ -1,9 +1,9 @@
 //! Numerics of aeromagnetic compensation and magnetic navigation.
 //!
 //! A magnetometer on an aircraft measures the sum of the earth's field and the aircraft's field. This crate separates
-//! the two and finds a position from the remaining anomaly. It contains models of the earth's core field, filters,
-//! linear regression, maps of the magnetic anomaly, the Tolles-Lawson model, and an inertial error model with an
-//! extended Kalman filter. Functions accept slices and matrices and return vectors; the crate reads no files.
+//! the two fields and finds a position from the remaining anomaly. It contains models of the earth's core field,
+//! filters, linear regression, maps of the magnetic anomaly, the Tolles-Lawson model, and an inertial error model with
+//! an extended Kalman filter. Functions accept slices and matrices and return vectors; the crate reads no files.
 //!
 //! # Folders
 //!

@@ -28,7 +28,7 @@ pub struct NormalGenerator {
 impl NormalGenerator {
     /// Creates a source from a seed.
     pub fn new(seed: u64) -> Self {
-        // Adjacent seeds must not give the same sequence shifted by one.
+        // Adjacent seeds must not give the same sequence shifted by one number.
         Self { bits: SplitMix64::new(mixed(seed ^ 0x5851_f42d_4c95_7f2d)), spare: None }
     }
 
@@ -37,7 +37,7 @@ impl NormalGenerator {
         (self.bits.draw() >> 11) as f64 / (1_u64 << 53) as f64 + 1.0 / (1_u64 << 54) as f64
     }
 
-    /// The next standard normal.
+    /// The next standard normal number.
     pub fn draw(&mut self) -> f64 {
         if let Some(spare) = self.spare.take() {
             return spare;

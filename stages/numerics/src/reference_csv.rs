@@ -15,7 +15,7 @@ pub(crate) fn columns(text: &str) -> BTreeMap<String, Vec<f64>> {
 /// Terms of the samples on which linear models are tested.
 pub(crate) const TERMS: [&str; 8] = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
 
-/// A line of these samples: its terms row-major, and both targets.
+/// A line of these samples: the terms, row-major, and both targets.
 pub(crate) struct ModelLine {
     pub a: Vec<f64>,
     pub y0: Vec<f64>,

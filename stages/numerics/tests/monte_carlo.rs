@@ -40,7 +40,7 @@ struct Run {
     errors: Vec<[f64; STATES]>,
 }
 
-/// One flight with its own INS errors, temporal variation and measurement noise.
+/// One flight with its realisation of the INS errors, the temporal variation and the measurement noise.
 fn fly(seed: u64, map: &MapSurface, noise: NoiseDiscretisation) -> Run {
     let truth = Line::flown(SAMPLES, DT_S, 0.1 * seed as f64).unwrap();
     let model = InsErrorModel::default();
@@ -65,7 +65,7 @@ fn fly(seed: u64, map: &MapSurface, noise: NoiseDiscretisation) -> Run {
     Run { output, p_at_epochs, errors }
 }
 
-/// Flights shared by three of the tests.
+/// Flights that three of the tests share.
 fn runs() -> &'static [Run] {
     static RUNS_FLOWN: OnceLock<Vec<Run>> = OnceLock::new();
     RUNS_FLOWN.get_or_init(|| {
@@ -74,8 +74,8 @@ fn runs() -> &'static [Run] {
     })
 }
 
-/// Quantile of chi-square with `freedom` degrees at `z` standard normals, by Wilson and Hilferty:
-/// within 0.1 % for a hundred degrees and more.
+/// Quantile of chi-square with `freedom` degrees at `z` standard normals, by the formula of Wilson and Hilferty; the
+/// error is below 0.1 % for a hundred or more degrees of freedom.
 fn chi_square(freedom: f64, z: f64) -> f64 {
     let spread = 2.0 / (9.0 * freedom);
     freedom * (1.0 - spread + z * spread.sqrt()).powi(3)
@@ -86,7 +86,7 @@ impl Run {
         std::array::from_fn(|state| self.errors[row][state] - self.output.x[row][state])
     }
 
-    /// Error of the position at an epoch squared over its covariance: chi-square of 2 degrees.
+    /// NEES of the horizontal position at an epoch: chi-square with 2 degrees of freedom.
     fn position_nees(&self, epoch: usize) -> f64 {
         let (e, p) = (self.remaining(EPOCHS[epoch]), &self.p_at_epochs[epoch]);
         let (a, b, c) = (p[LAT][LAT], p[LAT][LON], p[LON][LON]);
@@ -120,7 +120,8 @@ fn law_the_filter_is_consistent() {
     let nees: Vec<f64> = (0..EPOCHS.len()).map(|epoch| mean(runs, |run| run.position_nees(epoch))).collect();
     println!("position NEES by epoch, band {low:.2}..{high:.2}: {nees:.2?}");
     let outside = nees.iter().filter(|nees| !(low..=high).contains(nees)).count();
-    // One epoch in twenty is outside by chance: 2 or more of 11 in 10 % of all cases, 3 or more in 1.5 %.
+    // By chance, one epoch in twenty is outside the band: 2 or more of 11 epochs in 10 % of all cases, 3 or more epochs
+    // in 1.5 %.
     assert!(outside <= 2, "{outside} of {} epochs outside {low:.2}..{high:.2}", EPOCHS.len());
     // All epochs together; the 99.9 % band, as neighbouring epochs are not quite independent.
     let all = 2.0 * n * EPOCHS.len() as f64;
@@ -143,8 +144,8 @@ fn law_innovations_are_white_and_of_the_predicted_size() {
     let samples = f64::from(SAMPLES) * runs.len() as f64;
     let nis = mean(runs, |run| run.output.nis.iter().sum::<f64>()) / f64::from(SAMPLES);
     println!("mean NIS {nis:.4}");
-    // The mean of 360,000 has a standard deviation of sqrt(2/360000) = 0.0024; the linearisation
-    // in the first minutes and over steep anomalies adds its part.
+    // The mean of 360,000 values has a standard deviation of sqrt(2/360000) = 0.0024; the linearisation in the first
+    // minutes and over steep anomalies adds a further error.
     assert!((nis - 1.0).abs() < 0.02, "{nis}");
     let white = |run: &Run| -> Vec<f64> {
         let pairs = run.output.residual_nt.iter().zip(&run.output.nis);
@@ -155,7 +156,8 @@ fn law_innovations_are_white_and_of_the_predicted_size() {
         let products = |x: &Vec<f64>| x.iter().zip(&x[lag..]).map(|(a, b)| a * b).sum::<f64>();
         let correlation = series.iter().map(products).sum::<f64>() / samples;
         println!("autocorrelation of the innovations at {lag} s: {correlation:.4}");
-        // One over the root of the samples is 0.0017; 4 of them and as much for linearisation.
+        // The standard deviation, the inverse square root of the number of samples, is 0.0017. The limit is 4 standard
+        // deviations and the same amount for linearisation.
         assert!(correlation.abs() < 0.012, "{lag} {correlation}");
     }
 }
@@ -189,7 +191,8 @@ fn law_the_discretisation_of_the_noise_has_no_effect_at_one_second() {
     }
 }
 
-/// Residual of compensation: two Gauss-Markov processes, of half a minute and of ten, and white noise.
+/// Residual of compensation: two Gauss-Markov processes with time constants of half a minute and of ten minutes, and
+/// white noise.
 fn left_by_compensation(samples: u32, normals: &mut NormalGenerator) -> Vec<f64> {
     let tt: Vec<f64> = (0..samples).map(|k| DT_S * f64::from(k)).collect();
     let minutes = GaussMarkov { sigma: 4.0, tau_s: 600.0 }.realisation(&tt, || normals.draw());
@@ -247,8 +250,8 @@ fn law_noise_estimated_on_other_lines_makes_a_consistent_filter() {
     println!(
         "NEES {nees:.2} and NIS {nis:.2} with the noise that was found; NEES {naive:.1} with that of the defaults"
     );
-    // A bound is cautious: down to half of the expected values 2 and 1, and by chance of thirty flights a fourth above
-    // them.
+    // Noise that bounds the Allan variance makes a filter cautious: the values may be as low as half of the expected
+    // values 2 and 1. With thirty flights they may exceed the expected values by a fourth by chance.
     assert!((0.8..2.5).contains(&nees), "{nees}");
     assert!((0.4..1.2).contains(&nis), "{nis}");
     assert!(naive > 2.0 * nees, "{naive}");

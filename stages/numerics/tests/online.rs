@@ -57,8 +57,8 @@ struct Flight {
 }
 
 impl Flight {
-    /// Rolls by 15 degrees, pitches by 8 and yaws by 5, each with its own period, for the first `manoeuvring_s` of
-    /// every ten minutes.
+    /// Rolls by 15 degrees, pitches by 8 degrees and yaws by 5 degrees, each with a different period, for the first
+    /// `manoeuvring_s` of every ten minutes.
     fn flown(seed: u64, groups: &[&str], manoeuvring_s: f64) -> Self {
         let mut truth = Line::flown(SAMPLES, DT_S, 0.1 * seed as f64).unwrap();
         let mut normals = NormalGenerator::new(seed);
@@ -132,7 +132,7 @@ impl Flight {
         (rows.clone().map(square).sum::<f64>() / rows.len() as f64).sqrt()
     }
 
-    /// Error of the position squared over its covariance: chi-square of 2 degrees.
+    /// NEES of the horizontal position: chi-square with 2 degrees of freedom.
     fn position_nees(&self, output: &NavigationOutput, row: usize) -> f64 {
         let e = [LAT, LON].map(|state| self.errors[row][state] - output.x[row][state]);
         let p = &output.p[row];
@@ -141,7 +141,7 @@ impl Flight {
     }
 }
 
-/// Error squared over its covariance.
+/// Squared error, normalised by the covariance.
 fn nees(error: &[f64], covariance: &[f64]) -> f64 {
     let n = error.len();
     let p = DMatrix::from_row_slice(n, n, covariance);
@@ -149,7 +149,7 @@ fn nees(error: &[f64], covariance: &[f64]) -> f64 {
     e.dot(&p.cholesky().unwrap().solve(&e))
 }
 
-/// Quantile of chi-square with `freedom` degrees at `z` standard normals, by Wilson and Hilferty.
+/// Quantile of chi-square with `freedom` degrees at `z` standard normals, by the formula of Wilson and Hilferty.
 fn chi_square(freedom: f64, z: f64) -> f64 {
     let spread = 2.0 / (9.0 * freedom);
     freedom * (1.0 - spread + z * spread.sqrt()).powi(3)
@@ -208,13 +208,14 @@ fn law_the_online_filter_is_consistent() {
     println!("NEES of the 18 coefficients {of_coefficients:.2}, band {band:.2?}; each half-way {half_way:.3}");
     println!("DRMS {:.1} m, INS {:.0} m", drms.sqrt(), ins_drms.sqrt());
     let outside = by_epoch.iter().filter(|nees| !within(**nees, 2.0, n, 1.96)).count();
-    // One epoch in twenty is outside by chance: 2 or more of 7 in 4 % of all cases.
+    // By chance, one epoch in twenty is outside the band, and 2 or more of 7 epochs in 4 % of all cases.
     assert!(outside <= 1, "{outside} of {} epochs outside", EPOCHS.len());
     assert!(within(by_epoch.iter().sum::<f64>() / EPOCHS.len() as f64, 2.0, n * EPOCHS.len() as f64, 3.29));
     assert!(within(of_coefficients, 18.0, n, 1.96), "{of_coefficients}");
-    // The 18 are correlated, which widens the band of their mean; 15 % is four deviations of 1080 independent ones.
+    // The 18 coefficients are correlated, which widens the band of their mean. 15 % is four standard deviations for
+    // 1080 independent values.
     assert!((half_way - 1.0).abs() < 0.15, "{half_way}");
-    // With 144,000 samples the deviation is 0.4 %; the linearisation adds its part.
+    // With 144,000 samples the standard deviation is 0.4 %; the linearisation adds a further error.
     assert!((nis - 1.0).abs() < 0.02, "{nis}");
     assert!(drms.sqrt() < 0.2 * ins_drms.sqrt());
 }
@@ -243,7 +244,8 @@ fn law_the_filter_follows_an_aircraft_that_changes() {
                 *sum += second(&output);
                 *late += flight.drms_m(&output, all - 600..all).powi(2) / runs as f64;
             }
-            // The fixed compensation, which is right for the first half, with the noise of the sensor and with 50 nT.
+            // The fixed compensation, which is right for the first half, with the noise of the sensor and with a noise
+            // of 50 nT.
             let fixed = flight.plain(&measured_nt, SIGMA_NT);
             plain += second(&fixed);
             plain_late += flight.drms_m(&fixed, all - 600..all).powi(2) / runs as f64;
@@ -265,7 +267,8 @@ fn law_the_filter_follows_an_aircraft_that_changes() {
 
 #[test]
 fn law_a_cold_start_in_the_cabin_is_calibrated_in_flight() {
-    // The field of an aircraft of hundreds of nT is unknown. Only its sum with the field at the position is observed.
+    // The field of an aircraft of hundreds of nT is unknown. The measurement contains only the sum of this field and
+    // the field at the position.
     let sigma: Vec<f64> = [[1000.0; 3].as_slice(), &[1000.0; 6], &[100.0; 9], &[500.0]].concat();
     let prior = CoefficientPrior::independent(&[0.0; 19], &sigma);
     let (runs, all) = (12_u64, SAMPLES as usize);
@@ -296,7 +299,7 @@ fn law_a_cold_start_in_the_cabin_is_calibrated_in_flight() {
     assert!(left < 3.0, "{left}");
 }
 
-/// Aircraft current between 0 and 1: two sinusoids with periods of 71 and 43 samples.
+/// Aircraft current with values between 0 and 1: the sum of two sinusoids with periods of 71 and 43 samples.
 fn current(seed: u64, row: usize) -> f64 {
     let (t, phase) = (row as f64, seed as f64);
     0.5 + 0.3 * (TAU * t / 71.0 + phase).sin() + 0.2 * (TAU * t / 43.0 + 2.0 * phase).sin()

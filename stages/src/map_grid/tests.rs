@@ -20,7 +20,7 @@ fn stage(args: &[(&str, Literal)]) -> MapGrid {
 
 const METRE_DEG: f64 = 1.0 / 111_195.0;
 
-/// A smooth field, in nT, by metres east and north.
+/// A smooth field, in nT, as a function of the metres east and north.
 fn field_nt(east_m: f64, north_m: f64) -> f64 {
     200.0 * (east_m / 700.0).sin() * (north_m / 900.0).cos()
 }

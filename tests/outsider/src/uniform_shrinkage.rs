@@ -1,4 +1,4 @@
-//! Example of a custom model: least squares with all coefficients multiplied by one factor.
+//! Example of a custom model: least squares with all coefficients multiplied by the same factor.
 
 use schemas::{Fault, Rule};
 use stages::fit::{FitModel, FitProblem, FitSettings, LinearFitResult, ScaledFactor, model, ridge};

@@ -18,7 +18,7 @@ use parquet::arrow::ArrowWriter;
 #[path = "../../cluster_support.rs"]
 mod cluster_support;
 
-/// Three lines at two points: one unit of six fails.
+/// Three lines at two points: one of the six units fails.
 const SPEC: &str = r#"
 name  = "troubled"
 store = "store"
@@ -116,7 +116,7 @@ fn user_a_cluster_survives_any_failing_unit() {
         assert_eq!(run.status.code(), Some(1), "{failure}: {}", text(&run));
         assert!(text(&run).contains(expected), "{failure}: {} {}", text(&run), cluster.worker_stderr());
         assert_eq!(counts(&run), [8, 0, 1, 0], "{failure}: {}", text(&run));
-        // The workers survive and compute the next run, which limits its attempts.
+        // The workers survive and compute the next run, which limits the number of attempts.
         let again = run_magline(folder.path(), &args, "");
         assert_eq!((again.status.code(), counts(&again)), (Some(1), [0, 8, 1, 0]), "{failure}: {}", text(&again));
     }
@@ -133,7 +133,7 @@ fn user_the_engine_of_processes_survives_any_failing_unit() {
         let run = run_magline(folder.path(), &args, "");
         assert_eq!(run.status.code(), Some(1), "{failure}: {}", text(&run));
         assert!(text(&run).contains(expected), "{failure}: {}", text(&run));
-        // Three lines at two points of the first table, and all but one of the second.
+        // Three lines at two points of the first table, and all units of the second table except one.
         assert_eq!(counts(&run), [8, 0, 1, 0], "{failure}: {}", text(&run));
         // All other units are published and reused.
         let again = run_magline(folder.path(), &args, "");

@@ -2,13 +2,13 @@
 //!
 //! The signal vanishes where the field is along the optical axis (polar dead zone) or across it (equatorial dead zone),
 //! so losses depend on the attitude. A vector magnetometer gives the directions of the field in the aircraft. At lost
-//! samples they form a cone or a belt that contains hardly any other samples. [Geometrics: G-823A and MFAM manuals,
-//! which state zones of 10 and 35 degrees]
+//! samples, the directions of the field form a cone or a belt that contains hardly any other samples. [Geometrics:
+//! G-823A and MFAM manuals, which state zones of 10 and 35 degrees]
 
 /// The shape of a dead zone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeadZoneShape {
-    /// A cone to either side along an axis.
+    /// A cone about an axis, in both directions of the axis.
     Polar,
     /// A belt across an axis.
     Equatorial,
@@ -19,18 +19,19 @@ pub enum DeadZoneShape {
 pub struct DeadZone {
     /// Its shape.
     pub shape: DeadZoneShape,
-    /// The angle from its middle to its edge, degrees.
+    /// The angle from the middle to the edge of the zone, degrees.
     pub half_width_deg: f64,
-    /// The lost samples in it.
+    /// The number of lost samples in the zone.
     pub samples: usize,
-    /// The row of the first.
+    /// The row of the first lost sample.
     pub first: usize,
 }
 
 /// Minimum numbers of lost samples and of separate losses. A single loss at one heading can have any cause.
 const LEAST: usize = 20;
 const OCCASIONS: usize = 3;
-/// Minimum share of lost samples inside the zone, and maximum share outside relative to it.
+/// Minimum share of lost samples inside the zone, and maximum share of lost samples outside, relative to the share
+/// inside.
 const INSIDE: f64 = 0.5;
 const OUTSIDE: f64 = 0.1;
 /// Maximum half widths, polar and equatorial, degrees; no commercial instrument has wider zones.
@@ -74,7 +75,7 @@ pub fn dead_zone(lost: &[bool], field: [&[f64]; 3]) -> Option<DeadZone> {
 type FieldDirection = (usize, bool, [f64; 3]);
 
 /// The zone about an axis that best separates the lost samples from the others, and its quality: the share of the lost
-/// samples in it minus the share of the others, at most 1.
+/// samples in the zone minus the share of the other samples in the zone, at most 1.
 fn zone(shape: DeadZoneShape, axis: [f64; 3], known: &[FieldDirection]) -> Option<(f64, DeadZone)> {
     let angle_deg = |u: &[f64; 3]| {
         let along = u.iter().zip(axis).map(|(a, b)| a * b).sum::<f64>().abs().min(1.0);
@@ -116,7 +117,7 @@ fn principal_axis(matrix: &[[f64; 3]; 3]) -> [f64; 3] {
         let trace: f64 = (0..3).map(|i| squared[i][i]).sum();
         power = squared.map(|row| row.map(|x| x / trace));
     }
-    // Its columns are multiples of the axis: the longest is the most exact.
+    // The columns of the power are multiples of the axis; the longest column is the most exact.
     let longest = (0..3).max_by(|a, b| power[*a][*a].total_cmp(&power[*b][*b])).unwrap_or(0);
     let size = power[longest].iter().map(|x| x * x).sum::<f64>().sqrt();
     power[longest].map(|x| x / size)
@@ -157,7 +158,7 @@ mod tests {
         let polar: Vec<bool> = (0..30_000).map(|k| cos(&field, axis, k) > 35.0_f64.to_radians().cos()).collect();
         let found = detect(&polar, &field).unwrap();
         assert_eq!(found.shape, DeadZoneShape::Polar);
-        // The sampled directions are uneven about the axis, so its estimate is off by some degrees.
+        // The sampled directions are uneven about the axis, so the estimate of the axis is off by some degrees.
         assert!((found.half_width_deg - 35.0).abs() < 3.0, "{found:?}");
         assert_eq!(found.first, polar.iter().position(|lost| *lost).unwrap());
         let belt: Vec<bool> = (0..30_000).map(|k| cos(&field, axis, k) < 10.0_f64.to_radians().sin()).collect();

@@ -7,9 +7,10 @@ use std::ops::Range;
 pub struct Dropouts {
     /// Number of missing samples.
     pub samples: usize,
-    /// The row of the first.
+    /// The row of the first missing sample.
     pub first: usize,
-    /// The longest time without a value: from the last before to the first after, or to the line's ends.
+    /// The longest time without a value: from the last value before the gap to the first value after it, or to the
+    /// line's ends.
     pub longest_s: f64,
 }
 

@@ -7,11 +7,11 @@ use super::{QualityFigure, QualityMeasure};
 /// Context for judging a figure.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FigureContext {
-    /// Number of samples of its lines.
+    /// Number of samples of the lines of the flight.
     pub samples: u64,
     /// The rate of the samples, Hz.
     pub rate_hz: f64,
-    /// Lowest noise of the scalar magnetometers of the flight, nT; NaN without one.
+    /// Lowest noise of the scalar magnetometers of the flight, nT; NaN without a scalar magnetometer.
     pub quietest_nt: f64,
     /// The noise of the column; NaN if unknown.
     pub noise: f64,
@@ -21,16 +21,16 @@ pub struct FigureContext {
 const GAP_S: f64 = 1.0;
 /// Maximum share of all samples.
 const MISSING: f64 = 0.01;
-/// Maximum jitter relative to the step; above it, the interpolation error exceeds the noise.
+/// Maximum jitter relative to the time step. Above this ratio, the interpolation error exceeds the noise.
 const JITTER: f64 = 0.1;
 /// Maximum quantisation step in standard deviations of the noise; a larger step dominates the noise.
 const COARSE: f64 = 2.0;
-/// Maximum ratio of the noise of a magnetometer to that of the best one of its flight.
+/// Maximum ratio of the noise of a magnetometer to the noise of the best magnetometer of the same flight.
 const NOISY: f64 = 10.0;
 
 /// Maximum share of all samples near over-represented values.
 const PREFERRED: f64 = 0.1;
-/// Maximum lag in samples; `resample` should remove a larger one.
+/// Maximum lag in samples; A larger lag should be removed with `resample`.
 const LATE: f64 = 0.5;
 
 /// Whether a figure should be checked before the column is used.

@@ -25,7 +25,7 @@ use schemas::{Role, describe_field, flight};
 
 use super::quality::{Finding, FindingKind};
 
-/// Version of the checks, increased when their figures change.
+/// Version of the checks, increased when the figures of the checks change.
 pub const VERSION: &str = "checks 2";
 
 /// Kind of a check.
@@ -65,7 +65,7 @@ pub enum QualityFigure {
     PolarDeadZone,
     /// Half width of the belt of field directions without readings.
     EquatorialDeadZone,
-    /// Lag against the first magnetometer of its kind.
+    /// Lag against the first magnetometer of the same kind.
     Lag,
     /// A finding of the examination.
     Found(FindingKind),
@@ -278,7 +278,7 @@ fn unwrapped(angles: &[f64]) -> Vec<f64> {
     angles.iter().map(one).collect()
 }
 
-/// Number of samples, and the row of the first.
+/// Number of samples, and the row of the first sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct SampleTally {
     n: u64,
@@ -368,7 +368,7 @@ mod tests {
         let vector = found.iter().find(|m| m.column.starts_with("flux_b") && m.check == QualityFigure::Lag).unwrap();
         assert!((vector.value - 0.05).abs() < 0.005, "{vector:?}");
         let zone = of("mag_2_uc", "polar_dead_zone").unwrap();
-        // The field's z component keeps its direction off the axis: acos(45,000 / |field|).
+        // The field's z component keeps its direction at an angle to the axis: acos(45,000 / |field|).
         let edge = (45_000.0 / 50_000.0_f64.hypot(9000.0)).acos().to_degrees();
         assert!((zone.value - edge).abs() < 2.5, "{zone:?} {edge}");
         let flagged = of("mag_2_uc", "dead_zone").unwrap();

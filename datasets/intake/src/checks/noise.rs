@@ -1,8 +1,9 @@
 //! The noise floor of a column, from its fourth differences.
 //!
-//! The fourth difference `x[i-2] - 4 x[i-1] + 6 x[i] - 4 x[i+1] + x[i+2]` of a cubic is 0. For white noise, its
-//! variance is 1 + 16 + 36 + 16 + 1 = 70 times the variance of the noise. Surveyors judge a magnetometer by this
-//! difference divided by 16. [Reeves 2005, Aeromagnetic Surveys, section 3; Coyle et al. 2014, GSC Open File 7617]
+//! The fourth difference `x[i-2] - 4 x[i-1] + 6 x[i] - 4 x[i+1] + x[i+2]` of a cubic is 0. For white noise, the
+//! variance of the fourth difference is 1 + 16 + 36 + 16 + 1 = 70 times the variance of the noise. Surveyors judge a
+//! magnetometer by this difference divided by 16. [Reeves 2005, Aeromagnetic Surveys, section 3; Coyle et al. 2014, GSC
+//! Open File 7617]
 
 use numerics::regression::statistics::median;
 
@@ -29,8 +30,8 @@ pub fn fourth_differences(x: &[f64], breaks: &[bool]) -> Vec<f64> {
 const LEAST: usize = 20;
 
 /// Standard deviation of the white noise of a column from its fourth differences, robust against spikes and short
-/// manoeuvres. `None` if there are too few, or most are 0 within rounding: the values are held, interpolated, or too
-/// coarse to show their noise.
+/// manoeuvres. `None` if there are too few differences, or most differences are 0 within rounding: the values are held,
+/// interpolated, or too coarse to show their noise.
 pub fn noise(fourth: &[f64], resolution: &ValueResolution) -> Option<f64> {
     let mut sizes: Vec<f64> = fourth.iter().filter(|d| d.is_finite()).map(|d| d.abs()).collect();
     if sizes.len() < LEAST {

@@ -14,7 +14,7 @@ use numerics::regression::statistics::median;
 pub struct PreferredValues {
     /// The spacing of the values.
     pub step: f64,
-    /// Number of samples at them, minus the number expected without over-representation.
+    /// Number of samples at over-represented values, minus the number expected without over-representation.
     pub samples: usize,
 }
 
@@ -38,7 +38,8 @@ const OFF: f64 = 0.08;
 /// Minimum share of the samples.
 const SHARE: f64 = 0.05;
 
-/// The evenly spaced over-represented values of a column; `None` if there are none. `values` must be finite.
+/// The evenly spaced over-represented values of a column; `None` if no values are over-represented. `values` must be
+/// finite.
 pub fn preferred(values: &[f64]) -> Option<PreferredValues> {
     let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
     if high <= low {
@@ -97,7 +98,8 @@ fn spacing(centres: &[f64]) -> Option<f64> {
     candidates.into_iter().flatten().find_map(|guess| {
         let mut step = guess;
         for _ in 0..3 {
-            // The multiple of each centre is counted from its neighbour's, so that errors do not accumulate.
+            // The multiple of each centre is counted from the multiple of the adjacent centre, so that errors do not
+            // accumulate.
             let mut number = 0.0;
             let numbers: Vec<f64> = std::iter::once(0.0)
                 .chain(centres.windows(2).map(|w| {
@@ -167,7 +169,7 @@ mod tests {
         let mut normals = NormalGenerator::new(13);
         let values: Vec<f64> = (0..60_000).map(|k| field(&mut normals, k)).collect();
         assert_eq!(preferred(&values), None);
-        // Lines at one level each: the values cluster at a few levels without even spacing.
+        // Each line is at one level, so the values cluster at a few levels that are not evenly spaced.
         let levels = [0.0, 11.0, 27.0, 31.0, 52.0, 58.0, 83.0, 90.0, 104.0, 131.0, 139.0, 160.0, 171.0, 199.0];
         let still: Vec<f64> = (0..56_000).map(|k| levels[k / 4000] + 0.2 * normals.draw()).collect();
         assert_eq!(preferred(&still), None);

@@ -4,7 +4,8 @@
 const MOST: usize = 20_000;
 /// Minimum number of steps between distinct values.
 const LEAST: usize = 8;
-/// Maximum distance of a value from the grid, in steps. It permits rounding to decimals and to single precision.
+/// Maximum distance of a value from the grid, in steps. The tolerance permits rounding to decimals and to single
+/// precision.
 const TOLERANCE: f64 = 0.05;
 
 /// The quantisation step: the largest step that divides nearly all differences between neighbouring distinct values.

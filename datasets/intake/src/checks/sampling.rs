@@ -9,9 +9,9 @@ use super::SampleTally;
 pub struct TimeStampFigures {
     /// Reciprocal of the median step.
     pub rate_hz: f64,
-    /// The robust standard deviation of the steps: 1.4826 times the median distance from their median.
+    /// The robust standard deviation of the steps: 1.4826 times the median absolute deviation from the median step.
     pub jitter_s: f64,
-    /// Steps longer than [`GAP`] medians; the row after each.
+    /// Steps longer than [`GAP`] medians; with the row after each gap.
     pub gaps: SampleTally,
     /// Total time missing in the gaps.
     pub missing_s: f64,
@@ -27,10 +27,10 @@ pub struct TimeStampFigures {
     pub midnights: SampleTally,
 }
 
-/// Minimum length of a gap in median steps. One lost sample makes a step of two.
+/// Minimum length of a gap in median steps. One lost sample gives a step of twice the median.
 const GAP: f64 = 1.75;
 
-/// The sampling of time stamps; `None` for fewer than three.
+/// The sampling of time stamps; `None` for fewer than three samples.
 pub fn sampling(tt: &[f64]) -> Option<TimeStampFigures> {
     let mut forward: Vec<f64> = tt.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0).collect();
     if forward.len() < 2 {
@@ -93,8 +93,8 @@ mod tests {
 
     #[test]
     fn unit_gaps_and_jumps_are_found() {
-        // 100 Hz over midnight, 3 samples lost at one place and 50 at another, one stamp twice, the clock set back
-        // once.
+        // 100 Hz over midnight, with 3 samples lost at one place and 50 samples at another, one repeated time stamp,
+        // and one backward step of the clock.
         let all: Vec<f64> = (0..1000).map(|i| 86_399.0 + f64::from(i) / 100.0).collect();
         let mut tt: Vec<f64> = [&all[..200], &all[203..500], &all[550..]].concat();
         tt.insert(10, tt[10]);
@@ -113,7 +113,7 @@ mod tests {
 
     #[test]
     fn law_the_jitter_is_the_deviation_of_the_steps() {
-        // Steps of 1 s plus and minus 2 ms in turn: their distance from the median is 2 ms.
+        // The steps are alternately 2 ms longer and 2 ms shorter than 1 s, so their distance from the median is 2 ms.
         let mut t = 0.0;
         let tt: Vec<f64> = (0..2001)
             .map(|i| {

@@ -7,7 +7,7 @@ use std::ops::Range;
 pub struct Saturation {
     /// Number of samples.
     pub samples: usize,
-    /// The row of the first.
+    /// The row of the first sample at the limit.
     pub first: usize,
     /// The value.
     pub value: f64,

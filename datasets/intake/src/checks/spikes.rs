@@ -9,19 +9,20 @@ use super::quantisation::ValueResolution;
 pub struct Spikes {
     /// Number of spikes.
     pub samples: usize,
-    /// The row of the first.
+    /// The row of the first spike.
     pub first: usize,
-    /// The height of the largest: a sixth of its fourth difference.
+    /// The height of the largest spike: a sixth of the fourth difference at the spike.
     pub largest: f64,
 }
 
-/// Threshold of a spike in robust standard deviations of the fourth difference. Normal noise exceeds it once in 10^15.
+/// Threshold of a spike in robust standard deviations of the fourth difference. Normally distributed noise exceeds this
+/// limit once in 10^15 samples.
 const SIGMAS: f64 = 8.0;
 /// Number of surrounding samples that determine the scale, so that a manoeuvre is not a spike.
 const BLOCK: usize = 64;
 
-/// The spikes of a column from its fourth differences; `None` if there are none. A deviation below the quantisation
-/// step is not a spike.
+/// The spikes of a column from its fourth differences; `None` if there are no spikes. A deviation below the
+/// quantisation step is not a spike.
 pub fn spikes(fourth: &[f64], resolution: &ValueResolution) -> Option<Spikes> {
     let found = peaks(fourth, resolution);
     let largest = found.iter().map(|(_, height)| *height).fold(0.0, f64::max);

@@ -27,11 +27,12 @@ const CLIMB_M: f64 = 15.0;
 /// Usual names of the speed over ground. Wind and airspeed are not included.
 const GROUND_SPEEDS: [&str; 5] = ["speed_over_ground", "ground_speed", "groundspeed", "gnd_speed", "sog"];
 
-/// Units of a velocity over ground, and of a vertical one.
+/// Units of a velocity over ground, and of a vertical velocity.
 const SPEEDS: [&str; 6] = ["m/s", "km/h", "kn", "ft/s", "mph", "cm/s"];
 const CLIMBS: [&str; 7] = ["m/s", "ft/s", "ft/min", "m/min", "km/h", "kn", "cm/s"];
 
-/// The displacement over a chord, north and east in metres, by positions and by velocities; the row it begins at.
+/// The displacement over a chord, north and east in metres, by positions and by velocities; the row at which the chord
+/// begins.
 pub struct MotionChord {
     pub row: usize,
     pub seconds: f64,
@@ -74,7 +75,8 @@ pub fn mean_speed(chords: &[MotionChord], displacement: fn(&MotionChord) -> [f64
     chords.iter().map(|c| length(displacement(c))).sum::<f64>() / seconds
 }
 
-/// Disagreement of positions and velocities as a share of the distance; `turn` converts the velocities first.
+/// Disagreement of positions and velocities as a share of the distance; The function `turn` converts the velocities
+/// first.
 fn disagreement(chords: &[MotionChord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> f64 {
     let (mut apart, mut moved, mut integrated) = (0.0, 0.0, 0.0);
     for chord in chords {
@@ -86,8 +88,8 @@ fn disagreement(chords: &[MotionChord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> 
     apart / f64::max(moved, integrated)
 }
 
-/// Fault of positions that do not move with the velocities. Compares the truth, then the INS. If only one of them has
-/// positions, compares these with the velocities of the other.
+/// Fault of positions that do not move with the velocities. Compares the truth, then the INS. If only one of the two
+/// has positions, compares these positions with the velocities of the other.
 pub fn horizontal(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let own = [TRUTH, INS].into_iter().find_map(|set| motion(line, set));
     let mixed = || match (line.get(TRUTH.lat), line.get(INS.lat)) {
@@ -151,7 +153,7 @@ fn motion(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Finding)
     Some(line.contradiction((set.lat, row, lat[row], "deg"), all.len(), what, &help))
 }
 
-/// Remaining disagreement in each other unit of both velocities, or of one of them, and the remedy.
+/// Remaining disagreement if both velocities, or one of them, were in another unit; and the remedy.
 fn in_other_units(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord]) -> Vec<(f64, String)> {
     let mut causes = vec![];
     for columns in [vec![set.vn, set.ve], vec![set.vn], vec![set.ve]] {
@@ -167,7 +169,7 @@ fn in_other_units(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord
     causes
 }
 
-/// The same for swapped or reversed axes.
+/// Remaining disagreement if the axes were swapped or reversed, and the remedy.
 fn otherwise(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord]) -> [(f64, String); 2] {
     let (n, e) = (line.origins.name(set.vn), line.origins.name(set.ve));
     let signs = format!("longitude and `{e}` have opposite signs; both must be positive to the east");
@@ -226,8 +228,8 @@ pub fn vertical(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Fi
     Some(line.contradiction((set.vd, row, vd[row], "m/s"), climbs.len(), what, &help))
 }
 
-/// Chords that climb or sink by [`CLIMB_M`] or more; their first components hold the change by the heights and by the
-/// vertical velocity.
+/// Chords that climb or sink by [`CLIMB_M`] or more; their first components hold the change of height, from the heights
+/// and from the vertical velocity.
 fn climbs(tt: &[f64], alt: &[f64], vd: &[f64]) -> Vec<MotionChord> {
     let mut found = vec![];
     let (mut start, mut integrated) = (0, 0.0);

@@ -29,7 +29,7 @@ impl TimedTriples {
         self.rows.iter().filter(|[_, a, b, _]| a.is_finite() && b.is_finite()).count()
     }
 
-    /// The rows in the order of time, one for each time.
+    /// The rows in the order of time, without repeated times.
     fn in_time(mut self) -> Vec<[f64; 4]> {
         self.rows.retain(|row| row[0].is_finite());
         self.rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
@@ -71,10 +71,10 @@ impl ChannelCollector {
         Ok(())
     }
 
-    /// The flights with the lines found in each.
+    /// The flights, each with its detected lines.
     pub fn found(self) -> Vec<(String, LineDetection)> {
         let best = |all: &mut dyn Iterator<Item = TimedTriples>| {
-            // The first of equal ones is used.
+            // Of several tables with equally many known rows, the first is used.
             let best = all.reduce(|a, b| if b.known() > a.known() { b } else { a }).filter(|t| t.known() > 0);
             best.map(TimedTriples::in_time).unwrap_or_default()
         };

@@ -9,18 +9,18 @@ use super::motion::{FlightMotion, RATE_HZ, runs};
 /// Minimum rate of a turn: a share of the flight's typical turn rate, within limits in degrees per second.
 const PART: f64 = 0.25;
 const LIMITS_DPS: (f64, f64) = (0.3, 3.0);
-/// Minimum change of the course by a turn, degrees; the yaw manoeuvres of a calibration stay below it.
+/// Minimum change of the course by a turn, degrees; the yaw manoeuvres of a calibration stay below this change.
 const LEAST_DEG: f64 = 20.0;
 /// Maximum duration of an interruption of a turn by a lower turn rate, s.
 const LULL_S: f64 = 3.0;
-/// Minimum length of a leg, s; shorter ones belong to the adjacent turns. It is the second value or, if no leg is long,
-/// the share `LEG_OF_SHORT` of the longest leg. The sides of a small square are thus either all legs or all not. The
-/// first value is a lower bound, because the smoothing of turn rates blurs shorter legs.
+/// Minimum length of a leg, s; shorter stretches belong to the adjacent turns. The minimum is the second value or, if
+/// no leg is long, the share `LEG_OF_SHORT` of the longest leg. The sides of a small square are thus either all legs or
+/// all parts of turns. The first value is a lower bound, because the smoothing of turn rates blurs shorter legs.
 const LEG_S: (f64, f64) = (3.6, 5.0);
 const LEG_OF_SHORT: f64 = 0.35;
 /// Maximum deviation of the course of a leg from its mean, degrees, except for a tenth of its samples.
 const STRAIGHT_DEG: f64 = 15.0;
-/// Period above which changes of the angles are removed, and window of their power, s.
+/// Period above which changes of the angles are removed, and window over which their power is computed, s.
 const SLOW_S: f64 = 12.0;
 const POWER_S: f64 = 6.0;
 /// Time in which the aircraft levels out at the ends of a leg, s.
@@ -47,11 +47,11 @@ pub enum MotionClass {
 pub struct StraightLeg {
     /// Its rows.
     pub rows: Range<usize>,
-    /// The number of the run that it is in.
+    /// The number of the run that contains the leg.
     pub run: usize,
-    /// The mean course, unwrapped within its run, degrees.
+    /// The mean course, unwrapped within the run, degrees.
     pub course_deg: f64,
-    /// Whether roll, pitch and yaw have a manoeuvre on it.
+    /// Whether roll, pitch and yaw show a manoeuvre on the leg.
     pub manoeuvres: [bool; 3],
 }
 
@@ -73,7 +73,7 @@ pub struct FlightSegments {
     pub legs: Vec<StraightLeg>,
     /// In the order of time.
     pub turns: Vec<FlightTurn>,
-    /// The root mean square of roll, pitch and yaw about their slow changes, degrees; NaN off the legs.
+    /// The root mean square of roll, pitch and yaw about the slow changes of these angles, degrees; NaN off the legs.
     pub power_deg: [Vec<f64>; 3],
 }
 
@@ -157,7 +157,7 @@ impl FlightSegments {
                 continue;
             }
             *has_manoeuvre = true;
-            // The threshold is halfway between both levels, in decibels.
+            // The threshold is halfway between the levels of quiet flight and of manoeuvres, in decibels.
             let limit = (quiet.max(0.01 * loud) * loud).sqrt();
             let at = inner.clone().zip(&rms).filter(|(_, rms)| **rms > limit);
             at.for_each(|(row, _)| self.parts[row] = MotionClass::Manoeuvre);
@@ -172,8 +172,8 @@ impl FlightSegments {
     }
 }
 
-/// Turn rate above which the flight turns. It is a share of the rate below which half of the total change of course
-/// occurs, so long straight flight and sharp corners have little effect.
+/// Turn rate above which the flight turns. The limit is a share of the rate below which half of the total change of
+/// course occurs, so long straight flight and sharp corners have little effect.
 fn threshold_dps(motion: &FlightMotion) -> f64 {
     let mut rates: Vec<f64> = motion.turn_dps.iter().map(|r| r.abs()).filter(|r| r.is_finite()).collect();
     rates.sort_by(f64::total_cmp);

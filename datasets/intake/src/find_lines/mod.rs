@@ -23,7 +23,7 @@ pub use motion::{AttitudeChannel, FlightChannels, FlightMotion, PositionChannel}
 pub use patterns::{DetectedLine, LinePattern};
 pub use picture::{png, svg};
 
-/// Version of the detection, increased when it finds other lines.
+/// Version of the detection, increased when the detection gives other lines.
 pub const VERSION: &str = "found lines 2";
 
 /// Lines detected in a flight, with its motion and segments.
@@ -74,7 +74,7 @@ impl LineDetection {
         self.lines = lines.iter().map(one).filter(|line| !line.rows.is_empty()).collect();
     }
 
-    /// Fault of a flight without lines; `None` if it has lines.
+    /// Fault of a flight without lines; `None` if the flight has lines.
     pub fn missing(&self, flight: &str) -> Option<Fault> {
         if !self.lines.is_empty() {
             return None;

@@ -16,7 +16,7 @@ const TURN_WINDOW: usize = 15;
 /// Limits of the speed on the ground or in hover: a share of the flight's typical speed, and a minimum speed.
 const SLOW: f64 = 0.2;
 const LEAST_MPS: f64 = 1.0;
-/// Quantile of the speed that counts as typical. It is high, because most of a log may be on the ground.
+/// Quantile of the speed that counts as typical. The percentile is high, because most of a log may be on the ground.
 const USUAL: f64 = 0.95;
 
 /// Positions of a flight, in the order of their times.

@@ -53,7 +53,8 @@ impl LinePattern {
 /// A detected line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DetectedLine {
-    /// Its kind and number, such as `box1`. All numbers of a kind have the same number of digits.
+    /// Name from the kind and the number of the line, such as `box1`. All numbers of a kind have the same number of
+    /// digits.
     pub name: String,
     /// Kind of the line.
     pub kind: LinePattern,
@@ -61,13 +62,13 @@ pub struct DetectedLine {
     pub rows: Range<usize>,
     /// The course of a straight line, 0 to 360 degrees.
     pub heading_deg: Option<f64>,
-    /// Whether roll, pitch and yaw have a manoeuvre on any of its legs.
+    /// Whether roll, pitch and yaw show a manoeuvre on any leg of the line.
     pub manoeuvres: [bool; 3],
 }
 
 /// Range of angles between legs that count as a right angle, degrees.
 const RIGHT_ANGLE_DEG: (f64, f64) = (60.0, 120.0);
-/// Minimum number of legs of a box, and minimum share of them with manoeuvres of the same angle.
+/// Minimum number of legs of a box, and minimum share of its legs with manoeuvres of the same angle.
 const BOX_LEGS: usize = 4;
 const BOX_PART: f64 = 0.75;
 /// Turn of a loop that leads back over its start, degrees.
@@ -77,10 +78,11 @@ const BEYOND: f64 = 0.1;
 /// Maximum distance between crossings at one place: share of the distance from the place to the loop, and m.
 const SAME_PART: f64 = 0.35;
 const SAME_M: f64 = 10.0;
-/// Assumed distance flown to the first loop and from the last, relative to the distance from the place to the loop.
+/// Assumed distance flown to the first loop and from the last loop, relative to the distance from the place to the
+/// loop.
 const LEAD: f64 = 1.5;
 /// Minimum number of loops of a figure of eight, and of a cloverleaf. Two loops to one side may also lead from a survey
-/// line to the next one, if that is near.
+/// line to the next survey line, if that line is near.
 const EIGHT: usize = 2;
 const CLOVER: usize = 3;
 /// Minimum turn of a circle, degrees; a turn begins and ends slowly.
@@ -90,7 +92,7 @@ const CIRCLE_DEG: f64 = 340.0;
 const SHORTEST: f64 = 0.1;
 const SHORTEST_S: (f64, f64) = (10.0, 30.0);
 const SHORTEST_OF_SHORT: f64 = 0.35;
-/// Maximum length of a leg that only connects two parallel legs, relative to both.
+/// Maximum length of a leg that only connects two parallel legs, relative to the length of each parallel leg.
 const CONNECTS: f64 = 0.6;
 /// Maximum deviation of survey lines from the survey's axis, and of tie lines from its perpendicular, degrees.
 const ALONG_DEG: f64 = 25.0;
@@ -130,7 +132,7 @@ pub fn lines(motion: &FlightMotion, parts: &FlightSegments) -> Vec<DetectedLine>
     for group in flight.crossings() {
         let (line, legs) = flight.over_one_place(&group);
         taken.iter_mut().take(legs.end).skip(legs.start).for_each(|t| *t = true);
-        // Long remainders of the first and the last leg are separate lines.
+        // Long remaining parts of the first and the last leg are separate lines.
         let ends = legs.clone().next().into_iter().chain(legs.last());
         for leg in ends.filter_map(|i| parts.legs.get(i)) {
             rest.push(leg.rows.start..leg.rows.end.min(line.rows.start));
@@ -246,7 +248,7 @@ impl SegmentedFlight<'_> {
         let after = legs.get(number + 1).filter(|next| next.run == leg.run);
         let (turned_deg, rows) = match after {
             Some(next) => (self.parts.turned_deg(self.motion, leg, next)?, next.rows.clone()),
-            // The flight ends with the loop: its last second gives the direction.
+            // The flight ends with the loop, so the last second of the loop gives the direction.
             None => {
                 let course = |row: usize| self.motion.course_deg.get(row).copied();
                 let last = run.end.checked_sub(1)?;
@@ -362,7 +364,7 @@ impl SegmentedFlight<'_> {
             off.min(180.0 - off)
         };
         let survey: Vec<&(NorthEast, NorthEast)> = sides.iter().filter(|s| off_deg(s) <= ALONG_DEG).collect();
-        // A tie line may begin and end on lines. A leg that crosses beyond their ends connects two lines.
+        // A tie line may begin and end on lines. A leg that crosses the lines beyond their ends connects two lines.
         let on = |(_, tie, line): (NorthEast, f64, f64)| {
             (-BEYOND..1.0 + BEYOND).contains(&tie) && (0.0..=1.0).contains(&line)
         };

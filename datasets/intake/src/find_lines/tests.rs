@@ -1,4 +1,4 @@
-//! Lines found in simulated flights, whose lines are known, and in real ones.
+//! Lines detected in simulated flights, where the true lines are known, and in real flights.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -152,7 +152,8 @@ fn through(mapping: &str, files: &[(&str, &str)]) -> LineDetection {
 
 #[test]
 fn ref_a_small_aircraft_flies_its_squares_between_take_off_and_landing() {
-    // Its log: in the air from 211 to 579 s, squares of 150 m from 235 to 533 s. Its clock was 0 at 16:45:31.259 UTC.
+    // According to the log, the aircraft is in the air from 211 to 579 s and flies squares of 150 m from 235 to 533 s.
+    // The clock of the log was 0 at 16:45:31.259 UTC.
     let found = through("thor75_parquet", &[("thor75/flight.parquet", "flight")]);
     let start_s = 16.0 * 3600.0 + 45.0 * 60.0 + 31.259;
     let on_squares = |line: &&DetectedLine| {
@@ -161,7 +162,8 @@ fn ref_a_small_aircraft_flies_its_squares_between_take_off_and_landing() {
         from > start_s + 235.0 && to < start_s + 533.0
     };
     let sides: Vec<&DetectedLine> = found.lines.iter().filter(on_squares).collect();
-    // Seven laps; the downwind leg counts as part of one turn, in which the roll is never level for two seconds.
+    // The flight has seven laps. The downwind leg counts as part of one turn, because the roll is never level for two
+    // seconds.
     let headings: Vec<f64> = sides.iter().map(|side| (side.heading_deg.unwrap() + 5.0).rem_euclid(360.0)).collect();
     for course in [0.0, 180.0, 270.0] {
         let of = headings.iter().filter(|h| ((**h - course + 180.0).rem_euclid(360.0) - 180.0).abs() < 30.0).count();
@@ -174,14 +176,15 @@ fn ref_a_small_aircraft_flies_its_squares_between_take_off_and_landing() {
         let length_m = found.length_m(side).unwrap();
         assert!(off.min(90.0 - off) < 22.0 && length_m < 150.0, "{side:?} {length_m}");
     }
-    // Before that its pilot climbed out in a turn.
+    // Before that time the aircraft climbed in a turn.
     let mut later = found.lines.iter().filter(|l| found.times_s(l).0 > start_s + 235.0);
     assert!(later.all(|l| l.kind == LinePattern::Line), "{:?}", found.spans());
 }
 
 #[test]
 fn ref_an_aerobatic_flight_has_circles_and_none_on_the_ground() {
-    // Its log: on the ground until 262 s, in flight from 262 to 580 s, in three tables with separate clocks.
+    // According to the log, the aircraft is on the ground until 262 s and in flight from 262 to 580 s. The log has
+    // three tables with separate clocks.
     let tables = [("skywalker_x8/gps.parquet", "gps"), ("skywalker_x8/attitude.parquet", "attitude")];
     let found = through("skywalker_x8_parquet", &tables);
     let start_s = 21.0 * 3600.0 + 59.0 * 60.0 + 47.52;

@@ -162,7 +162,7 @@ impl MappingBinding {
     /// Whether the condition on rows holds for each row of the file; `None` without a condition.
     ///
     /// # Errors
-    /// Fails when it cannot be evaluated.
+    /// Fails when the condition cannot be evaluated.
     pub fn kept(&self, batch: &RecordBatch) -> Result<Option<Vec<bool>>, Fault> {
         let Some(sql) = &self.rows else { return Ok(None) };
         let mask = sql.evaluate(batch)?;

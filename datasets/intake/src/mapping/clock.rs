@@ -19,7 +19,7 @@ const UNIX_DAY: i64 = 719_163;
 /// 1980-01-06, from which GPS weeks are counted, in days since 1970-01-01.
 const GPS_DAY: i64 = 3_657;
 
-/// GPS time minus UTC, s, and the first day of each value, in days since 1970-01-01 (IERS bulletin C).
+/// Values of GPS time minus UTC, s, and the first day of each value, in days since 1970-01-01 (IERS bulletin C).
 const LEAP_S: &[(i64, f64)] = &[
     (GPS_DAY, 0.0),
     (4_199, 1.0),   // 1981-07-01
@@ -61,15 +61,15 @@ impl UtcInstant {
         UtcInstant { day: ns.div_euclid(DAY_NS) as i64, s: ns.rem_euclid(DAY_NS) as f64 / 1e9 }
     }
 
-    /// The instant of a GPS week and seconds of it. `leap_s` is GPS time minus UTC; by default the value of the date.
-    /// Returns `None` before 1980.
+    /// The instant of a GPS week and the seconds since its start. `leap_s` is GPS time minus UTC; by default the value
+    /// of the date. Returns `None` before 1980.
     pub fn of_gps(week: i64, s: f64, leap_s: Option<f64>) -> Option<UtcInstant> {
         let gps = UtcInstant::new(GPS_DAY.checked_add(week.checked_mul(7)?)?, s);
         if gps.day < GPS_DAY {
             return None;
         }
         let leap = leap_s.or_else(|| {
-            // The table is in UTC, which is behind GPS time by the difference itself.
+            // The days of the table are in UTC, which is behind GPS time by the difference in the table.
             let begun = |(day, leap): &&(i64, f64)| gps.seconds_since(*day) >= *leap;
             LEAP_S.iter().rev().find(begun).map(|(_, leap)| *leap)
         })?;
@@ -105,7 +105,7 @@ pub fn read_date(text: &str) -> Option<i64> {
     Some(i64::from(date.num_days_from_ce()) - UNIX_DAY)
 }
 
-/// The instant of a date, or of a date and time of ISO 8601; without an offset it is UTC.
+/// The instant of a date, or of a date and time of ISO 8601; a time without an offset is UTC.
 pub fn read_instant(text: &str) -> Option<UtcInstant> {
     read_date(text).map(|day| UtcInstant { day, s: 0.0 }).or_else(|| iso(text))
 }
@@ -158,7 +158,7 @@ pub enum TimeTextFormat {
 }
 
 impl TimeTextFormat {
-    /// Parses a format; `None` if `strftime` does not support it, or it has no time.
+    /// Parses a format; `None` if `strftime` does not support it, or the format has no time.
     pub fn new(format: Option<&str>) -> Option<TimeTextFormat> {
         use chrono::format::{Fixed, Item, Numeric, StrftimeItems};
         let Some(format) = format else { return Some(TimeTextFormat::Iso) };
@@ -192,7 +192,7 @@ impl TimeTextFormat {
         !matches!(self, TimeTextFormat::OfDay(_))
     }
 
-    /// Whether its text always holds an offset from UTC; in ISO 8601 it is optional.
+    /// Whether its text always holds an offset from UTC; in ISO 8601 the offset is optional.
     pub fn is_zoned(&self) -> bool {
         matches!(self, TimeTextFormat::Dated(_, true))
     }
@@ -221,7 +221,7 @@ impl TimeTextFormat {
 }
 
 /// Digits before the decimal point of a number in a format: 6 for `%H%M%S%.f`. `None` if the format holds anything but
-/// digits and a fraction at its end.
+/// digits and a fraction at the end of the format.
 pub fn digits_of(format: &str) -> Option<usize> {
     use chrono::format::{Fixed, Item, Numeric, StrftimeItems};
     let (mut digits, mut fraction) = (0, false);

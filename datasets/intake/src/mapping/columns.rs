@@ -15,9 +15,9 @@ use super::{
 
 /// Columns of a file, and the faults of their mapping.
 pub struct MappingColumns<'a> {
-    /// Their fields.
+    /// The Arrow fields of the columns.
     pub source: &'a Schema,
-    /// The file and its topic, for messages.
+    /// Name of the file and the topic, for messages.
     pub place: String,
     /// All faults.
     pub faults: Vec<Fault>,
@@ -90,7 +90,7 @@ impl SqlExpression {
     /// Its values.
     ///
     /// # Errors
-    /// Fails when it cannot be evaluated, with its position in the mapping.
+    /// Fails when the expression cannot be evaluated, with its position in the mapping.
     pub fn evaluate(&self, batch: &RecordBatch) -> Result<ArrayRef, Fault> {
         self.value.evaluate(batch).map_err(|f| f.at(self.at.clone()))
     }
@@ -112,7 +112,7 @@ impl NumberSource {
     }
 }
 
-/// Recipe of one output column, or of three.
+/// Recipe of one output column, or of three output columns.
 #[derive(Clone, Debug)]
 pub(super) enum ColumnRecipe {
     /// Unchanged column of the file.
@@ -140,7 +140,7 @@ pub(super) enum ColumnRecipe {
     },
 }
 
-/// The numbers of a column; NaN for missing ones.
+/// The numbers of a column; NaN for missing values.
 ///
 /// # Errors
 /// Fails for a column without numbers, which is an error in the program.

@@ -12,7 +12,7 @@ use super::declare::{
 /// Byte range in the text of a mapping.
 pub type MappingSpan = Range<usize>;
 
-/// Parsed value with its keys and its position in the text.
+/// Parsed value, with the keys and the position in the text.
 #[derive(Clone, Debug)]
 pub struct SpannedValue<T> {
     /// Value.
@@ -44,7 +44,7 @@ pub enum KeyDecl {
 pub struct TableDecl {
     /// Its name.
     pub name: String,
-    /// Input that it reads.
+    /// Input that the table reads.
     pub head: SpannedValue<MappingTableKeys>,
     /// The flight, if set.
     pub flight: Option<KeyDecl>,
@@ -77,7 +77,7 @@ const TABLE: [&str; 6] = ["flight", "line", "time", "epoch", "columns", "vectors
 /// Reads the text of a mapping.
 ///
 /// # Errors
-/// Fails with all faults of its form, each with its position.
+/// Fails with all faults of the mapping's form, each with its position.
 pub fn read(text: &str) -> Result<MappingDocument, Vec<Fault>> {
     let root = SpecSection::document(text)?;
     let mut reading = MappingParser { faults: vec![], lists: ChoiceRegistry::default() };
@@ -157,7 +157,7 @@ impl MappingParser {
         self.faults.extend(reader.into_faults());
         let flight = of_mapping("flight").and_then(|g| self.key("flight", &g));
         let line = of_mapping("line").and_then(|g| self.key("line", &g));
-        // The faults of a table's own epoch are reported with its clock.
+        // Faults of an `epoch` in a table are reported with the clock of the table.
         let epoch = match (section.keys.get("epoch"), root.keys.get("epoch")) {
             (None, Some(given)) => self.group::<LogEpochKeys>("epoch", given),
             (Some(given), _) => time.as_ref().and_then(|t| placed(t.epoch.clone()?.0, given)),
@@ -185,7 +185,7 @@ impl MappingParser {
         match &given.value {
             Literal::Section(_) => self.group::<RowIdentifierKeys>(name, given).map(KeyDecl::Of),
             Literal::Text(_) | Literal::Int(_) => Some(KeyDecl::Constant(given.value.to_string())),
-            // A number with a fraction would lose its last zeros.
+            // A number with a fraction would lose trailing zeros.
             Literal::Bool(_) | Literal::List(_) | Literal::Float(_) => {
                 let what = format!("`{name}` must be text or a table, not a {}", given.value.type_name());
                 self.faults.push(Fault::new(what).at(given.at.clone()));

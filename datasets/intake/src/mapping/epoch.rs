@@ -17,7 +17,7 @@ use super::{
     time::{BootColumn, RowTimes},
 };
 
-/// Instant at which a log's clock was 0, and a note on it.
+/// Instant at which the clock of a log was 0, and a note on its source.
 pub struct LogEpoch {
     /// The instant; `None` if unknown.
     pub instant: Option<UtcInstant>,
@@ -25,11 +25,11 @@ pub struct LogEpoch {
     pub note: String,
 }
 
-/// Maximum change of the difference of two clocks from one row to another, s. A larger change means that a clock was
-/// adjusted.
+/// Maximum change of the difference between two clocks from one row to another, s. A larger change means that a clock
+/// was adjusted.
 const SET_S: f64 = 5.0;
 
-/// Path of the file next to `log` that holds both clocks, if the epoch names one.
+/// Path of the file next to `log` that holds both clocks, if the epoch names a file.
 pub fn other_file(epoch: &LogEpochKeys, log: &Path) -> Option<PathBuf> {
     epoch.file.as_ref().map(|name| log.with_file_name(name))
 }
@@ -106,7 +106,7 @@ pub fn find(
         for (row, (time, own)) in times.iter().zip(&own).enumerate() {
             let is_kept = kept.as_ref().is_none_or(|k| k.get(row).copied().unwrap_or(false));
             let (Some(time), true, true) = (time, own.is_finite(), is_kept) else { continue };
-            // A time that is held until the next fix is new in its first row only.
+            // A time that is repeated until the next fix is valid only in the first row.
             if last.replace(*time) != Some(*time) {
                 starts.push(time.plus(-(own + declared.boot_offset_s)));
             }

@@ -13,9 +13,9 @@ use super::{
 /// Output columns of a mapping table, with their recipes.
 #[derive(Default)]
 pub(super) struct ColumnRecipes {
-    /// Their fields, each with its position in the mapping.
+    /// Arrow fields of the columns, each with the column's position in the mapping.
     pub fields: Vec<(Field, MappingSpan)>,
-    /// Their recipes.
+    /// Recipes of the columns.
     pub outputs: Vec<ColumnRecipe>,
     /// Notes for the user.
     pub notes: Vec<String>,
@@ -49,7 +49,7 @@ fn unit_of(
     Some(own.to_owned())
 }
 
-/// Role of the column `name`, which its name determines if it has a role.
+/// Role of the column `name`, if the name determines a role.
 fn role_of(name: &str, given: Option<ColumnRole>, at: MappingSpan, columns: &mut MappingColumns) -> Role {
     let known = flight::describe(name);
     let given = given.map(|role| match role {

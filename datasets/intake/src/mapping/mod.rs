@@ -60,7 +60,7 @@ impl Mapping {
     /// Reads a mapping: the built-in mapping `name`, or the file that `locate` finds by that name.
     ///
     /// # Errors
-    /// Fails as `locate`, for a missing mapping, and for all faults of its form.
+    /// Fails as `locate`, for a missing mapping, and for all faults of the mapping's form.
     pub fn load(name: &str, locate: impl FnOnce(&str) -> Result<PathBuf, Fault>) -> Result<Mapping, Fault> {
         if let Some(ready) = READY.iter().find(|r| r.name == name) {
             return Mapping::of_text(format!("{name}.toml"), ready.text.to_owned());
@@ -82,7 +82,7 @@ impl Mapping {
     /// Parses the mapping `text`; messages call it `label`.
     ///
     /// # Errors
-    /// Fails with all faults of its form.
+    /// Fails with all faults of the mapping's form.
     pub fn of_text(label: String, text: String) -> Result<Mapping, Fault> {
         match document::read(&text) {
             Ok(document) => Ok(Mapping { label, text, document }),
@@ -119,7 +119,7 @@ impl Mapping {
         Ok(MappingTable { mapping: self.clone(), table })
     }
 
-    /// Faults of the mapping, each with its place in it.
+    /// Faults of the mapping, each with a position in the mapping.
     fn wrong(&self, faults: Vec<Fault>) -> ReadError {
         ReadError::spec(Path::new(&self.label), &self.text, &faults)
     }
@@ -134,7 +134,7 @@ impl Mapping {
     }
 }
 
-/// Whether a fault already shows its place in a mapping, so that it needs none in a spec.
+/// Whether a fault already shows its place in a mapping, so that no place in a spec is required.
 pub fn is_shown(fault: &Fault) -> bool {
     fault.what.contains("\n --> ") || fault.what.contains("\n  --> ") || fault.what.contains("\n   --> ")
 }
@@ -170,7 +170,7 @@ impl MappingTable {
         self.decl()?.head.value.format.clone()
     }
 
-    /// Whether a file of this name holds it.
+    /// Whether a file of this name holds the topic.
     pub fn is_in(&self, path: &Path) -> bool {
         let Some(pattern) = self.decl().and_then(|d| d.head.value.file.as_deref()) else { return true };
         let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -182,7 +182,7 @@ impl MappingTable {
         HashKey::from_parts([VERSION, &self.mapping.text, self.name()])
     }
 
-    /// Path of another file next to `log` that its values depend on.
+    /// Path of another file next to `log` on which the values of the table depend.
     pub fn companion(&self, log: &Path) -> Option<PathBuf> {
         epoch::other_file(&self.decl()?.epoch.as_ref()?.value, log)
     }
@@ -242,7 +242,7 @@ impl MappingTable {
         Ok(LogReader { parts: Box::new(rows), ..log })
     }
 
-    /// The rows of a file, and facts about them that are known in advance.
+    /// The rows of a file, and the properties of the rows that are known in advance.
     fn rows(
         &self,
         path: &Path,

@@ -13,7 +13,8 @@ const SUBJECT: &str = "`sql`";
 #[derive(Clone, Debug)]
 pub struct RowExpression {
     expression: Expression,
-    /// The columns it reads: their positions in the file's batches, and their fields as seen by the expression.
+    /// The columns that the expression reads: positions in the batches of the file, and fields as seen by the
+    /// expression.
     reads: Vec<(usize, Field)>,
 }
 
@@ -40,7 +41,7 @@ impl RowExpression {
     /// The value for each row of a batch of the file.
     ///
     /// # Errors
-    /// Fails when it cannot be evaluated on these values.
+    /// Fails when the expression cannot be evaluated on these values.
     pub fn evaluate(&self, batch: &RecordBatch) -> Result<ArrayRef, Fault> {
         let one = |(at, field): &(usize, Field)| {
             let lost = || Fault::bug(format!("a batch lacks its column {at}"));

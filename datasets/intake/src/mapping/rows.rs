@@ -29,7 +29,7 @@ pub struct MappingReader {
     /// The current line, and the day of its first sample.
     line: Option<(String, String)>,
     day: i64,
-    /// Its last time.
+    /// The last time of the line.
     last_tt: f64,
     /// Faults of dropped rows, reported at the next kept row.
     waiting: Vec<ReadError>,

@@ -136,7 +136,7 @@ fn unit_each_line_counts_from_the_midnight_of_its_first_sample() {
 fn unit_the_epoch_is_the_median_over_new_fixes() {
     let folder = TempDir::new().unwrap();
     fs::write(folder.path().join("log.csv"), "ms,x\n1000,1\n2000,2\n").unwrap();
-    // Held for two rows each; the second fix is logged late; the first row has no fix.
+    // Each fix is repeated for two rows, the second fix is logged late, and the first row has no fix.
     let fixes = "boot,tow,week,fix\n0,0,0,0\n1000,345601000,2154,3\n1200,345601000,2154,3\n2500,345602000,2154,3\n\
                  2700,345602000,2154,3\n3000,345603000,2154,3\n";
     fs::write(folder.path().join("gps.csv"), fixes).unwrap();

@@ -74,13 +74,13 @@ enum GpsWeek {
     Number(i64),
 }
 
-/// The clock of a table, checked against the columns of a file. It must read all batches in order.
+/// The clock of a table, checked against the columns of a file. The reader must process all batches in order.
 #[derive(Clone, Debug)]
 pub struct TableClock {
     source: ClockSource,
-    /// Seconds east of Greenwich; none for UTC.
+    /// Seconds east of Greenwich; `None` for UTC.
     zone_s: Option<f64>,
-    /// The local date of the next row, of a clock that counts from midnight.
+    /// The local date of the next row, for a clock that counts from midnight.
     day: Option<i64>,
     /// The last time of the day.
     last_s: f64,
@@ -284,7 +284,7 @@ fn zone(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Op
     zone
 }
 
-/// Rejects a zone for time stamps whose type or text already has one.
+/// Rejects a zone for time stamps whose type or text already has a zone.
 fn refuse_second_zone(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) {
     if stamp.value.zone.is_none() {
         return;
@@ -435,7 +435,7 @@ fn gps(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Opt
 fn text(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Option<ClockSource> {
     let names = &stamp.value.from;
     let format = stamp.value.format.as_deref();
-    // The format of several columns has a space between their parts.
+    // The format of several columns has a space between the parts of the columns.
     let parts: Vec<&str> = format.unwrap_or_default().split(' ').collect();
     let mut found = vec![];
     for (i, name) in names.iter().enumerate() {

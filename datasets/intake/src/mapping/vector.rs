@@ -47,7 +47,7 @@ impl SensorMounting {
         SensorMounting(out)
     }
 
-    /// Whether it is a reflection, which is impossible for a right-handed sensor.
+    /// Whether the matrix is a reflection, which is impossible for a right-handed sensor.
     pub fn is_mirror(&self) -> bool {
         let [[a, b, c], [d, e, f], [g, h, i]] = self.0;
         a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0
@@ -67,7 +67,8 @@ impl SensorMounting {
 
 /// Roll, pitch and yaw of a quaternion, degrees; NaN for an invalid quaternion. Yaw is from 0 to 360.
 ///
-/// It turns a vector's components in the body frame into those in the navigation frame. Its length does not matter.
+/// The rotation converts the components of a vector from the body frame to the navigation frame. The length of the
+/// quaternion has no effect.
 pub fn roll_pitch_yaw_deg(q: [f64; 4], order: QuaternionOrder, frames: QuaternionFrames) -> [f64; 3] {
     let [w, x, y, z] = match order {
         QuaternionOrder::Wxyz => q,
@@ -158,7 +159,7 @@ mod tests {
             let (r, p, y) = euler_rad(&body_to_ned(roll, pitch, yaw));
             let expected = [r, p, y.rem_euclid(std::f64::consts::TAU)].map(f64::to_degrees);
             assert!(close(roll_pitch_yaw_deg(q, QuaternionOrder::Wxyz, QuaternionFrames::FrdToNed), expected));
-            // Neither its length nor its sign matters.
+            // Neither the length nor the sign of the quaternion has an effect.
             assert!(close(
                 roll_pitch_yaw_deg(q.map(|x| -3.0 * x), QuaternionOrder::Wxyz, QuaternionFrames::FrdToNed),
                 expected
@@ -179,7 +180,7 @@ mod tests {
             roll_pitch_yaw_deg([half, 0.0, 0.0, half], QuaternionOrder::Wxyz, QuaternionFrames::FluToEnu),
             [0.0, 0.0, 0.0]
         ));
-        // A turn about the nose is roll in both.
+        // A rotation about the nose is roll in both conventions.
         let turned = [0.15_f64.cos(), 0.15_f64.sin(), 0.0, 0.0];
         let [roll, ..] = roll_pitch_yaw_deg(turned, QuaternionOrder::Wxyz, QuaternionFrames::FluToEnu);
         assert!((roll - 0.3_f64.to_degrees()).abs() < 1e-12);

@@ -81,7 +81,7 @@ impl Current {
     }
 }
 
-/// Level that rises for `ramp_s` from `t` = 0, and falls for the same duration from `for_s`.
+/// Level that rises from `t` = 0 over `ramp_s`, and falls from `t` = `for_s` over the same duration.
 fn trapezoid(t: f64, for_s: f64, ramp_s: f64) -> f64 {
     if ramp_s <= 0.0 {
         return if (0.0..for_s).contains(&t) { 1.0 } else { 0.0 };
@@ -133,8 +133,8 @@ fn throttle(engine: &EngineThrottle, motion: &AircraftMotion, random: &mut Rando
     (0..motion.since_s.len()).map(level).collect()
 }
 
-/// Whether the heater is on. Its thermostat starts at the temperature on board at the flight's start, and is evaluated
-/// every second.
+/// Whether the heater is on. The thermostat of the heater starts at the temperature on board at the start of the
+/// flight, and is evaluated every second.
 fn heater(thermostat: &Thermostat, surroundings: &Temperature, since_s: &[f64]) -> Vec<f64> {
     let (mut warm_degc, mut on, mut looked) = (surroundings.at(0.0), false, 0_u64);
     let kept = (-LOOK_S / thermostat.tau_s).exp();

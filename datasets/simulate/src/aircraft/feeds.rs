@@ -1,5 +1,5 @@
-//! Effective currents, to which the fields of currents are proportional. They are the true currents modified by eddy
-//! currents, iron and parallel current paths.
+//! Effective currents, to which the fields of currents are proportional. Effective currents are the true currents
+//! modified by eddy currents, iron and parallel current paths.
 
 use super::{
     response::{RayleighHysteresis, first_order},
@@ -68,7 +68,8 @@ fn lagging(feed_a: Vec<f64>, rate_hz: f64, share: f64, tau_s: f64) -> Vec<f64> {
     feed_a.iter().zip(late).map(|(now, late)| (1.0 - share) * now + share * late).collect()
 }
 
-/// The part of a current on a parallel path, such as bonded joints; at `onset_a` it is half of the current.
+/// The part of a current on a parallel path, such as bonded joints; at a current of `onset_a`, the part is half of the
+/// current.
 fn carried(whole_a: f64, onset_a: f64) -> f64 {
     whole_a * whole_a.abs() / (whole_a.abs() + onset_a)
 }

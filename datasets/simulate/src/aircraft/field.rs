@@ -32,7 +32,7 @@ pub(super) struct AircraftField {
     flex_nt_per_mps2: Vector3<f64>,
     flex_limit_mps2: f64,
     hysteresis_nt: Matrix3<f64>,
-    /// The walk at multiples of its step after the flight's start.
+    /// Values of the random walk at multiples of the time step after the start of the flight.
     walk_nt: Vec<Vector3<f64>>,
 }
 
@@ -40,7 +40,7 @@ pub(super) struct AircraftField {
 pub(super) struct AircraftFieldInput<'a> {
     /// The earth's field, in nT.
     pub(super) earth_nt: Vector3<f64>,
-    /// Its rate, in nT/s.
+    /// Rate of the earth's field, in nT/s.
     pub(super) rate_ntps: Vector3<f64>,
     /// Effective currents along the line, in A: [`super::feeds::EffectiveCurrents`].
     pub(super) feeds_a: &'a [Vec<f64>],
@@ -55,9 +55,9 @@ pub(super) struct AircraftFieldInput<'a> {
 }
 
 impl AircraftField {
-    /// Draws the quantities of the sensor `name` that the spec does not fix. They are the same on all flights, except
-    /// the shift at a landing and the random walk. The walk is drawn up to `until_s` after the flight's start.
-    /// Components that are switched off are zero.
+    /// Draws the quantities of the sensor `name` that the spec does not fix. The quantities are the same on all
+    /// flights, except the shift at a landing and the random walk. The walk is drawn up to `until_s` after the flight's
+    /// start. Components that are switched off are zero.
     pub(super) fn draw(
         seed: u64,
         (flight, until_s): (&str, f64),
@@ -71,7 +71,7 @@ impl AircraftField {
         let m = Matrix3::from_fn(|_, _| random.normal());
         let induced = match source.induced {
             QuantitySpec::Exact(tensor) => tensor,
-            // The tensor is symmetric, as for isotropic iron. Each element keeps its standard deviation.
+            // The tensor is symmetric, as for isotropic iron. The standard deviation of each element is unchanged.
             QuantitySpec::Size(nt) if source.induced_symmetric => {
                 Matrix3::from_fn(|i, j| m[(i.min(j), i.max(j))]) * (nt / SCALE_NT)
             }

@@ -123,9 +123,9 @@ fn in_body(truth: &TrueTrajectory, ned_nt: [&Vec<Vector3<f64>>; 3]) -> EarthFiel
     ned_nt.map(|part| to_body.iter().zip(part).map(|(turn, b)| turn * b).collect())
 }
 
-/// The irreversible magnetisation of the airframe's iron along each axis of the body, as a fraction of the reference
-/// loop's. It is empty if no sensor has hysteresis. Before the line begins, the aircraft has flown a level full circle,
-/// to the right or to the left.
+/// The irreversible magnetisation of the airframe's iron along each axis of the body, as a fraction of the
+/// magnetisation of the reference loop. The list is empty if no sensor has hysteresis. Before the line begins, the
+/// aircraft has flown a level full circle, to the right or to the left.
 fn iron(scene: &SynthLineContext, earth_nt: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     let aircraft = &scene.spec.aircraft;
     let sources = aircraft.scalars.iter().map(|s| &s.source).chain(aircraft.vectors.iter().map(|v| &v.source));

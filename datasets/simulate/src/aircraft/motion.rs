@@ -49,8 +49,8 @@ impl Temperature {
     }
 
     /// The temperature of a body that follows the temperature on board with the time constant `tau_s`, in degrees
-    /// Celsius. It solves tau dT/dt + T = [`Temperature::at`] with equal temperatures at the flight's start. With
-    /// `tau_s` = 0 it equals the temperature on board.
+    /// Celsius. The result solves tau dT/dt + T = [`Temperature::at`] with equal temperatures at the flight's start.
+    /// With `tau_s` = 0, the result equals the temperature on board.
     pub(super) fn followed_at(&self, since_s: f64, tau_s: f64) -> f64 {
         if tau_s <= 0.0 {
             return self.at(since_s);

@@ -1,7 +1,7 @@
 //! Delayed and history-dependent responses: first-order responses, delays, and the hysteresis of iron.
 
-/// The first-order response, tau dy/dt + y = x, to `x` sampled at `rate_hz`. It is exact for an `x` that is linear
-/// between samples and constant before the first one. With a time constant of 0 it is `x`.
+/// The first-order response, tau dy/dt + y = x, to `x` sampled at `rate_hz`. The response is exact for an `x` that is
+/// linear between samples and constant before the first sample. With a time constant of 0, the response is `x`.
 pub(super) fn first_order(x: &[f64], rate_hz: f64, tau_s: f64) -> Vec<f64> {
     if tau_s <= 0.0 {
         return x.to_vec();
@@ -21,8 +21,8 @@ pub(super) fn first_order(x: &[f64], rate_hz: f64, tau_s: f64) -> Vec<f64> {
     out
 }
 
-/// `x`, sampled at `rate_hz`, delayed by `delay_s`. Linear interpolation keeps steps from overshooting; before the
-/// first sample the value is `x[0]`.
+/// `x`, sampled at `rate_hz`, delayed by `delay_s`. With linear interpolation, steps do not overshoot; before the first
+/// sample the value is `x[0]`.
 pub(super) fn delayed(x: &[f64], rate_hz: f64, delay_s: f64) -> Vec<f64> {
     if delay_s <= 0.0 {
         return x.to_vec();
@@ -48,9 +48,9 @@ const LARGEST: f64 = 1.5;
 /// reference amplitude.
 ///
 /// The model is a sum of play operators with evenly spaced thresholds (Prandtl and Ishlinskii), whose loops follow
-/// Rayleigh's law. It stores each turning point until a larger excursion erases it. The rate of the field has no
-/// effect. Beyond 1.5 times the reference amplitude the model is linear. [Rayleigh 1887; IEC 60050-221, 221-03-32;
-/// Krejčí 1996, chapter II]
+/// Rayleigh's law. The model stores each turning point until a larger excursion erases the turning point. The rate of
+/// the field has no effect. Beyond 1.5 times the reference amplitude the model is linear. [Rayleigh 1887; IEC
+/// 60050-221, 221-03-32; Krejčí 1996, chapter II]
 pub(super) struct RayleighHysteresis {
     reference: f64,
     plays: [f64; PLAYS],

@@ -37,7 +37,7 @@ impl SensorClock {
         let readings = (self.rows as f64 / step).ceil() as usize + 2;
         let y: Vec<f64> = (0..readings).map(|k| sample(k as f64 * step)).collect();
         let at = |i: usize| {
-            // Rounding must not place a row before its own reading.
+            // Because of rounding, a row could otherwise be placed before the time of its reading.
             let place = i as f64 / step + 1e-9;
             let (k, share) = (place.floor() as usize, place.fract());
             if self.hold || share < 1e-8 { y[k] } else { y[k] + (y[k + 1] - y[k]) * share }
@@ -46,7 +46,7 @@ impl SensorClock {
     }
 }
 
-/// Value of `x` between its samples, by the cubic through four samples. Beyond the ends, the end values.
+/// Value of `x` between two samples, from the cubic polynomial through four samples. Beyond the ends, the end values.
 fn interpolate(x: &[f64], at: f64) -> f64 {
     let last = x.len().saturating_sub(1);
     let at = at.clamp(0.0, last as f64);
@@ -96,7 +96,7 @@ mod tests {
             // A straight line is interpolated exactly, except at the end, where the last reading is repeated.
             assert!(i > 195 || (between[i] - x[i]).abs() < 1e-6, "{i}");
         }
-        // One draw per reading, none between.
+        // One random number per reading, and no random numbers between readings.
         let mut draws = 0;
         clock(Some(2.0), 0.0, true).spread(|_| {
             draws += 1;

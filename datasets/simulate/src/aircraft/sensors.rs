@@ -112,8 +112,8 @@ impl MagnetometerSimulation<'_> {
         reading.add(self.wanted, drift.unwrap_or_else(|| vec![0.0; self.tt_s.len()]));
     }
 
-    /// The readings of a scalar magnetometer, in nT: the magnitude of the vector sum plus the sensor's errors. The
-    /// components of the field are the increments of the magnitude when they are added in order.
+    /// The readings of a scalar magnetometer, in nT: the magnitude of the vector sum plus the sensor's errors. Each
+    /// component of the field is the increment of the magnitude when that component is added, in order.
     pub(super) fn scalar(
         &self,
         sensor: &ScalarMagnetometer,
@@ -217,7 +217,7 @@ impl MagnetometerSimulation<'_> {
             reading.add(self.wanted, std::mem::take(&mut calibration[axis]));
             self.linearity(reading, made.linearity[axis], sensor.full_scale_nt);
             self.core_hysteresis(reading, sensor.core_hysteresis_nt);
-            // The reading before the temperature changes its scale.
+            // The reading without the effect of the temperature on the scale.
             let felt_nt = reading.values_nt.clone();
             reading.add(self.wanted, vec![if moved { made.offset_nt[axis] } else { 0.0 }; self.tt_s.len()]);
             let per_degc = if self.on("temperature") { made.nt_per_degc[axis] } else { 0.0 };
@@ -292,7 +292,7 @@ fn is_dead(sensor: &ScalarMagnetometer, cosine: f64) -> bool {
 
 /// Manufacturing errors of a vector magnetometer, the same on all flights.
 struct VectorMagnetometerErrors {
-    /// Its matrix: scale, axes that are not orthogonal, misalignment.
+    /// Matrix of the scale errors, the non-orthogonality and the misalignment.
     skew: Matrix3<f64>,
     offset_nt: Vector3<f64>,
     nt_per_degc: Vector3<f64>,
@@ -303,8 +303,8 @@ struct VectorMagnetometerErrors {
 }
 
 impl VectorMagnetometerErrors {
-    /// Draws the errors, which are the same on all flights. The rows of the matrix are the axes: x unchanged, y turned
-    /// in the xy plane, z turned by two angles. All are then turned and scaled.
+    /// Draws the errors, which are the same on all flights. The rows of the matrix are the axes: x is unchanged, y is
+    /// rotated in the xy plane, z is rotated by two angles. All are then turned and scaled.
     fn draw(seed: u64, sensor: &VectorMagnetometer) -> VectorMagnetometerErrors {
         let mut random = RandomStream::new(seed, &["calibration", &sensor.name]);
         let mut three = |size: f64| Vector3::from_fn(|_, _| size * random.normal());

@@ -204,7 +204,7 @@ fn part_of(component: &str) -> Option<&str> {
 fn law_a_component_that_is_off_is_exactly_zero() {
     let all = &lines_of("component_columns = true", EVERYTHING, SURVEY)[0];
     for component in COMPONENTS {
-        // The anomaly is off, because the map is slow and no other part depends on it.
+        // The anomaly is not simulated, because the map is slow and no other component depends on the anomaly.
         let quiet = if *component == "anomaly" { "" } else { "anomaly = false\n" };
         let off = format!("{EVERYTHING}\n[components]\n{quiet}{component} = false\n");
         let line = &lines_of("component_columns = true", &off, SURVEY)[0];
@@ -218,7 +218,7 @@ fn law_a_component_that_is_off_is_exactly_zero() {
         for (name, values) in columns {
             assert!(values.iter().all(|x| *x == 0.0), "{name} with {component} off");
         }
-        // The random values of one component do not depend on another.
+        // The random values of one component do not depend on the other components.
         if !["gusts", "noise", "lag"].contains(component) {
             assert!(column(line, "part_noise_flux_a_x") == column(all, "part_noise_flux_a_x"), "{component}");
         }
@@ -261,7 +261,7 @@ fn law_exact_sources_give_the_field_of_tolles_and_lawson() {
     }
 }
 
-/// Shifts and walks of 100 vector magnetometers on two flights, the first of two lines.
+/// Shifts and walks of 100 vector magnetometers on two flights; the first flight has two lines.
 #[test]
 fn law_landing_shifts_are_constant_in_a_flight_and_the_walk_grows_with_time() {
     let flight = |name: &str| SURVEY.replace("'A'", &format!("'{name}'")).replace("A.1", &format!("{name}.1"));
@@ -291,7 +291,7 @@ fn law_landing_shifts_are_constant_in_a_flight_and_the_walk_grows_with_time() {
         }
     }
     assert_eq!(apart, 300);
-    // Four standard errors of 4 % for 300 draws.
+    // The tolerance is four standard errors; the standard error of 300 draws is 4 %.
     assert!((sd(&shifts) / 10.0 - 1.0).abs() < 0.16, "{}", sd(&shifts));
     assert!((sd(&walks) / 8.0 - 1.0).abs() < 0.16, "{}", sd(&walks));
 }
@@ -357,8 +357,8 @@ fn law_induced_tensors_have_their_size_and_symmetry() {
         squares += free.norm_squared() / 900.0;
         apart += (free - free.transpose()).norm_squared() / 600.0;
     }
-    // 900 elements of 100 nT; the difference of two independent elements has twice the variance. Four standard errors
-    // of 2.4 % and 6 %.
+    // There are 900 elements of 100 nT. The difference of two independent elements has twice the variance. The
+    // tolerance is four standard errors, which are 2.4 % and 6 %.
     assert!((f64::sqrt(squares) / 100.0 - 1.0).abs() < 0.1, "{squares}");
     assert!((apart / 20_000.0 - 1.0_f64).abs() < 0.25, "{apart}");
 }

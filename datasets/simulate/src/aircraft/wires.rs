@@ -22,9 +22,9 @@ impl Wire {
     }
 }
 
-/// The field of one ampere from `a_m` to `b_m` along a straight line, in nT: with r the vectors from its ends, μ0/4π
-/// (r1 × r2) (|r1| + |r2|) / (|r1| |r2| (|r1| |r2| + r1·r2)). On the line itself, where it is undefined, it is zero.
-/// [Hanson & Hirshman 2002, eq. 8]
+/// The field of one ampere from `a_m` to `b_m` along a straight line, in nT: with r1 and r2 the vectors from the ends
+/// of the line, μ0/4π (r1 × r2) (|r1| + |r2|) / (|r1| |r2| (|r1| |r2| + r1·r2)). On the line itself, where the field is
+/// undefined, the result is zero. [Hanson & Hirshman 2002, eq. 8]
 pub(super) fn segment_nt_per_a(a_m: &Vector3<f64>, b_m: &Vector3<f64>, at_m: &Vector3<f64>) -> Vector3<f64> {
     let (r1, r2) = (at_m - a_m, at_m - b_m);
     let (n1, n2, across) = (r1.norm(), r2.norm(), r1.cross(&r2));
@@ -35,7 +35,7 @@ pub(super) fn segment_nt_per_a(a_m: &Vector3<f64>, b_m: &Vector3<f64>, at_m: &Ve
     across * (K_NT_M_PER_A * (n1 + n2) / below)
 }
 
-/// The field of a small coil of `moment_m2` (A m² per ampere), in nT; at its own position, zero.
+/// The field of a small coil of `moment_m2` (A m² per ampere), in nT; at the position of the coil, the result is zero.
 fn dipole_nt_per_a(place_m: &Vector3<f64>, moment_m2: &Vector3<f64>, at_m: &Vector3<f64>) -> Vector3<f64> {
     let r = at_m - place_m;
     let distance = r.norm();
@@ -59,7 +59,8 @@ mod tests {
 
     #[test]
     fn law_a_long_wire_has_the_field_of_an_infinite_one() {
-        // Along x, seen from 2 m to the right (y): B = μ0 I / 2 π r = 100 nT, and by the right hand it points down (z).
+        // Along x, seen from 2 m to the right (y): B = μ0 I / 2 π r = 100 nT; by the right-hand rule, the field points
+        // down (z).
         let b = wire(&[[-1e4, 0.0, 0.0], [1e4, 0.0, 0.0]], false).nt_per_a(&Vector3::new(3.0, 2.0, 0.0));
         // A finite wire has a smaller field by the fraction r²/2l² = 2e-8.
         assert!((b - Vector3::new(0.0, 0.0, 100.0)).norm() < 1e-5, "{b}");

@@ -37,7 +37,7 @@ pub(super) struct LocalFrameSource {
 }
 
 impl LocalFrameSource {
-    /// Positions a source; without a given direction it is magnetised along the core field.
+    /// Positions a source; without a given direction, the source is magnetised along the core field.
     pub(super) fn new(buried: &BuriedSource, core: &CoreField) -> LocalFrameSource {
         let BuriedSource { lat_deg, lon_deg, alt_m, .. } = *buried;
         let along = match buried.inclination_declination_deg {

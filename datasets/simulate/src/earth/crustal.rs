@@ -8,8 +8,8 @@
 //! This computation uses one direction of the core field for the whole map, although the direction changes by a degree
 //! in 100 km. It also neglects the second order, b²/2B: 2 nT for 500 nT. Therefore, at each node, the map is compared
 //! with the change of magnitude that the computed field causes. The map is corrected by the difference, and the field
-//! is computed again. Each correction reduces the difference to about b/B of its value. After the last correction it is
-//! below the rounding of the transform.
+//! is computed again. Each correction reduces the difference to about b/B of the previous difference. After the last
+//! correction it is below the rounding of the transform.
 //!
 //! Below an inclination of 15 degrees, T hardly contains waves across the core field, so a residual remains. The
 //! residual is added along the core direction, so that the scalar anomaly equals the map everywhere. Only this part of
@@ -36,7 +36,7 @@ use numerics::{
 
 /// The number of corrections of the map for the core field at each node.
 const CORRECTIONS: usize = 6;
-/// The distance below the map within which its slope is used, as a fraction of its spacing.
+/// Maximum distance below the map at which the field is extrapolated with its slope, as a fraction of its spacing.
 const BELOW: f64 = 0.1;
 
 /// East, north and up components in nT, and the residual along the core field in nT.
@@ -57,7 +57,7 @@ impl CrustalMapAxis {
         CrustalMapAxis { first_deg, step_deg: (last_deg - first_deg) / (axis.len().max(2) - 1) as f64, len: axis.len() }
     }
 
-    /// The cell and the fraction within it; a position past an end by rounding is moved to the end.
+    /// The cell and the fraction within it; a position past an end, due to rounding, is moved to the end.
     fn locate(&self, deg: f64) -> Option<(usize, f64)> {
         const ROUNDING: f64 = 1e-7;
         let steps = (deg - self.first_deg) / self.step_deg;
@@ -95,7 +95,8 @@ pub(super) struct CrustalMap {
     rest: PlaneGrid,
     /// Whether the four nodes around each grid square are known, by rows.
     known: Vec<bool>,
-    /// Cached levels; the key is the bits of the height above the map. They do not depend on the order of requests.
+    /// Cached levels; the key is the bits of the height above the map. The levels do not depend on the order of
+    /// requests.
     levels: Mutex<BTreeMap<u64, Arc<CrustalMapLevel>>>,
 }
 
@@ -158,10 +159,10 @@ impl CrustalMap {
     /// metres up). A shift may lead past the edge of the map, where the splines at the position are extrapolated.
     ///
     /// If all positions have one height, the field is computed at this level. Otherwise the field is interpolated
-    /// between levels by a cubic in height. Near the map, levels are half a grid spacing apart. Farther up, their
-    /// distance is a quarter of their height above the map. The slopes of the cubic follow from zero divergence and
-    /// curl, so value and slope are continuous. For levels s apart, the relative error of the cubic is (k s)⁴/384 at
-    /// the wavenumber k: 6e-5 for a wavelength of eight spacings.
+    /// between levels by a cubic in height. Near the map, levels are half a grid spacing apart. Farther up, the
+    /// distance between levels is a quarter of their height above the map. The slopes of the cubic follow from zero
+    /// divergence and curl, so value and slope are continuous. For levels s apart, the relative error of the cubic is
+    /// (k s)⁴/384 at the wavenumber k: 6e-5 for a wavelength of eight spacings.
     ///
     /// # Errors
     /// Fails at the first position without a field, or for a map that cannot be continued.

@@ -17,7 +17,7 @@ pub(super) struct OffsetTrack<'a> {
 }
 
 impl OffsetTrack<'_> {
-    /// The positions `by_s` seconds ahead on the tangent of a track at each of its samples.
+    /// For each sample of a track: the position on the tangent at the sample, `by_s` seconds ahead.
     pub(super) fn from_truth(truth: &TrueTrajectory, by_s: f64) -> OffsetTrack<'_> {
         let earth = EarthModel::Wgs84;
         let step = |i: usize| {

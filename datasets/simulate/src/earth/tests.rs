@@ -91,7 +91,7 @@ fn law_the_field_of_a_map_equals_the_field_of_its_sources() {
         let exact: Vec<_> = places.iter().map(|(lat, lon, alt)| field_ned_nt(&sources, *lat, *lon, *alt)).collect();
         let errors: Vec<_> = found.iter().zip(&exact).map(|(a, b)| a - b).collect();
         let relative = rms(errors.iter()) / rms(exact.iter());
-        // The map excludes the field past its edges, which matters more at greater heights.
+        // The map lacks the field beyond its edges; the effect on the result increases with the height.
         assert!(relative < most, "{alt_m} m: {relative}");
     }
 }
@@ -106,7 +106,7 @@ fn law_the_field_along_a_climb_is_smooth_and_equals_the_exact_levels() {
     let most = bends.iter().map(|v| v.norm()).fold(0.0, f64::max);
     let steps = found.windows(2).map(|w| (w[1] - w[0]).norm()).fold(0.0, f64::max);
     // Second differences of a smooth field that falls by 200 nT over a kilometre are 200 (0.5/1000)² = 5e-5 nT. A jump
-    // of the field or its slope would exceed this.
+    // of the field or of its slope would exceed this limit.
     assert!(steps > 0.05 && most < 2e-4, "{steps} {most}");
     for k in [6, 107, 406, 1506, 2906] {
         let exact = fields(&map, &[climb[k]])[0];
@@ -128,7 +128,7 @@ fn law_the_field_is_a_gradient_without_sources() {
         let (dn, de) =
             (earth.north_m_to_lat_rad(H, rad, alt).to_degrees(), earth.east_m_to_lon_rad(H, rad, alt).to_degrees());
         let moved = [(dn, 0.0, 0.0), (0.0, de, 0.0), (0.0, 0.0, -H)];
-        // Rows are components, columns directions: north, east, down. One climbing line computes all of them.
+        // Rows are components, columns directions: north, east, down. One climbing line requires all levels.
         let places: Vec<_> =
             moved.iter().flat_map(|(a, b, c)| [1.0, -1.0].map(|s| (lat + s * a, lon + s * b, alt + s * c))).collect();
         let at = fields(&map, &places);
@@ -202,7 +202,7 @@ fn law_sources_have_no_curl_and_a_vertical_dipole_is_twice_as_strong_above_it() 
         work += b.dot(&along);
         length += b.norm() * along.norm();
     }
-    // The circle is computed with the radii of one latitude, a relative error of 3e-4.
+    // The circle is computed with the radii of curvature at one latitude, which gives a relative error of 3e-4.
     assert!(work.abs() < 1e-3 * length, "{work} of {length}");
 }
 
@@ -307,7 +307,7 @@ fn law_five_years_later_the_field_has_changed_by_the_secular_variation() {
         let expected = (core + change).norm() - core.norm();
         let found = column(&after, "igrf")[i] - column(&before, "igrf")[i];
         // The field is linear in time between the epochs. The first ten hours of 2025 use the rate of the following
-        // years, which differs by up to 20 nT a year: 0.02 nT.
+        // years, which differs by up to 20 nT per year; the difference in ten hours is up to 0.02 nT.
         assert!((found - expected).abs() < 0.02 && found.abs() > 10.0, "{found} {expected}");
     }
     let wmm =
@@ -356,9 +356,9 @@ fn law_the_quiet_day_is_large_by_day_and_small_at_night() {
     let most = sizes.iter().copied().fold(0.0, f64::max);
     assert!((most - 40.0).abs() < 0.05, "{most}");
     assert!(at(0.0, 35.0).norm() < 1e-12 && (20..24).chain(0..4).all(|h| at(f64::from(h), 35.0).norm() < 8.0));
-    // Sq at observatories: in the northern hemisphere it is eastward in the morning, westward in the afternoon and
-    // upward at noon. In the southern hemisphere these signs are reversed. At noon it is northward at the equator and
-    // southward at 60 degrees.
+    // Sq at observatories: in the northern hemisphere the field is eastward in the morning, westward in the afternoon
+    // and upward at noon. In the southern hemisphere these signs are reversed. At noon the field is northward at the
+    // equator and southward at 60 degrees.
     assert!(at(9.0, 40.0).y > 10.0 && at(15.0, 40.0).y < -10.0 && at(9.0, -40.0).y < -10.0);
     assert!(at(12.0, 40.0).z < -5.0 && at(12.0, -40.0).z > 5.0);
     assert!(at(12.0, 0.0).x > 20.0 && at(12.0, 60.0).x < -5.0);
@@ -372,8 +372,8 @@ fn law_the_quiet_day_has_no_curl_over_the_ground() {
     let (lat, h) = (33.0_f64, 1e-3_f64);
     for hour in [6.0, 9.5, 13.0] {
         let at = |lat: f64, lon: f64| quiet.at(3600.0 * hour, lat, lon);
-        // The value of midnight is subtracted. It is northward only and independent of longitude, so it does not affect
-        // the curl.
+        // The value of midnight is subtracted. The subtracted value is northward only and independent of longitude, so
+        // it does not affect the curl.
         let d_east = (at(lat + h, 10.0).y * (lat + h).to_radians().cos()
             - at(lat - h, 10.0).y * (lat - h).to_radians().cos())
             / (2.0 * h);

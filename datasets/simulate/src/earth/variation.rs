@@ -97,7 +97,7 @@ pub(super) struct QuietDay {
 impl QuietDay {
     /// Amplitudes of the orders 1 to 4, which give a peak of 5 hours about noon and a flat night.
     const SIZES: [f64; 4] = [1.0, 0.5, 0.15, 0.03];
-    /// The internal part relative to the external one.
+    /// The internal part relative to the external part.
     const INDUCED: f64 = 0.4;
     /// The latitude at which the size is given.
     const LATITUDE_DEG: f64 = 35.0;
@@ -143,8 +143,8 @@ impl QuietDay {
 pub(super) fn ring_current(lat_deg: f64, lon_deg: f64) -> Vector3<f64> {
     /// The northern pole of the earth's dipole axis. [IGRF-14, 2020]
     const POLE_DEG: (f64, f64) = (80.65, -72.68);
-    /// The internal part relative to the external one. It adds to the horizontal component, and subtracts twice its
-    /// amount from the vertical one.
+    /// The internal part relative to the external part. The internal part adds to the horizontal component, and
+    /// subtracts twice its amount from the vertical component.
     const INDUCED: f64 = 0.27;
     let unit = |lat_deg: f64, lon_deg: f64| {
         let ((sin_lat, cos_lat), (sin_lon, cos_lon)) = (lat_deg.to_radians().sin_cos(), lon_deg.to_radians().sin_cos());

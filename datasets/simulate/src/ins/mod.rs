@@ -1,4 +1,4 @@
-//! The INS of the aircraft: truth minus one realisation of its error.
+//! The INS of the aircraft: truth minus one realisation of the INS error.
 //!
 //! The errors continue from line to line of a flight. One [`FlightIns`] therefore simulates the lines of a flight in
 //! order; flights are independent of each other.
@@ -72,7 +72,7 @@ impl FlightIns {
     /// The INS of a flight before its first line. For an ensemble, this function simulates all lines once to choose the
     /// member. One line is in memory at a time.
     ///
-    /// For both methods, the members are ranked by the linear error model in steps of 1 s.
+    /// For both methods, the realisations of an ensemble are ranked by the linear error model in steps of 1 s.
     ///
     /// # Errors
     /// Fails for a trajectory or a parameter outside the error model.

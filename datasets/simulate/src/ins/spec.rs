@@ -165,8 +165,8 @@ pub(in super::super) fn ins(root: &SynthSection) -> SynthIns {
 }
 
 impl InsInitialErrors {
-    /// Replaces drawn errors by the given ones, as error states (truth minus INS), at a latitude (rad) and
-    /// altitude (m).
+    /// Replaces drawn errors by the given errors, as error states (truth minus INS), at a latitude (rad) and altitude
+    /// (m).
     pub(super) fn replace(&self, error: &mut StateVector, model: &InsErrorModel, lat_rad: f64, alt_m: f64) {
         let mut put = |first: usize, values: Option<&[f64]>, factor: f64| {
             for (state, value) in (first..STATES).zip(values.unwrap_or_default()) {

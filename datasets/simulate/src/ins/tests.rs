@@ -34,7 +34,7 @@ duration_s = 90.0
 waypoints = [[-21.9, 140.6], [-22.0, 140.65]]
 ";
 
-/// A spec with `before` before its tables and `ins` in the table of the INS.
+/// A spec with `before` before its tables and `ins` in the table `ins`.
 fn read(before: &str, ins: &str) -> Result<SynthSpec, ReadError> {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("s.synth.toml");
@@ -230,8 +230,8 @@ fn law_scale_errors_change_the_measured_force() {
     let quiet = "grade = 'navigation'\ninit_altitude_sigma_m = 0.0\nacc_sigma_mps2 = 0.0\nmethod = 'mechanisation'";
     let line = &of(&format!("{quiet}\nacc_scale_ppm = 1000.0"))[0];
     let ratio = line.ins[11][0] / line.truth.force_mps2[2][0] - 1.0;
-    // A draw with a standard deviation of 1000 ppm. It is equal for every sample except for the contribution of the x
-    // axis.
+    // A draw with a standard deviation of 1000 ppm. The scale error is equal for every sample except for the
+    // contribution of the x axis.
     assert!(ratio.abs() > 1e-6 && ratio.abs() < 4e-3, "{ratio}");
     let last = line.ins[11][line.last()] / line.truth.force_mps2[2][line.last()] - 1.0;
     assert!((last / ratio - 1.0).abs() < 0.05, "{last} {ratio}");

@@ -19,7 +19,7 @@ const CESSNA: &str = include_str!("../../presets/cessna.toml");
 const DRONE: &str = include_str!("../../presets/drone.toml");
 
 /// The presets by name, each of one or more TOML files of a spec without map and flights. A later file overrides the
-/// earlier ones, as a spec overrides its preset. Lists without names, such as wires, are appended.
+/// earlier files, as a spec overrides its preset. Lists without names, such as wires, are appended.
 pub const PRESETS: &[(&str, &[&str])] = &[
     ("cessna", &[CESSNA]),
     ("cessna_real", &[CESSNA, include_str!("../../presets/cessna_real.toml")]),
@@ -27,7 +27,7 @@ pub const PRESETS: &[(&str, &[&str])] = &[
     ("drone_real", &[DRONE, include_str!("../../presets/drone_real.toml")]),
 ];
 
-/// Alternative keys for one quantity: a key that is given removes the other one.
+/// Alternative keys for one quantity: a key that is given removes the other key.
 const EITHER: [[&str; 2]; 5] = [
     ["permanent", "permanent_nt"],
     ["induced", "induced_nt"],
@@ -45,8 +45,8 @@ enum PresetListMerge {
     Append,
 }
 
-/// Adds the preset that the spec `root` names, if any. Faults in the preset's values are reported at its name in the
-/// spec.
+/// Adds the preset that the spec `root` names, if any. Faults in the preset's values are reported at the name of the
+/// preset in the spec.
 pub(crate) fn applied<'a>(mut root: DeTable<'a>, faults: &SynthFaultList) -> DeTable<'a> {
     let without = root.remove("without").map(|value| left_out(&value, faults)).unwrap_or_default();
     let Some(named) = root.remove("preset") else {
@@ -104,7 +104,7 @@ fn entries(table: &DeTable) -> Vec<String> {
     lists.flat_map(|list| list.iter().filter_map(name_of)).map(str::to_owned).collect()
 }
 
-/// Removes the entries named `name`, the wires of that current and all other references to it.
+/// Removes the entries named `name`, the wires of that current and all other references to the name.
 fn leave_out(table: &mut DeTable, name: &str) -> bool {
     let is = |value: &Spanned<DeValue>, key: &str| {
         let found = value.get_ref().as_table().and_then(|t| t.get(key));
@@ -147,7 +147,7 @@ fn placed_value<'a>(value: Spanned<DeValue<'a>>, at: &Range<usize>) -> Spanned<D
     Spanned::new(at.clone(), inner)
 }
 
-/// The keys of both tables; `over` takes precedence over `base`.
+/// The keys of the two tables; `over` takes precedence over `base`.
 fn merged<'a>(mut base: DeTable<'a>, over: DeTable<'a>, unnamed: PresetListMerge) -> DeTable<'a> {
     for [one, other] in EITHER {
         if over.contains_key(one) || over.contains_key(other) {

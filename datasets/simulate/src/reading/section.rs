@@ -26,7 +26,7 @@ impl<'a> SynthSection<'a> {
         Self { name, table, span, asked: RefCell::default(), faults: faults.clone() }
     }
 
-    /// Reads all keys of the table as a group of parameters, with the values of `base` as defaults where one is given.
+    /// Reads all keys of the table as a group of parameters, with the values of `base`, if given, as defaults.
     pub(crate) fn group<T: Params>(&self, base: Option<&T>) -> Option<T> {
         self.group_of(base, &ChoiceRegistry::default())
     }
@@ -107,7 +107,7 @@ impl<'a> SynthSection<'a> {
         self.faults.borrow().len()
     }
 
-    /// A table inside this one.
+    /// A table inside this table.
     pub(crate) fn section(&self, name: &'static str) -> Option<SynthSection<'a>> {
         let value = self.get(name)?;
         match value.get_ref() {
@@ -147,7 +147,7 @@ impl<'a> SynthSection<'a> {
         self.faults.borrow_mut().push(fault);
     }
 
-    /// Records every unknown key, with the nearest known one.
+    /// Records every unknown key, with the nearest known key.
     pub(crate) fn finish(&self) {
         let asked = self.asked.borrow();
         for key in self.table.keys().filter(|k| !asked.contains(&k.get_ref().as_ref())) {

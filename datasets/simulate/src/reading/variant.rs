@@ -4,15 +4,15 @@ use std::sync::Arc;
 
 use schemas::{ChoiceKeys, ChoiceKind, ParamDoc, ParamReader};
 
-/// Kind of a table in a spec, with its own keys, which are read into a `T`.
+/// Kind of a table in a spec, with the keys of this kind, which are read into a `T`.
 pub struct SynthVariant<T: 'static> {
     /// Its name in a spec.
     pub name: &'static str,
     /// The lines of its documentation.
     pub doc: &'static [&'static str],
-    /// Its own keys.
+    /// Keys of this kind.
     pub docs: fn() -> Vec<ParamDoc>,
-    /// Reads its own keys.
+    /// Reads the keys of this kind.
     pub read: fn(&mut ParamReader) -> Option<T>,
 }
 

@@ -27,7 +27,7 @@ params! {
 impl Copy for Wind {}
 
 impl Wind {
-    /// The air's velocity if it is the same at all heights.
+    /// Velocity of the air, if the same at all heights.
     pub(super) fn same_mps(&self) -> Option<(f64, f64)> {
         match self.speed_mps == 0.0 && self.shear_mps_per_km == 0.0 {
             true => Some((0.0, 0.0)),
@@ -44,7 +44,7 @@ impl Wind {
     }
 }
 
-/// The table `turbulence`: continuous random gusts after Dryden. Without it the air is smooth.
+/// The table `turbulence`: continuous random gusts after Dryden. Without turbulence, the air is smooth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turbulence {
     /// Wind 20 feet above the ground, in m/s.
@@ -58,7 +58,7 @@ pub struct Turbulence {
 pub(super) struct GustStatistics {
     /// Along, across and vertical, in m/s.
     pub(super) sigma_mps: [f64; 3],
-    /// Scale lengths in the same directions, in metres.
+    /// Scale lengths of the gusts in the same directions, in metres.
     pub(super) length_m: [f64; 3],
 }
 
@@ -105,8 +105,8 @@ impl Turbulence {
     }
 }
 
-/// The standard deviation of turbulence well above the ground for a wind at 20 feet, in ft/s. It is linear in the wind
-/// between the three curves, and between calm and the first curve.
+/// The standard deviation of turbulence well above the ground for a wind at 20 feet, in ft/s. The interpolation is
+/// linear in the wind between the three curves, and between calm and the first curve.
 fn high_ftps(h_ft: f64, w20_ftps: f64) -> f64 {
     let above = HIGH.iter().position(|(h, _)| *h >= h_ft).unwrap_or(HIGH.len() - 1).max(1);
     let ((h0, low), (h1, high)) = (HIGH[above - 1], HIGH[above]);
@@ -121,8 +121,8 @@ fn high_ftps(h_ft: f64, w20_ftps: f64) -> f64 {
     }
 }
 
-/// Wind speed at 20 feet for light turbulence, in m/s: 15 knots. It is twice as high for moderate and three times as
-/// high for severe turbulence.
+/// Wind speed at 20 feet for light turbulence, in m/s: 15 knots. The wind is twice as high for moderate and three times
+/// as high for severe turbulence.
 const LEVEL_MPS: f64 = 15.0 * 1852.0 / 3600.0;
 
 params! {
@@ -181,7 +181,7 @@ pub struct FlightConditions {
 }
 
 choice! {
-    /// Intensity of the turbulence, by the wind 20 feet above the ground.
+    /// Intensity of the turbulence, given by the wind speed 20 feet above the ground.
     pub enum TurbulenceIntensity {
         /// No turbulence.
         None = "none",

@@ -1,6 +1,6 @@
 //! Smooth curves through evenly spaced nodes, with exact derivatives.
 
-/// Number of nodes before the first and after the last instant at which a curve is evaluated.
+/// Number of additional nodes before the first and after the last instant at which a curve is evaluated.
 pub(super) const MARGIN: usize = 2;
 
 /// Values at the times (k - [`MARGIN`]) h, joined by polynomials of fifth degree that share value and two
@@ -19,8 +19,8 @@ pub(super) fn slopes(nodes: &[f64], k: usize) -> (f64, f64) {
 }
 
 impl QuinticSpline {
-    /// The value and its first two derivatives `u` (0 to 1) of the way from node `k` to the next, for nodes
-    /// `h` seconds apart.
+    /// The value and its first two derivatives at the fraction `u` (0 to 1) of the way from node `k` to the next node,
+    /// for nodes `h` seconds apart.
     pub(super) fn at(&self, k: usize, u: f64, h: f64) -> [f64; 3] {
         let ((v0, a0), (v1, a1)) = (slopes(&self.nodes, k), slopes(&self.nodes, k + 1));
         let (from, to) = (self.nodes[k], self.nodes[k + 1]);

@@ -45,8 +45,8 @@ impl RoutePosition {
         }
     }
 
-    /// Position `length_m` further along a track whose curvature is a function of the distance from this position. It
-    /// is integrated by the fourth-order Runge-Kutta method in steps of at most `step_m`.
+    /// Position `length_m` further along a track whose curvature is a function of the distance from this position. The
+    /// track is integrated by the fourth-order Runge-Kutta method in steps of at most `step_m`.
     pub(super) fn along(&self, length_m: f64, step_m: f64, curvature_per_m: impl Fn(f64) -> f64) -> Self {
         let steps = (length_m.abs() / step_m).ceil().max(1.0);
         let h = length_m / steps;
@@ -65,7 +65,7 @@ impl RoutePosition {
     }
 
     /// Position reached by `ahead_m` along the geodesic from this position and then `right_m` perpendicularly to its
-    /// right. Its course is parallel to the present course.
+    /// right. The course at that position is parallel to the present course.
     pub(super) fn offset(&self, ahead_m: f64, right_m: f64) -> Self {
         const STEP_M: f64 = 1000.0;
         let quarter = TAU / 4.0;
@@ -80,9 +80,9 @@ impl RoutePosition {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Geodesic {
     pub(super) length_m: f64,
-    /// Azimuth where it begins, clockwise from north, in radians.
+    /// Azimuth at the beginning of the geodesic, clockwise from north, in radians.
     pub(super) leaves_rad: f64,
-    /// Azimuth where it ends.
+    /// Azimuth at the end of the geodesic.
     pub(super) arrives_rad: f64,
 }
 

@@ -96,7 +96,8 @@ impl FirstOrderGustFilter {
     }
 }
 
-/// (1 + √3 T s) / (1 + T s)²: two lags in series, of variances 1 and 1/2 and covariance 1/2.
+/// (1 + √3 T s) / (1 + T s)²: two first-order lags in series, whose outputs have the variances 1 and 1/2 and the
+/// covariance 1/2.
 #[derive(Clone, Debug)]
 struct SecondOrderGustFilter {
     x: [f64; 2],
@@ -137,9 +138,9 @@ impl SecondOrderGustFilter {
     }
 }
 
-/// The response of one axis of the aircraft to its gust: displacement d and velocity v with v' = (gust - v) / lag -
-/// hold² d, and an angle a that weathercocks into the relative gust, a'' = w² (gain (gust - v) - a) - 2 ζ w a'. Sampled
-/// exactly for gusts that change linearly in a step.
+/// The response of one axis of the aircraft to the gust along this axis: displacement d and velocity v with
+/// v' = (gust - v) / lag - hold² d, and an angle a that weathercocks into the relative gust,
+/// a'' = w² (gain (gust - v) - a) - 2 ζ w a'. Sampled exactly for gusts that change linearly in a step.
 #[derive(Clone, Debug)]
 struct GustResponse {
     x: Vector4<f64>,

@@ -46,11 +46,11 @@ pub enum HorizontalPath {
     Grid(SurveyLineGrid),
     /// `grid`: one survey line or tie line of a grid.
     Traverse {
-        /// Its start.
+        /// Start of the line.
         start: (f64, f64),
-        /// Its course there, in degrees.
+        /// Course at the start, in degrees.
         heading_deg: f64,
-        /// Its length, in metres.
+        /// Length of the line, in metres.
         length_m: f64,
     },
     /// `circle`: around a centre.
@@ -188,8 +188,8 @@ pub(super) struct GroundRoute {
 /// turns begin before the waypoint and end on the next leg.
 const FLY_OVER_RAD: f64 = 2.0;
 
-/// A route along waypoints: once, or repeated until it is `until_m` long. `swing` is the angle (rad) and the period (m)
-/// of a weave.
+/// A route along waypoints: once, or repeated until the route is `until_m` long. `swing` is the angle (rad) and the
+/// period (m) of a weave.
 ///
 /// # Errors
 /// Fails for legs too short for the turns at their ends.
@@ -275,7 +275,7 @@ fn turn_towards(route: &mut Route, mut angle: f64, to: (f64, f64)) -> Result<(),
     Err(least_m)
 }
 
-/// The survey lines and tie lines of a grid with the turns between them; the marks are the starts of lines.
+/// The survey lines and tie lines of a grid with the turns between them; the marks are at the starts of the lines.
 ///
 /// # Errors
 /// Fails for lines that no turns can join.
@@ -291,7 +291,7 @@ pub(super) fn grid(mut route: Route, stretches: &[SurveyGridLine]) -> Result<Gro
     Ok(GroundRoute { route, marks_m })
 }
 
-/// Sides of a polygon with a right angle after each.
+/// Sides of a polygon with a right angle after each side.
 pub(super) fn square(mut route: Route, side_m: f64, legs: u32) -> GroundRoute {
     let mut marks_m = vec![];
     for leg in 0..legs {
@@ -324,8 +324,8 @@ pub(super) fn racetrack(mut route: Route, leg_m: f64, rounds: u32, right: bool) 
 }
 
 /// Crossings of one centre a right angle apart, joined by loops; `right` gives the direction of each loop. The marks
-/// are the crossings. The route begins before the first by the length of [`lead_m`], and ends at the end of the last
-/// loop or, with `again`, after another crossing of the centre.
+/// are the crossings. The route begins at the distance [`lead_m`] before the first crossing, and ends at the end of the
+/// last loop or, with `again`, after another crossing of the centre.
 pub(super) fn crossings(mut route: Route, loops: &[bool], again: bool) -> GroundRoute {
     let lead_m = lead_m(&route);
     let mut marks_m = vec![lead_m];

@@ -5,7 +5,7 @@
 //! Hz and at 250 Hz. Velocity, specific force and angular rates are the exact derivatives of these curves.
 //!
 //! The manoeuvres of a box and the motions of `gusts_deg` move the attitude alone: they are too short to move the
-//! aircraft. Turbulence moves both.
+//! aircraft. Turbulence moves position and attitude.
 
 use nalgebra::{Matrix3, Vector3};
 use numerics::angle::wrap_deg;

@@ -56,8 +56,8 @@ struct AttitudeManoeuvre {
 }
 
 impl AttitudeManoeuvre {
-    /// The angle, in degrees, at a time after its start. It reaches its amplitude within a quarter of a period, and its
-    /// rate is continuous.
+    /// The angle, in degrees, at a time after the start of the manoeuvre. The angle reaches its amplitude within a
+    /// quarter of a period, and its rate is continuous.
     fn at(&self, since_s: f64) -> f64 {
         let edge = since_s.min(self.length_s - since_s) / (0.25 * self.period_s);
         self.amplitude_deg * smooth_step(edge) * (TAU * since_s / self.period_s).sin()
@@ -72,7 +72,7 @@ pub(super) struct TrajectoryPlan {
     profile: RouteHeightProfile,
     airspeed_mps: f64,
     pub(super) air: FlightConditions,
-    /// The wind if it is the same at all heights: north and east, in m/s.
+    /// The wind, if the same at all heights: north and east, in m/s.
     same_wind_mps: Option<(f64, f64)>,
     pub(super) duration_s: f64,
     manoeuvres: Vec<AttitudeManoeuvre>,

@@ -12,9 +12,9 @@ pub(super) struct RouteHeightProfile {
 /// A climb steeper than the aircraft allows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ExcessiveClimb {
-    /// Index of the knot at its start.
+    /// Index of the knot at the start of the segment.
     pub(super) knot: usize,
-    /// Its slope, height over distance.
+    /// Slope of the segment, height over distance.
     pub(super) slope: f64,
 }
 
@@ -131,8 +131,8 @@ mod tests {
             let s = 10.0 * f64::from(i);
             let (alt, slope) = drape.at(s);
             assert!(slope.abs() <= steepest + 1e-12, "{s}: {slope}");
-            // Rounding off a crest lowers it by 5/32 of its change of slope times the half length; elsewhere the change
-            // is smaller.
+            // Rounding off a crest lowers the crest by 5/32 of its change of slope times the half length; elsewhere the
+            // change is smaller.
             assert!(alt > given.corners(s).0 - 0.15625 * 2.0 * steepest * rounding - 0.5, "{s}: {alt}");
         }
         assert!((drape.at(2500.0).0 - 150.0).abs() < 1.0, "the climb begins 3000 m before the crest");

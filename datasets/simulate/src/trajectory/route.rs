@@ -23,7 +23,7 @@ pub(super) enum RouteCurvature {
     Steady { curvature_per_m: f64 },
     /// A turn whose curvature rises and falls over `ramp_m`.
     Turn { curvature_per_m: f64, ramp_m: f64 },
-    /// A course that swings about the route and returns to it.
+    /// A course that deviates from the route and returns to the route.
     Swing { angle_rad: f64, periods: f64 },
 }
 
@@ -65,7 +65,7 @@ impl RouteSegment {
     }
 }
 
-/// The swing of a course at u (0 to 1) of its length, in units of its angle.
+/// Heading change of a turn at the fraction u (0 to 1) of its length, as a fraction of the total turn angle.
 fn swing(u: f64, periods: f64) -> f64 {
     smooth_step(2.0 * periods * u.min(1.0 - u)) * (TAU * periods * u).sin()
 }
@@ -75,9 +75,9 @@ fn swing(u: f64, periods: f64) -> f64 {
 pub(super) struct TurnShape {
     pub(super) bend: RouteCurvature,
     pub(super) length_m: f64,
-    /// The straight distance from its beginning to its end.
+    /// Length of the chord from the beginning to the end of the turn.
     chord_m: f64,
-    /// Its displacement ahead and to the right, relative to its beginning.
+    /// Displacement of the end ahead and to the right, relative to the beginning of the turn.
     pub(super) ahead_m: f64,
     pub(super) right_m: f64,
 }
@@ -89,8 +89,8 @@ impl TurnShape {
         let held_m = (angle_rad.abs() * radius_m).max(ramp_m);
         let curvature_per_m = angle_rad / held_m;
         let length_m = held_m + ramp_m;
-        // The turn is symmetric about its middle, so its chord is parallel to the course there. The ramp is integrated
-        // by Simpson's rule, with its course in closed form. The circle is exact.
+        // The turn is symmetric about its middle, so its chord is parallel to the course at the middle. The ramp is
+        // integrated by Simpson's rule, with its course in closed form. The circle is exact.
         let half = 0.5 * angle_rad;
         const PARTS: usize = 32;
         let cosine = |i: usize| {
@@ -130,13 +130,13 @@ impl RouteError {
 #[derive(Clone, Debug)]
 pub(super) struct Route {
     pub(super) start: RoutePosition,
-    /// Its current end.
+    /// Current end of the route.
     pub(super) end: RoutePosition,
     pub(super) pieces: Vec<RouteSegment>,
     pub(super) length_m: f64,
     /// Largest absolute latitude at the middles and ends of the segments, in radians.
     pub(super) highest_lat_rad: f64,
-    /// Radius and ramp of its turns.
+    /// Radius and ramp of the turns.
     pub(super) radius_m: f64,
     pub(super) ramp_m: f64,
 }
@@ -188,7 +188,7 @@ impl Route {
         }
     }
 
-    /// A circle's arc, with constant bank from its beginning.
+    /// Arc of a circle, with constant bank from the beginning of the arc.
     pub(super) fn arc(&mut self, angle_rad: f64) {
         let curvature_per_m = angle_rad.signum() / self.radius_m;
         self.push(angle_rad.abs() * self.radius_m, RouteCurvature::Steady { curvature_per_m });
@@ -227,7 +227,7 @@ impl Route {
         let way = Geodesic::between(self.end.degrees(), to.degrees()).ok_or_else(lost)?;
         let bearing = way.leaves_rad - self.end.course_rad;
         let target = (way.length_m * bearing.cos(), way.length_m * bearing.sin());
-        // The course there, relative to the current one.
+        // Course at this position, relative to the current course.
         let finally = to.course_rad - (way.arrives_rad - way.leaves_rad) - self.end.course_rad;
         let (first, straight_m, second) = shortest(self, target, finally).ok_or_else(lost)?;
         self.turn_if(first);

@@ -37,7 +37,7 @@ pub struct SynthLine {
     pub speed_mps: f64,
     /// Radius of turns and circles, in metres. If unset, the smallest that `bank_deg` of `dynamics` allows.
     pub radius_m: Option<f64>,
-    /// Its heights, if there are several.
+    /// Heights of the line, if there are several.
     pub heights: LineHeights,
     /// `kind` and its keys: the path of the line.
     pub path: HorizontalPath,
@@ -58,7 +58,7 @@ pub(in super::super) fn flights(root: &SynthSection, air: &FlightConditions) -> 
     flights
 }
 
-/// Default time from the end of a line to the start of the next, in s.
+/// Default time from the end of a line to the start of the next line, in s.
 const PAUSE_S: f64 = 60.0;
 
 /// The copies of a flight.

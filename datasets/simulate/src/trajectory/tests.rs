@@ -132,7 +132,8 @@ fn law_the_wind_triangle_closes_without_sideslip_or_lateral_force() {
             for i in 0..truth.tt_s.len() {
                 let v = Vector3::from_fn(|a, _| truth.velocity_mps[a][i]);
                 let air = v + Vector3::new(from.cos(), from.sin(), 0.0) * wind;
-                // Both radii have one scale with height: 3e-7 at 500 m; the curve through the nodes has errors of 1e-5.
+                // Both radii are scaled by the height in the same way, with an error of 3e-7 at 500 m. The curve
+                // through the nodes has errors of 1e-5.
                 assert!((air.norm() - 60.0).abs() < 2e-3, "{keys} {i}: {}", air.norm());
                 let body = truth.attitude(i).transpose();
                 let through = body * air;
@@ -161,8 +162,8 @@ fn law_bank_is_that_of_a_coordinated_turn_within_the_roll_rate() {
         if keys.contains("box") {
             continue;
         }
-        // The bank is the arc tangent of the curvature, 3 % steeper than the chord; the wind contributes 5 % to the
-        // turn.
+        // The bank angle is the arc tangent of the centripetal acceleration over g. The curvature is 3 % above the
+        // curvature estimated from the chord, and the wind contributes 5 % to the turn.
         assert!(most(&truth.attitude_deg[0]) < 20.0 * 1.02, "{keys}: {}", most(&truth.attitude_deg[0]));
         assert!(most(&truth.rates_degps[0]) < 6.0 * 1.1, "{keys}: {}", most(&truth.rates_degps[0]));
         assert!(most(&truth.attitude_deg[0]) > 10.0);
@@ -200,7 +201,7 @@ fn law_lines_of_a_grid_are_straight_parallel_and_evenly_spaced() {
             assert_eq!(north > 0.0, k % 2 == 0, "every other line runs back");
         }
     }
-    // As one line: the same positions at the same times, with the turns between them.
+    // The grid as one line has the same positions at the same times, and the turns between the lines.
     let whole = fly(&line(WIND, &keys.replace("spacing_m = 300", "split = false\nspacing_m = 300")), 10.0);
     let third = fly(&lines[2], 10.0);
     let at = ((lines[2].start_tt_s - lines[0].start_tt_s) * 10.0).ceil() as usize;
@@ -278,7 +279,7 @@ fn law_manoeuvres_of_a_box_in_wind_are_flown_between_its_turns() {
         turning += usize::from(roll > 5.0);
         assert!(!swings || roll.abs() < 0.5, "{i}: {roll} {pitch}");
     }
-    // Four legs of 30 s, of which 6 % is within half a degree; three right-angled turns.
+    // Four legs of 30 s, on 6 % of which the course is within half a degree; and three right-angled turns.
     assert!((1000..1200).contains(&swinging) && turning > 300, "{swinging} {turning}");
 }
 
@@ -294,7 +295,7 @@ fn law_heights_are_as_requested_and_climbs_within_the_limit() {
     let truth = fly(&line("", &format!("{steep}\ndrape = true")), 10.0);
     let most = truth.alt_m.iter().fold(0.0_f64, |a, b| a.max(*b));
     let climb = truth.velocity_mps[2].iter().fold(0.0_f64, |a, v| a.max(v.abs()));
-    // Rounding off the crest lowers it by 5/32 of the change of slope, 2 x 5 / 60, times 300 m: 8 m.
+    // Rounding off lowers the crest by 5/32 of the change of slope, 2 x 5 / 60, times 300 m: 8 m.
     assert!((1891.0..1901.0).contains(&most) && climb < 5.01, "{most} {climb}");
     let top = fly(&line("", EACH[5]), 10.0).alt_m.iter().fold(0.0_f64, |a, b| a.max(*b));
     assert!((695.0..700.5).contains(&top), "{top}");
@@ -329,7 +330,7 @@ fn law_the_box_sets_have_the_amplitudes_and_numbers_of_table_5_7() {
     for (k, (line, (amplitude, swings))) in sets.iter().zip(printed).enumerate() {
         assert_eq!(line.name, format!("B.{:02}", k + 1));
         let truth = fly(line, 10.0);
-        // The first leg, until 3 s before its course leaves it.
+        // The first leg, until 3 s before the course begins to turn.
         let straight = (0..truth.tt_s.len()).take_while(|i| course_deg(&truth, *i).abs() < 0.01).count() - 30;
         for (axis, asked) in [(1, amplitude[0]), (0, amplitude[1]), (2, amplitude[2])] {
             let trim = if axis == 1 { 2.0 } else { 0.0 };
@@ -406,7 +407,8 @@ fn law_gusts_have_drydens_spectra() {
             std::iter::once(f).chain(folded).map(|f| dryden_density(&turbulence, alt_m, f, v)[axis]).sum::<f64>()
         };
         // Bands of bins from 0.02 Hz up. Each bin of 127 half-overlapping segments is chi-square with 2 x 127 / (1 +
-        // 2/36) degrees of freedom. Neighbours are correlated by 4/9, so 2.2 bins count as one.
+        // 2/36) degrees of freedom. The correlation of neighbouring bins is 4/9, so 2.2 bins count as one independent
+        // bin.
         let mut low = 4;
         while 2 * low < SEGMENT / 2 {
             let band = low..2 * low;
@@ -419,8 +421,8 @@ fn law_gusts_have_drydens_spectra() {
         }
         let variance = gust.iter().map(|x| x * x).sum::<f64>() / gust.len() as f64;
         let sigma = turbulence.at(alt_m).sigma_mps[axis];
-        // 13100 s of gusts with a scale of 6 to 10 s are 650 independent values: four standard errors of 5 % of the
-        // variance.
+        // 13100 s of gusts with a scale of 6 to 10 s contain 650 independent values. The tolerance is four standard
+        // errors, each 5 % of the variance.
         assert!((variance / (sigma * sigma) - 1.0).abs() < 0.22, "axis {axis}: {variance}");
     }
 }

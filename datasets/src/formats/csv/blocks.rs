@@ -22,7 +22,7 @@ pub(super) struct CsvBlock {
     len: usize,
     /// Start of the first record, and the number of newlines before it.
     pub(super) start: usize,
-    /// Whether it is the last of a file that does not end with a newline.
+    /// Whether the block is the last block of a file that does not end with a newline.
     pub(super) cut: bool,
 }
 

@@ -15,7 +15,7 @@ pub(super) struct CsvCells {
 }
 
 impl CsvCells {
-    /// Reads the cells of the record at `start`, and returns the position of the next one. An unclosed quote, and a
+    /// Reads the cells of the record at `start`, and returns the position of the next record. An unclosed quote, and a
     /// record without a newline, extend to the end of the text.
     pub(super) fn take(&mut self, text: &[u8], start: usize) -> usize {
         self.bytes.clear();
@@ -74,7 +74,7 @@ fn cell(text: &[u8], start: usize, mut put: impl FnMut(&[u8])) -> usize {
     at + length
 }
 
-/// The end of the last complete record, including its terminator; `None` if there is none.
+/// The end of the last complete record, including its terminator; `None` if there is no complete record.
 pub(super) fn last_end(text: &[u8]) -> Option<usize> {
     if !text.contains(&b'"') {
         let last = |end: u8| text.iter().rposition(|b| *b == end).map(|at| at + 1);

@@ -228,7 +228,7 @@ pub(super) fn number(text: &str) -> Option<f64> {
     text.parse().ok().or_else(|| missing::is_usual_word(text).then_some(f64::NAN))
 }
 
-/// An error of the CSV layer, with the row it is in.
+/// An error of the CSV layer, with the row that contains it.
 pub(super) fn broken(path: &Path, error: &csv::Error) -> ReadError {
     match error.kind() {
         csv::ErrorKind::Io(e) => ReadError::io(path, e),

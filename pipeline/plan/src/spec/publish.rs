@@ -100,7 +100,7 @@ pub fn read_facts(section: &SpecSection) -> Result<PublishFacts, Vec<Fault>> {
     facts.filter(|_| faults.is_empty()).ok_or(faults)
 }
 
-/// Faults that the types cannot detect: the key and the fault.
+/// Faults that the types cannot detect, each as its key and its message.
 fn wrong(facts: &PublishFacts) -> Vec<(&'static str, Fault)> {
     let mut found = vec![];
     let mut blank = |key: &'static str, text: &str| {

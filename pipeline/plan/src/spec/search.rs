@@ -77,15 +77,14 @@ params! {
     high: f64, unit "", rule Rule::Finite;
     /// Whether the axis is logarithmic.
     log: bool, unit "", default false;
-    /// Whether the values are whole numbers. Both ends are included.
+    /// Whether the values are whole numbers, both ends included.
     whole: bool, unit "", default false;
 }
 
 params! {
     /// Successive halving.
     struct HalvingKeys;
-    /// The axis of the cost of a trial, such as the epochs of a training. This axis is another column of the table of
-    /// trials.
+    /// The axis of the cost of a trial, such as the epochs of a training. It is another column of the trials.
     axis: String, unit "";
     /// The reduction factor: one of `eta` trials is promoted to the next rung.
     eta: usize, unit "", default 3usize, rule Rule::Between(2.0, 1000.0);

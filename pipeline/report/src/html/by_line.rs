@@ -44,7 +44,7 @@ struct LineScoreColumn {
     pooled: Option<f64>,
     /// The number of flagged lines.
     marks: usize,
-    /// Whether the pooled value is of lines in sample only.
+    /// Whether the pooled value is from in-sample lines only.
     in_sample: bool,
 }
 

@@ -104,7 +104,7 @@ fn section(name: &str, axes: &[&str], metrics: &[IntervalRow]) -> Markup {
 }
 
 impl IntervalRow {
-    /// Its expected value for a consistent filter.
+    /// Expected value of the metric for a consistent filter.
     fn law(&self) -> Option<&'static limits::ConsistencyLimit> {
         match self.metric.name {
             "nees" => Some(&limits::NEES),

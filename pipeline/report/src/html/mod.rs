@@ -149,7 +149,8 @@ struct SubjectGroup {
     lines: Vec<ReportLine>,
 }
 
-/// The best and the worst point of the first scores, then `most` other navigations; and the number of omitted ones.
+/// The best and the worst point of the first scores, then at most `most` other navigations; and the number of omitted
+/// navigations.
 fn groups(source: &ReportSource, boards: &[ScoreBoard], most: usize) -> Result<(Vec<SubjectGroup>, usize), Fault> {
     let subjects = subject::subjects(source, boards);
     let (others, more) = subject::navigations(source, boards, &subjects, most);
@@ -177,7 +178,7 @@ fn over(source: &ReportSource, group: &SubjectGroup) -> Result<AtlasTracks, Faul
     Ok((node.inputs(i).find(|(kind, _)| *kind == InputKind::Map).map(|(_, r)| r), tracks))
 }
 
-/// One sweep point: its plots, a panel per line, and its model; `None` if it has neither.
+/// One sweep point: its plots, a panel per line, and its model; `None` if the point has none of these.
 fn detail(
     source: &ReportSource,
     subject: &ReportSubject,

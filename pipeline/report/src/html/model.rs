@@ -35,7 +35,7 @@ struct ReportModel {
     warning: String,
 }
 
-/// The model of one sweep point; `None` if it has none.
+/// The model of one sweep point; `None` if the point has no model.
 ///
 /// # Errors
 /// Fails when the store is damaged.

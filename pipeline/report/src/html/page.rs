@@ -55,7 +55,7 @@ pub fn page(source: &ReportSource, alerts: &ReportAlerts, defs: Markup, sections
 fn heading(source: &ReportSource) -> Markup {
     let plan = source.graph.plan;
     let axes = &plan.spec.axes;
-    // No table need have all axes: the largest one gives the number of computed points.
+    // A table need not have all axes, so the largest table gives the number of computed points.
     let points = plan.tables.iter().map(|t| t.len()).max().unwrap_or(0);
     let mut flights: Vec<&str> = source.graph.lines.iter().map(|l| l.0.as_str()).collect();
     flights.dedup();
@@ -86,7 +86,7 @@ fn axis_words(spec: &Spec, axis: &SweepAxis) -> String {
     searched.map_or_else(|| listed(&axis.values), |a| format!("searched: {}", a.words()))
 }
 
-/// The values of an axis; of a long list, the first ones and the last.
+/// The values of an axis; of a long list, the first values and the last value.
 fn listed<T: ToString>(values: &[T]) -> String {
     const SHOWN: usize = 24;
     let words: Vec<String> = values.iter().take(SHOWN).map(T::to_string).collect();

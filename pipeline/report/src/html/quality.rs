@@ -29,7 +29,7 @@ struct QualityColumn {
     source: usize,
     flight: String,
     column: String,
-    /// The worst value of its lines, with the affected samples of all lines.
+    /// Worst value over the lines, with the number of affected samples on all lines.
     figures: BTreeMap<QualityFigure, QualityMeasure>,
     /// The flagged values.
     marks: BTreeSet<QualityFigure>,
@@ -153,7 +153,7 @@ fn columns(source: &ReportSource) -> (Vec<QualityColumn>, usize) {
     (all, unreadable)
 }
 
-/// Combines two lines: the worse value, and the samples of both.
+/// Combines two lines: the worse value, and the sum of the samples.
 fn pool(known: &mut QualityMeasure, other: &QualityMeasure) {
     known.count += other.count;
     let sums = match known.check {
@@ -244,7 +244,7 @@ fn clock_table(source: &ReportSource, several: &QualityKeyColumns, clocks: &[&Qu
     }
 }
 
-/// One row for each column: flagged columns, and the others folded.
+/// One row for each column: flagged columns, and the other columns folded.
 fn column_table(source: &ReportSource, several: &QualityKeyColumns, columns: &[&QualityColumn]) -> Markup {
     let (marked, others): (Vec<&QualityColumn>, Vec<&QualityColumn>) =
         columns.iter().partition(|c| !c.marks.is_empty());
@@ -426,7 +426,7 @@ fn lane(
         if figures.is_empty() {
             continue;
         }
-        // A vector magnetometer is checked by its components.
+        // For a vector magnetometer, the components are checked instead.
         let Some(values) = source.floats(r, *line, &column.column)? else { continue };
         for figure in figures {
             lane.parts.extend(stretches(*figure, &values, &tt).into_iter().map(|(from, to)| (*figure, from, to)));

@@ -35,7 +35,7 @@ struct TrialTableRow {
     state: String,
 }
 
-/// The section of the search of the plan, from the table of trials; `None` without one.
+/// The section of the search of the plan, from the table of trials; `None` without a search.
 ///
 /// # Errors
 /// Fails when the table cannot be read.

@@ -29,7 +29,7 @@ struct CompensationSignal {
     means: (f64, f64),
 }
 
-/// The plots of one line; none without compensation.
+/// The plots of one line; no plots without compensation.
 ///
 /// # Errors
 /// Fails when the store is damaged.
@@ -59,7 +59,7 @@ fn read(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<
     Ok(Some(CompensationSignal { tt, before, after, truth: truth.map(|t| t.0), means }))
 }
 
-/// Subtracts the mean, and returns it.
+/// Subtracts the mean from the values, and returns the mean.
 fn centre(x: &mut [f64]) -> f64 {
     let mean = statistics::mean(x).value;
     x.iter_mut().for_each(|x| *x -= mean);
@@ -138,7 +138,7 @@ struct PassBand {
     order: usize,
 }
 
-/// The pass band of the model's fit, if it has both corners.
+/// The pass band of the model's fit, if the filter has both corners.
 fn pass_band(source: &ReportSource, subject: &ReportSubject) -> Option<PassBand> {
     let Some(TableRef::Stage(t, i)) = subject.fit else { return None };
     let params = source.graph.plan.instance(t, i).params();

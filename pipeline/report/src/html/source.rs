@@ -50,8 +50,8 @@ impl<'a> ReportSource<'a> {
         }
     }
 
-    /// The numbers of a column of one line; `None` if the table or the line has no such column, or it is not computed
-    /// yet.
+    /// The numbers of a column of one line; `None` if the table or the line has no such column, or the column is not
+    /// computed yet.
     ///
     /// # Errors
     /// Fails when the store is damaged.
@@ -96,7 +96,7 @@ impl<'a> ReportSource<'a> {
         }
     }
 
-    /// A small table of one unit; `None` if it does not exist.
+    /// A small table of one unit; `None` if the table does not exist.
     ///
     /// # Errors
     /// Fails when the store is damaged.
@@ -107,7 +107,7 @@ impl<'a> ReportSource<'a> {
         }
     }
 
-    /// The map `r` in latitude and longitude, for drawing; `None` if it is missing.
+    /// The map `r` in latitude and longitude, for drawing; `None` if the table is missing.
     ///
     /// # Errors
     /// Fails when the store is damaged.
@@ -143,7 +143,7 @@ impl<'a> ReportSource<'a> {
     }
 }
 
-/// Rows of failures, equal ones merged, in the order of first occurrence.
+/// Rows of failures, equal failures merged, in the order of first occurrence.
 fn grouped(batch: &RecordBatch, axes: &[&str]) -> Result<Vec<FailureCount>, Fault> {
     let unreadable = |e: &dyn std::fmt::Display| Fault::machine(format!("cannot read the failures: {e}"));
     let mut found: Vec<FailureCount> = vec![];

@@ -1,4 +1,4 @@
-//! The recorded signals of one line over frequency, with published ones: noise floors of sensors, the spectrum of an
+//! The recorded signals of one line over frequency, with published spectra: noise floors of sensors, the spectrum of an
 //! observatory, the band of manoeuvres.
 
 use figures::chart::{ChartAxis, ChartLine, LineChart};
@@ -26,7 +26,7 @@ const MANOEUVRES_HZ: (f64, f64) = (0.05, 0.25);
 /// The number of colours.
 const MOST: usize = 8;
 
-/// The spectra of one line's recorded signals; none without recorded signals.
+/// The spectra of one line's recorded signals; no spectra without recorded signals.
 ///
 /// # Errors
 /// Fails when the store is damaged.

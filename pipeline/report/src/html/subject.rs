@@ -25,7 +25,7 @@ pub struct ReportSubject {
     pub map_value: Option<TableRef>,
     /// The model.
     pub fit: Option<TableRef>,
-    /// The column of the true field, if the scores name one.
+    /// The column of the true field, if the scores name this column.
     pub truth: Option<String>,
     /// The score that it was chosen by.
     pub chosen: Option<SubjectScore>,
@@ -56,7 +56,7 @@ impl SubjectScore {
     }
 }
 
-/// The best point and the worst one; without scores, the first one.
+/// The best and the worst point; without scores, the first point.
 pub fn subjects(source: &ReportSource, boards: &[ScoreBoard]) -> Vec<ReportSubject> {
     let Some((board, metric)) = ranking(boards) else { return unscored(source).into_iter().collect() };
     let ranked = board.ranked(metric);
@@ -69,7 +69,7 @@ pub fn subjects(source: &ReportSource, boards: &[ScoreBoard]) -> Vec<ReportSubje
             *best,
         )];
     }
-    // Points that cannot be the best are ranked last: if the first one is such a point, all are.
+    // Points that cannot be the best are ranked last: if the first point cannot be the best, no point can.
     let first = match (board.scores.is_in_sample(*best, metric), board.marked(*best)) {
         (true, _) => "The closest fit in detail: every point is in sample",
         (false, 0) => "The best point in detail",
@@ -87,7 +87,7 @@ fn ranking(boards: &[ScoreBoard]) -> Option<(&ScoreBoard, usize)> {
 }
 
 /// The other tables of `navigate` with results, at most `most`, each at its best point by its scores, or at its first
-/// point without scores; and the number of omitted ones.
+/// point without scores; and the number of omitted tables.
 pub fn navigations(
     source: &ReportSource,
     boards: &[ScoreBoard],
@@ -184,7 +184,7 @@ fn stages_of(source: &ReportSource, from: &[TableRef], truth: Option<String>) ->
     let model = compensate.and_then(|r| plan.upstream(&[r], "fit"));
     let fit = model.or_else(|| find("fit"));
     let navigate = find("navigate");
-    // It is shown even without scores.
+    // The table is shown even without scores.
     let elsewhere = || plan.tables.iter().position(|t| t.entry.name == "map_value").map(|t| TableRef::Stage(t, 0));
     let map_value = find("map_value").or_else(elsewhere);
     let (title, point, why) = (String::new(), String::new(), String::new());
@@ -260,7 +260,7 @@ pub fn label(
     Ok(label)
 }
 
-/// The score of one line.
+/// Score of the subject on one line.
 fn score(source: &ReportSource, chosen: &SubjectScore, line: LineId) -> Result<Option<f64>, Fault> {
     let (table, instance) = chosen.at;
     let batch = source.tidy(PlanUnit { table, instance, line: Some(line) }, &["metric", "value"])?;

@@ -123,9 +123,9 @@ fn spelt(text: &str) -> Markup {
 /// Heat map of a metric over two axes: each cell is the best over the other axes.
 struct HeatMap {
     metric: usize,
-    /// The two axes, as positions.
+    /// Positions of the two axes in the spec.
     axes: (usize, usize),
-    /// The values of each.
+    /// The values of each axis.
     values: (Vec<String>, Vec<String>),
     /// Row of the scores for each cell, by rows, then columns.
     cells: Vec<Option<usize>>,
@@ -263,7 +263,7 @@ mod tests {
         let text = table(&board).into_string();
         assert_eq!(text.matches("<tr class=\"bad\">").count(), 1);
         assert!(text.contains("<td data-v=\"2\">! 2 of 6</td>"), "{text}");
-        // It had the least drms; now the best of the others is highlighted.
+        // The flagged row had the smallest drms; now the best of the other rows is highlighted.
         assert!(!text.contains("data-v=\"12\" title=\"best\""), "{text}");
         assert!(text.contains("data-v=\"30\" title=\"best\""), "{text}");
         let map = drawn(&board, &heat(&board, 1, &[]).unwrap()).into_string();

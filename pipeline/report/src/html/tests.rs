@@ -103,7 +103,7 @@ fn unit_navigation_alone_has_no_model() {
         assert!(html.contains(part), "{part}");
     }
     assert!(!html.contains("The model: ") && !html.contains("Before and after"));
-    // Two points of the sweep: the better one and the other; then the other navigation, over a separate map.
+    // Two points of the sweep, the better point first; then the other navigation, over a separate map.
     assert!(html.contains("id=\"best\"") && html.contains("id=\"worst\"") && html.contains("id=\"table-held\""));
     assert_eq!(
         (html.matches("<image id=\"map-anomaly\"").count(), html.matches("<image id=\"map-osborne\"").count()),

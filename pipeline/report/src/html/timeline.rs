@@ -13,7 +13,7 @@ pub struct TimelineLane {
     pub lines: Vec<(f64, f64)>,
     /// Gaps in the samples.
     pub gaps: Vec<(f64, f64)>,
-    /// Fault, and its first and last time.
+    /// Fault, and the first and last time of the fault.
     pub parts: Vec<(QualityFigure, f64, f64)>,
 }
 
@@ -144,7 +144,7 @@ mod tests {
         for part in ["Flight 7", "class=\"stuck\"", "class=\"gap\"", "mag_1_uc", "key stuck"] {
             assert!(text.contains(part), "{part} in {text}");
         }
-        // From half of the width between the margins, for a tenth of it.
+        // The bar begins at half of the width between the margins and spans a tenth of this width.
         assert!(text.contains("M538 9.5H615.6"), "{text}");
         assert!(!text.contains("key spike"));
         assert!(Timeline { flight: "7", lanes: vec![], hidden: 0 }.draw().is_none());

@@ -35,11 +35,11 @@ pub struct LineTracks {
     pub ins: Option<DegreeTrack>,
     /// The estimate.
     pub estimate: DegreeTrack,
-    /// Standard deviations north and east, and their covariance: m, m, m².
+    /// Standard deviations north and east, in m, and the covariance of both errors, in m².
     pub sigma: Option<[Vec<f64>; 3]>,
     /// Innovations, nT.
     pub residual: Option<Vec<f64>>,
-    /// Squared innovations over their predicted variances.
+    /// Squared innovations divided by their predicted variances.
     pub nis: Option<Vec<f64>>,
 }
 
@@ -49,7 +49,7 @@ impl DegreeTrack {
         Ok(lat.zip(lon).map(|(lat, lon)| DegreeTrack { lat, lon }))
     }
 
-    /// Its positions, as latitude and longitude.
+    /// Positions of the track, as latitude and longitude.
     pub fn places(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
         self.lat.iter().copied().zip(self.lon.iter().copied())
     }
@@ -60,7 +60,7 @@ impl DegreeTrack {
         (place.0.is_finite() && place.1.is_finite()).then_some(place)
     }
 
-    /// Its offsets from `other`.
+    /// Offsets of the track from `other`.
     pub fn less(&self, other: &DegreeTrack) -> TrackOffsets {
         let offset = |(own, other)| EarthModel::default().offset_ne_m(other, own, 0.0);
         let (north, east) = self.places().zip(other.places()).map(offset).unzip();
@@ -69,7 +69,7 @@ impl DegreeTrack {
 }
 
 impl LineTracks {
-    /// Navigation of `line` in `subject`; `None` if it has none.
+    /// Navigation of `line` in `subject`; `None` if the line has no navigation.
     ///
     /// # Errors
     /// Fails when the store is damaged.

@@ -19,7 +19,7 @@ struct LossCurve {
     validation: Vec<(f64, f64)>,
 }
 
-/// The section of all trainings of the plan; `None` without any.
+/// The section of all trainings of the plan; `None` without a trained model.
 ///
 /// # Errors
 /// Fails when a model cannot be read.
@@ -66,7 +66,7 @@ pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
 }
 
 impl LossCurve {
-    /// Learning curve from the terms of a model; for several networks, the curve of the first.
+    /// Learning curve from the terms of a model; for several networks, the curve of the first network.
     fn from_terms<'a>(terms: impl Iterator<Item = (&'a str, f64)>) -> LossCurve {
         let mut curve = LossCurve::default();
         let epoch = |term: &str, key: &str| -> Option<f64> {

@@ -19,7 +19,7 @@ struct Calibrations {
     axis: String,
     /// Whether the axis selects the rows of a fit; otherwise it is another parameter.
     of_rows: bool,
-    /// Their points in the table; of very many, an evenly spaced selection.
+    /// Points of these models in the table; of many points, an evenly spaced selection.
     members: Vec<usize>,
     /// Number of all such models.
     all: usize,
@@ -225,7 +225,7 @@ mod tests {
         let text = found.drawn("Table fits", &of, None).unwrap().into_string();
         assert!(text.contains("3 calibrations") && text.contains("1672") && text.contains("1006.04 [nT]"), "{text}");
         let spread = found.variation().unwrap();
-        // By hand: 381.5/1671.7 and 117.3/117.3.
+        // Expected values, computed by hand: 381.5/1671.7 and 117.3/117.3.
         assert!((spread[0].coefficient_of_variation - 0.228).abs() < 1e-3);
         assert!((spread[1].coefficient_of_variation - 1.0).abs() < 2e-3, "{}", spread[1].coefficient_of_variation);
     }

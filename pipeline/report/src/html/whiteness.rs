@@ -38,7 +38,7 @@ struct NormalisedInnovations {
     x: Vec<f64>,
     /// Seconds between updates.
     step_s: f64,
-    /// The mean of their squares over the line.
+    /// The mean of the squared innovations over the line.
     nis: f64,
 }
 
@@ -127,7 +127,8 @@ impl NormalisedInnovations {
             title: "NIS".into(),
             caption,
             x: time_axis(),
-            // A mean near its expected value needs no logarithmic axis; others are not visible without one.
+            // A mean near its expected value needs no logarithmic axis; other means are not visible without a
+            // logarithmic axis.
             y: ChartAxis { log: largest > 4.0 * high, ..ChartAxis::new("mean NIS") },
             lines: vec![ChartLine { name: format!("mean over {window} updates"), class: "after", points }],
             levels: vec![("95 % band".into(), low), (String::new(), high)],
@@ -164,8 +165,8 @@ mod tests {
     use super::*;
     use crate::html::track::DegreeTrack;
 
-    /// Innovations with a standard deviation of 5 nT and a correlation of `decay` from one to the next, one every
-    /// `every` samples of 0.1 s.
+    /// Innovations with a standard deviation of 5 nT and a correlation of `decay` between successive innovations; there
+    /// is an innovation every `every` samples of 0.1 s.
     fn example_tracks(updates: usize, decay: f64, every: usize) -> LineTracks {
         let mut normals = NormalGenerator::new(3);
         let (mut x, step) = (normals.draw(), (1.0 - decay * decay).sqrt());

@@ -52,11 +52,11 @@ pub struct PublishedTableProvider {
 struct ScanSource {
     objects: Arc<PackReader>,
     files: Vec<SealedFile>,
-    /// The row groups: their file, and their position in it.
+    /// The row groups, each with its file and its position in the file.
     groups: Vec<(usize, usize)>,
     /// The columns of the files.
     stored: SchemaRef,
-    /// The columns of the logical table, if it has more than its files.
+    /// The columns of the logical table, if the logical table has more columns than the files.
     logical: Option<LogicalUnits>,
 }
 
@@ -78,7 +78,7 @@ impl PublishedTableProvider {
     /// The table `table` of `version`.
     ///
     /// # Errors
-    /// Fails when a file of it is damaged.
+    /// Fails when a file of the table is damaged.
     pub fn open(
         objects: &Arc<PackReader>,
         version: &Version,
@@ -140,7 +140,7 @@ impl LogicalUnits {
 /// Part of a table that is read at once.
 #[derive(Clone, Copy, Debug)]
 enum ScanPiece {
-    /// A row group, by its position among all.
+    /// A row group, by its position among all row groups.
     Group(usize),
     /// A unit of the logical table.
     Unit(usize),
@@ -231,7 +231,7 @@ impl RowGroupStatistics<'_> {
         self.0.groups.iter().filter_map(|(file, group)| self.0.files.get(*file)?.row_groups().get(*group)).collect()
     }
 
-    /// SQL orders NaN above all numbers, but statistics ignore it: only columns without NaN can exclude rows.
+    /// SQL orders NaN above all numbers, but statistics ignore NaN: only columns without NaN can exclude rows.
     fn converter<'b>(&'b self, column: &'b Column) -> Option<StatisticsConverter<'b>> {
         let field = self.0.stored.field_with_name(&column.name).ok()?;
         let role = field.metadata().get("role").map(String::as_str);

@@ -34,8 +34,8 @@ pub struct SqlSession {
 }
 
 impl SqlSession {
-    /// Opens a session over the store in the folder `store`. Its queries share `memory` bytes, and spill to the folder
-    /// `spill`.
+    /// Opens a session over the store in the folder `store`. The queries of the session share `memory` bytes, and spill
+    /// to the folder `spill`.
     ///
     /// # Errors
     /// Fails when the store cannot be read.
@@ -43,7 +43,7 @@ impl SqlSession {
         SqlSession::at(store, memory, spill, None)
     }
 
-    /// The same with the tables of the versions `pins`.
+    /// Session with the tables of the versions `pins`.
     ///
     /// # Errors
     /// Fails when the store cannot be read, or a version no longer exists.
@@ -78,8 +78,8 @@ impl SqlSession {
         Ok(plan)
     }
 
-    /// The columns of the result of a plan without unbound parameters. Some types, such as those of a union, are known
-    /// only after analysis.
+    /// The columns of the result of a plan without unbound parameters. Some types, such as the types of a union, are
+    /// known only after analysis.
     ///
     /// # Errors
     /// Fails when the plan cannot be analysed.

@@ -81,7 +81,7 @@ impl SchemaProvider for PipelineTables {
     }
 }
 
-/// Registers every table of the store at `root`, in the versions `pins` or in the current ones.
+/// Registers every table of the store at `root`, in the versions `pins` or in the current versions.
 ///
 /// # Errors
 /// Fails when the store cannot be read, or one of these versions no longer exists.

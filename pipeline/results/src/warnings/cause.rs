@@ -16,7 +16,7 @@ use crate::text::number;
 /// Parameters of a navigation that explain its errors.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NavigationSettings {
-    /// The measurement sigma, nT; `None` if it is taken from the data.
+    /// The measurement sigma, nT; `None` if the parameter is estimated from the data.
     pub sigma_nt: Option<f64>,
     /// The standard deviation of the correlated error of the measurement, nT.
     pub fogm_sigma_nt: Option<f64>,
@@ -289,7 +289,7 @@ fn gnss_rejected_s(graph: &PlanGraph, store: &Store, track: TableRef, line: Line
     Ok(tt.filter(|tt| row < tt.len()).map(|tt| tt.value(row) - tt.value(0)))
 }
 
-/// The first value of a column of a line; `None` without one.
+/// The first value of a column of a line; `None` without a value.
 fn first(graph: &PlanGraph, store: &Store, r: TableRef, line: LineId, name: &str) -> Result<Option<f64>, Fault> {
     let has = |r: TableRef| match r {
         TableRef::Flights(i) => {

@@ -24,12 +24,12 @@ pub struct ConsistencyLimit {
 }
 
 impl ConsistencyLimit {
-    /// Lower limit; below it, the filter is far too cautious.
+    /// Lower limit; below this limit, the filter is far too cautious.
     pub fn low(&self) -> f64 {
         self.mean / self.factor
     }
 
-    /// Upper limit; above it, the filter is far overconfident.
+    /// Upper limit; above this limit, the filter is far overconfident.
     pub fn high(&self) -> f64 {
         self.mean * self.factor
     }
@@ -52,8 +52,8 @@ pub const WHITENESS: f64 = 0.8;
 
 /// Largest `correlated_nis` of innovations that are not white; the expected value is 1. If the assumed noise is
 /// increased to account for the correlation, the value is 1, although the correlation remains. On 45 lines of nine
-/// simulated flights with estimated noise, correlated innovations and a median NEES of 1.9, it is 0.76 to 1.40; with a
-/// magnetometer 0.6 s late 2.2 to 2.9, and on a map of sparse lines without its error above 200.
+/// simulated flights with estimated noise, correlated innovations and a median NEES of 1.9, the statistic is 0.76 to
+/// 1.40; with a magnetometer 0.6 s late 2.2 to 2.9, and on a map of sparse lines without its error above 200.
 pub const CORRELATED_NIS: f64 = 1.5;
 
 /// Minimum anomaly retention of a compensation.
@@ -74,7 +74,8 @@ pub const OFF_MAP_CAUSE: f64 = 0.1;
 /// measurement biases the position.
 pub const BIAS_SIGMAS: f64 = 2.0;
 
-/// Minimum ratio of the compensation error to the assumed measurement noise at which it counts as a cause.
+/// Minimum ratio of the compensation error to the assumed measurement noise at which the compensation error counts as a
+/// cause.
 pub const LEFT_OVER_SIGMA: f64 = 1.5;
 
 /// Maximum difference between two dates of the core field, in years: it changes by up to 100 nT per year.

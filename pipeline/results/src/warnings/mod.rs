@@ -22,7 +22,7 @@ pub use written::written;
 /// Subject of a warning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum WarningKind {
-    /// The track's horizontal error is larger than that of the INS alone.
+    /// The track's horizontal error is larger than the error of the INS alone.
     WorseThanIns,
     /// The position errors are far larger than the filter's covariance.
     NeesHigh,
@@ -40,7 +40,7 @@ pub enum WarningKind {
     OffMap,
     /// Most of the line is over ground where the map is too flat for a position.
     Flat,
-    /// The map is at a different height from the flight and is not continued to it.
+    /// The map is at a different height from the flight and is not continued to that height.
     MapHeight,
     /// Compensation removed part of the anomaly.
     Retention,
@@ -145,7 +145,7 @@ pub struct Warning {
     pub stage: String,
     /// The sweep point.
     pub point: SweepPoint,
-    /// Flight and line; none for a fit.
+    /// Flight and line; empty for a fit.
     pub line: Option<(String, String)>,
     /// Subject of the warning.
     pub kind: WarningKind,
@@ -153,7 +153,7 @@ pub struct Warning {
     pub value: Option<f64>,
     /// Limit of the figure.
     pub limit: Option<f64>,
-    /// The unit of both.
+    /// The unit of the figure and the limit.
     pub unit: &'static str,
     /// Description of the fault, in one sentence.
     pub text: String,
@@ -319,7 +319,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     found
 }
 
-/// The warning of one fit. All rows of its model contain it, and it is reported once.
+/// The warning of one fit. All rows of the model contain the warning, which is reported once.
 fn of_fit(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warning>, Fault> {
     if graph.plan.instance(unit.table, unit.instance).makes("warning").is_none() {
         return Ok(vec![]);
@@ -381,7 +381,7 @@ pub fn summary_lines(warnings: &[Warning], table: &str) -> Vec<String> {
     out
 }
 
-/// The first of the worst represents its group.
+/// The first of the worst warnings represents its group.
 fn group_text(group: &[&Warning]) -> String {
     let worst = group.iter().copied().reduce(|a, b| if b.excess() > a.excess() { b } else { a });
     let Some(worst) = worst else { return String::new() };

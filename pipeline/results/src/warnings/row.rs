@@ -25,7 +25,7 @@ impl LineMetrics {
     /// The columns that are read.
     pub const COLUMNS: [&'static str; 4] = ["metric", "value", "n", NOTE];
 
-    /// Reads the rows of one line's scores. Values that are null or not a number are skipped; infinite ones are kept.
+    /// Reads the rows of one line's scores. Values that are null or not a number are skipped; infinite values are kept.
     pub fn read(batch: &RecordBatch) -> LineMetrics {
         let names = batch.column_by_name("metric").and_then(|a| a.as_string_opt::<i32>());
         let values = batch.column_by_name("value").and_then(|a| a.as_primitive_opt::<Float64Type>());

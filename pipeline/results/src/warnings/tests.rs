@@ -216,7 +216,7 @@ fn unit_only_spoiling_warnings_flag_a_row() {
             map,
         ],
     );
-    // Two lines, one of them for two reasons.
+    // Two lines are flagged, one of them for two reasons.
     assert_eq!(scores.marks, [2, 0]);
     assert!(!scores.is_cautious(0) && !scores.is_cautious(1));
     scores.mark("scores", &[warning(WarningKind::NisLow, 0.004, 0.25, "1.02")]);

@@ -11,11 +11,11 @@ use crate::scores::AxisValues;
 const COLUMNS: [&str; 9] = ["flight", "line", "stage", "kind", "value", "limit", "unit", "text", "cause"];
 const UNITS: [&str; 3] = ["m", "nT", "1"];
 
-/// The table `warnings` of the last run of `plan`. `None` if it is missing or incomplete, such as when an axis has the
-/// name of one of its columns.
+/// The table `warnings` of the last run of `plan`. `None` if the table is missing or incomplete, for example when an
+/// axis has the name of one of its columns.
 ///
 /// # Errors
-/// Fails when it exists but cannot be read.
+/// Fails when the table exists but cannot be read.
 pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<Warning>>, Fault> {
     let axes = &plan.spec.axes;
     if axes.iter().any(|a| COLUMNS.contains(&a.name.as_str())) {

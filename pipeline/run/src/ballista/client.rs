@@ -70,7 +70,7 @@ pub struct SchedulerClient {
 pub enum SchedulerFault {
     /// No answer.
     Silent(String),
-    /// Another key, or none.
+    /// The scheduler has another key, or no key.
     Stranger,
     /// Another version, or not a scheduler of magline.
     Other(String),
@@ -162,10 +162,10 @@ impl SchedulerClient {
         serde_json::from_slice(&bytes).map_err(wrong)
     }
 
-    /// Name of the scheduler, if it has this version.
+    /// Name of the scheduler, if the scheduler has this version.
     ///
     /// # Errors
-    /// Fails when it does not answer, or has another version.
+    /// Fails when the scheduler does not answer, or has another version.
     pub fn name(&self) -> Result<String, SchedulerFault> {
         let state = self.ask("state")?;
         let name = state.get("scheduler_id").and_then(Value::as_str).unwrap_or_default();

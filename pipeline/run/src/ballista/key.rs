@@ -1,7 +1,8 @@
 //! Key of a cluster: a secret that scheduler, workers and runs share. Each of their connections is encrypted by TLS,
-//! and both sides prove in its handshake that they hold the key. The key itself is never sent.
+//! and both sides prove in the handshake that they hold the key. The key itself is never sent.
 //!
-//! A signing key is derived from the secret. Both sides show the certificate made from it, and trust no other.
+//! A signing key is derived from the secret. Both sides show the certificate made from it, and trust no other
+//! certificate.
 
 use std::{net::IpAddr, path::Path, sync::Arc, time::Duration};
 

@@ -52,9 +52,9 @@ pub struct BoundScheduler {
     encryption: Option<Arc<ServerConfig>>,
 }
 
-/// Listens on `address`; port 0 selects a free one. Workers report to it by the name `advertise`. The default is the
-/// address, or this host's name if that is the unspecified address. A worker that is silent for `worker_timeout` counts
-/// as lost. `trust` authenticates workers and runs.
+/// Listens on `address`; port 0 selects a free port. Workers contact the scheduler by the name `advertise`. The default
+/// is the address, or this host's name if that is the unspecified address. A worker that is silent for `worker_timeout`
+/// counts as lost. `trust` authenticates workers and runs.
 ///
 /// # Errors
 /// Fails when the address is in use or not this host's, or others can reach it without a key.

@@ -30,7 +30,7 @@ use futures::TryStreamExt;
 
 use crate::{children::ProcessStopHandle, task::VERSION};
 
-/// Time that a worker process has to finish its unit after a stop signal.
+/// Time after a stop signal within which a worker process must finish its unit.
 const GRACE: Duration = Duration::from_secs(10);
 
 /// Wire form of a task.
@@ -149,8 +149,8 @@ impl AnswerMessage {
 
 /// Component that computes tasks in a worker.
 pub trait TaskComputer: Send + Sync {
-    /// Computes tasks that a program of the version `version` has dispatched. Returns one answer for each task, or none
-    /// for tasks that a stop signal prevents.
+    /// Computes tasks that a program of the version `version` has dispatched. Returns one answer for each task, or no
+    /// answer for tasks that a stop signal prevents.
     fn answers(&self, tasks: Vec<TaskMessage>, version: &str, leash: &ProcessStopHandle) -> Vec<AnswerMessage>;
 }
 

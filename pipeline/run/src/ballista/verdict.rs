@@ -8,13 +8,13 @@ pub const STALL: Duration = Duration::from_secs(600);
 /// Observed state of a long job.
 #[derive(Clone, Copy, Debug)]
 pub struct JobObservation {
-    /// Whether all its results are in the store.
+    /// Whether all results of the job are in the store.
     pub there: bool,
-    /// Whether they were in the store at the previous check.
+    /// Whether all results were in the store at the previous check.
     pub were_there: bool,
-    /// Whether the scheduler reports that a worker has a part of it.
+    /// Whether the scheduler reports that a worker has a part of the job.
     pub is_handed: bool,
-    /// Whether a worker computes a unit of it.
+    /// Whether a worker computes a unit of the job.
     pub is_at_work: bool,
     /// Time without a worker.
     pub idle: Option<Duration>,
@@ -32,7 +32,7 @@ pub enum JobAction {
 }
 
 impl JobObservation {
-    /// Whether the scheduler reports it as running and no worker computes it. A queued job is not idle.
+    /// Whether the scheduler reports the job as running but no worker computes it. A queued job is not idle.
     pub fn is_idle(&self) -> bool {
         self.is_handed && !self.is_at_work
     }

@@ -40,7 +40,7 @@ const MOST_RESTARTS: usize = 20;
 const LOOKS_EVERY: Duration = Duration::from_secs(2);
 /// Interval of checks of long jobs, and age at which a job is long.
 const LONG: Duration = Duration::from_secs(15);
-/// Delay between a failed job and the next one.
+/// Delay between a failed job and the next job.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
 /// Delay before missing workers are reported.
 const REPORT_MISSING_AFTER: Duration = Duration::from_secs(3);
@@ -115,7 +115,7 @@ impl<'a> WaveDispatcher<'a> {
         }
     }
 
-    /// Dispatches tasks and collects receipts until each task has one, or the run is interrupted.
+    /// Dispatches tasks and collects receipts until each task has a receipt, or the run is interrupted.
     pub fn run(mut self) -> Vec<Option<Receipt>> {
         let (sender, receiver) = channel();
         while !(self.waiting.is_empty() && self.jobs.is_empty()) {
@@ -362,7 +362,7 @@ impl<'a> WaveDispatcher<'a> {
         }
     }
 
-    /// Processes a failed job: its scheduler or worker was lost, or it was cancelled.
+    /// Processes a failed job: its scheduler or worker was lost, or the job was cancelled.
     fn process_failed_job(&mut self, tasks: &[usize], why: &str) {
         let before = self.seen.scheduler.clone();
         self.looked = None;
@@ -432,7 +432,7 @@ impl<'a> WaveDispatcher<'a> {
         }
     }
 
-    /// Receipts of tasks whose units all have a result in the store; `None` if one lacks it.
+    /// Receipts of tasks whose units all have a result in the store; `None` if a unit lacks a result.
     fn found(&self, tasks: &[usize]) -> Option<Vec<Receipt>> {
         let store = self.wave.worker.store();
         let cut = self.wave.worker.cut(self.wave.table).ok()?;

@@ -35,7 +35,7 @@ use crate::{
     task::{Receipt, Task, VERSION},
 };
 
-/// Lifetime of a process without a task. While it lives, the store counts as in use.
+/// Lifetime of a process without a task. While the process lives, the store counts as in use.
 const RESTS: Duration = Duration::from_secs(5);
 /// Time during which a rejected task is retried, because a shared folder may show new files late.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -61,7 +61,7 @@ pub struct WorkerConfig {
     pub work: PathBuf,
     /// Address to listen on.
     pub bind: IpAddr,
-    /// First of two ports to listen on; 0 for two free ports.
+    /// First of two ports to listen on; 0 selects two free ports.
     pub ports: u16,
     /// Name by which the scheduler reaches this worker.
     pub advertise: Option<String>,
@@ -189,7 +189,7 @@ struct WorkerPoolState {
     name: String,
     /// Address of the scheduler.
     authority: String,
-    /// Whether it has computed a unit, which shows that the runs use its store.
+    /// Whether the worker has computed a unit, which shows that the runs use its store.
     proven: AtomicBool,
     program: PathBuf,
     store: PathBuf,
@@ -257,8 +257,8 @@ impl WorkerPool {
         old
     }
 
-    /// Takes a place, with the idle process of the wave if there is one. Waits until one is free: a cancelled task
-    /// keeps its place until its process has ended.
+    /// Takes a place, with the idle process of the wave if there is such a process. Waits until a place is free: a
+    /// cancelled task keeps its place until its process has ended.
     fn enter(&self, wave: &str) -> Option<WorkerProcess> {
         let mut places = self.places();
         while places.free == 0 {

@@ -26,8 +26,8 @@ const REFERENCE_S: f64 = 0.000_031_1;
 const TRIES: usize = 15;
 const SAMPLES: usize = 4096;
 
-/// Speed of a processor of this machine relative to the reference machine, 1. It is measured by the shortest time of a
-/// band-pass and a checksum, in some milliseconds.
+/// Speed of a processor of this machine relative to the reference machine, 1. The speed is measured by the shortest
+/// time of a band-pass and a checksum, in some milliseconds.
 pub fn speed() -> f64 {
     let x: Vec<f64> = (0..SAMPLES).map(|i| (i as f64 * 0.1).sin()).collect();
     let bytes: Vec<u8> = (0..SAMPLES * 32).map(|i| (i % 251) as u8).collect();
@@ -51,7 +51,7 @@ pub fn sync_s(path: &Path) -> f64 {
             least = least.min(begun.elapsed().as_secs_f64());
         }
     }
-    // If it cannot be removed here, it is removed with the other temporary files.
+    // If the file cannot be removed here, it is removed with the other temporary files.
     let _ = fs::remove_file(path);
     if least.is_finite() { least } else { 0.0 }
 }
@@ -61,7 +61,7 @@ pub fn forget_peak() -> bool {
     fs::write("/proc/self/clear_refs", "5").is_ok()
 }
 
-/// Peak memory of the process, bytes; `None` if the system does not report it.
+/// Peak memory of the process, bytes; `None` if the system does not report the memory.
 pub fn peak_bytes() -> Option<u64> {
     peak(&fs::read_to_string("/proc/self/status").ok()?)
 }

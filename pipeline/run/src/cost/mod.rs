@@ -30,7 +30,7 @@ pub struct TableCost {
     pub table: String,
     /// Its stage.
     pub stage: String,
-    /// Whether its results are kept; otherwise its work is counted in the tables that need it.
+    /// Whether its results are kept; otherwise the work is counted in the tables that need the results.
     pub kept: bool,
     /// Units to compute.
     pub units: usize,
@@ -97,8 +97,8 @@ impl RunCost {
 }
 
 /// Estimates a run of the plan of `graph` in `store` on `threads` threads. The estimate excludes reading the sources,
-/// which is complete when a graph exists. For a search, it covers the trials of the plan; [`crate::plan_all_trials`] adds
-/// the missing ones.
+/// which is complete when a graph exists. For a search, the cost covers the trials of the plan;
+/// [`crate::plan_all_trials`] adds the missing trials.
 ///
 /// # Errors
 /// Fails for a table whose columns have types that no file can hold.
@@ -152,7 +152,7 @@ impl UnitTimeModel {
         UnitTimeModel { known: CostModel::new(store.root()), speed: machine::speed() }
     }
 
-    /// Mean processor time of the missing units of the table `t` on this machine, s; 0 if none is missing.
+    /// Mean processor time of the missing units of the table `t` on this machine, s; 0 if no unit is missing.
     pub fn unit_s(&self, graph: &PlanGraph, store: &Store, t: usize) -> f64 {
         let asked = WorkEstimator::new(graph, store, &self.known.rows, 1).missing_work(t).unwrap_or_default();
         match asked.missing.len() {
@@ -164,7 +164,7 @@ impl UnitTimeModel {
 
 /// Time in which the program starts and reads its plan on a machine of speed 1, s; used until measured.
 const START_S: f64 = 0.03;
-/// Disk syncs per file: of its content and of its name.
+/// Number of disk syncs per file: one for the content, one for the name.
 const SYNCS_A_FILE: f64 = 2.0;
-/// Disk syncs per published table: of its folders and its list of units.
+/// Number of disk syncs per published table, for its folders and its list of units.
 const SYNCS_A_TABLE: f64 = 4.0;

@@ -16,7 +16,7 @@ use super::fit::{CostSample, UnitPrices};
 const FOLDER: &str = store::COSTS;
 /// Number of newest records kept per pipeline.
 const KEPT: usize = 200;
-/// Weight of a built-in record relative to one of this store.
+/// Weight of a built-in record relative to a record of this store.
 const BUILT_IN: f64 = 0.3;
 
 /// The records of the examples, on the machine whose speed is 1: `pipeline/benches/costs.py` measures them.
@@ -63,7 +63,7 @@ pub struct CostObservation {
     pub work: TableWork,
     /// Number of rows made.
     pub rows: f64,
-    /// Bytes of its files; `None` unless all of them are new.
+    /// Bytes of its files; `None` unless all files are new.
     pub bytes: Option<f64>,
     /// Processor time on a machine of speed 1, s.
     pub seconds: f64,
@@ -177,7 +177,7 @@ impl CostModel {
             total,
             weight: counts / (total + floor),
         };
-        // Weighted by the square root, so that neither long tables nor many short ones dominate.
+        // Weighted by the square root, so that neither long tables nor many short tables dominate.
         let time = |(o, w): (&CostObservation, f64)| {
             let (amounts, weight) = (o.work.time(o.rows), w / (o.seconds + 0.005).sqrt());
             CostSample { amounts, total: o.seconds, weight }
@@ -218,7 +218,7 @@ fn spelt(records: &[CostObservation]) -> Option<String> {
     Some(format!("{}\n{text}\n", HashKey::from_parts([&text])))
 }
 
-/// Records in the text of a file; `None` if it is damaged.
+/// Records in the text of a file; `None` if the text is damaged.
 fn whole(text: &str) -> Option<&str> {
     let (sum, records) = text.strip_suffix('\n')?.split_once('\n')?;
     (HashKey::from_parts([records]).to_string() == sum).then_some(records)
@@ -229,7 +229,7 @@ pub fn is_whole(bytes: &[u8]) -> bool {
     std::str::from_utf8(bytes).is_ok_and(|text| whole(text).is_some())
 }
 
-/// Records in a file; none if it is missing or damaged, because they only guide estimates.
+/// Records in a file; no records if the file is missing or damaged, because the records only guide estimates.
 fn read(path: &Path) -> Vec<CostObservation> {
     let text = paths::read_regular(path).ok().and_then(|bytes| String::from_utf8(bytes).ok()).unwrap_or_default();
     let records = whole(&text);
@@ -254,9 +254,9 @@ pub fn of_store(root: &Path) -> Vec<CostObservation> {
     paths.iter().flat_map(|p| read(p)).collect()
 }
 
-/// Adds the measurements of a run of `pipeline`, which holds the lock of the pipeline. A record replaces an older one
-/// of the same work. A record that cannot be written is dropped: it only guides estimates, and the write of results
-/// reports the disk fault.
+/// Adds the measurements of a run of `pipeline`, which holds the lock of the pipeline. A record replaces an older
+/// record of the same work. A record that cannot be written is dropped: it only guides estimates, and the write of
+/// results reports the disk fault.
 pub fn keep(store: &Store, pipeline: &str, new: Vec<CostObservation>) {
     if new.is_empty() {
         return;

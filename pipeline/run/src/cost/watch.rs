@@ -35,7 +35,7 @@ impl<'a> CostMeter<'a> {
         CostMeter { graph, store, seen: vec![], begun_s: machine::processor_s(), spent_s: 0.0 }
     }
 
-    /// Starts the measurement of the table `t`; `None` if nothing of it is to be computed.
+    /// Starts the measurement of the table `t`; `None` if no unit of the table is to be computed.
     pub fn table(&self, t: usize) -> Option<TableStart> {
         let rows = UnitPrices::usual(usual_rows);
         let amounts = WorkEstimator::new(self.graph, self.store, &rows, rayon::current_num_threads());

@@ -22,7 +22,7 @@ const TOGETHER: usize = 8;
 /// Maximum number of lines that determine the sampling rate of a table of flights.
 const LOOKED_AT: usize = 16;
 
-/// Missing units of a table, and their work.
+/// Missing units of a table, and the work that they require.
 #[derive(Clone, Debug, Default)]
 pub struct MissingWork {
     /// Its units.
@@ -41,7 +41,7 @@ pub struct MissingWork {
     pub missing: Vec<PlanUnit>,
 }
 
-/// Properties of a sweep point that determine its work.
+/// Properties of a sweep point that determine the work at the point.
 #[derive(Clone)]
 struct PointEffort {
     kind: String,
@@ -53,7 +53,7 @@ struct PointEffort {
 /// Column lists that the points of a table read; equal lists are stored once.
 #[derive(Default)]
 struct ColumnLists {
-    /// The number of each column, by the stage that made it and its name there.
+    /// The number of each column, by the stage that made it and the name of the column in that stage.
     numbers: HashMap<(TableRef, String), usize>,
     /// Numbers of a row, by column.
     widths: Vec<f64>,
@@ -64,7 +64,7 @@ struct ColumnLists {
 }
 
 impl ColumnLists {
-    /// Number of a list of columns. Each column has its source table, its name there, and its numbers per row.
+    /// Number of a list of columns. Each column has its source table, its name in that table, and its numbers per row.
     fn list(&mut self, columns: impl Iterator<Item = (TableRef, String, f64)>) -> usize {
         let mut list = vec![];
         for (made_by, name, width) in columns {
@@ -451,8 +451,8 @@ mod tests {
     fn unit_shared_columns_and_products_are_counted_once() {
         let mut read = ColumnLists::default();
         let column = |table: usize, name: &str, width: f64| (TableRef::Stage(table, 0), name.to_owned(), width);
-        // Eighteen terms for two magnetometers, one of which two points use; then the terms of another vector
-        // magnetometer.
+        // Eighteen terms for each of two magnetometers, the first of which is used by two points; then the terms of
+        // another vector magnetometer.
         let lists: Vec<usize> = [(0, "mag_4"), (0, "mag_5"), (0, "mag_4"), (1, "mag_4")]
             .into_iter()
             .map(|(terms, mag)| read.list([column(2, mag, 1.0), column(terms, "tl", 18.0)].into_iter()))

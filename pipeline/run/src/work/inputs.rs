@@ -66,8 +66,8 @@ impl UnitWorker<'_> {
         RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))
     }
 
-    /// Prepares the stages of `units`, all of one table, from their models and maps, each once. Every line shares the
-    /// result.
+    /// Prepares the stages of `units`, all of one table, from their models and maps, each stage once. Every line shares
+    /// the result.
     pub fn prepare_all(&self, units: impl Iterator<Item = PlanUnit>) {
         let mut seen = HashSet::new();
         let mut bases: BTreeMap<PreparationKey, (PlanUnit, AnyStage)> = BTreeMap::new();
@@ -92,7 +92,7 @@ impl UnitWorker<'_> {
             waiting.extend(made_again);
         }
         bases.into_values().collect::<Vec<_>>().par_iter().with_max_len(1).for_each(|(unit, stage)| {
-            // Each unit that needs it reports its faults.
+            // Each unit that needs this preparation reports its faults.
             let _ = self.prepare(*unit, stage);
         });
     }
@@ -114,8 +114,8 @@ impl UnitWorker<'_> {
         Ok((unit.table, name))
     }
 
-    /// Preparation for all lines of a table. It is built without a lock: a thread that waits for its own parallel work
-    /// processes other lines in the meantime, which may need the same preparation.
+    /// Preparation for all lines of a table. The preparation is built without a lock: a thread that waits for its own
+    /// parallel work processes other lines in the meantime, which may need the same preparation.
     pub(super) fn prepare(&self, unit: PlanUnit, stage: &AnyStage) -> Result<AnySharedData, Fault> {
         let basis = self.basis(unit, stage)?;
         let failed = || Fault::bug("another thread failed while preparing the stage");
@@ -141,7 +141,7 @@ impl UnitWorker<'_> {
         it.kinds().into_iter().zip(it.inputs()).enumerate().map(one).collect()
     }
 
-    /// Columns `columns` of all lines of a record, one line after another.
+    /// Columns `columns` of all lines of a record, line after line.
     fn record(&self, r: TableRef, columns: &[String]) -> Result<RecordBatch, Fault> {
         let mut held = LineColumnCache::new(self);
         let shape = held.shape(r);

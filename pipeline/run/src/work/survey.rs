@@ -170,7 +170,7 @@ impl UnitWorker<'_> {
         made.filter(|m| !stopped(m)).collect()
     }
 
-    /// Gathers one line for all points of a survey task, with the columns of all of them.
+    /// Gathers one line for all points of a survey task, with the columns of all points.
     fn gathered(&self, units: &[PlanUnit], line: LineId, held: &mut LineColumnCache) -> Result<LineInput, Fault> {
         let first = units[0];
         let mut input = self.line_in(first, line, held)?;

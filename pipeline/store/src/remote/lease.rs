@@ -171,7 +171,7 @@ impl RemoteStore {
             return Ok(Err(ForeignLock { holder, silent: None }));
         }
         for older in known.iter().filter(|lease| lease.number < number) {
-            // The highest number counts; the next holder removes the others.
+            // The highest number counts; the next holder removes the other leases.
             let _ = self.bucket.remove(&older.key);
         }
         Ok(Ok(RemoteLease::start(self.clone(), pipeline, number, content)?))
@@ -220,7 +220,7 @@ impl RemoteLease {
         self.number
     }
 
-    /// Current holder of the lease; `None` if this process still holds it.
+    /// Current holder of the lease; `None` if this process still holds the lease.
     ///
     /// # Errors
     /// Fails when the server cannot be reached or reports an error.

@@ -59,7 +59,7 @@ struct CacheMarker {
 }
 
 impl CacheMarker {
-    /// The mark of the folder `root`; `None` if it has none.
+    /// The mark of the folder `root`; `None` if the folder has no mark.
     fn read(root: &Path) -> Result<Option<CacheMarker>, Fault> {
         let path = root.join(MARK);
         match fs::read(&path) {
@@ -138,7 +138,7 @@ fn mark_cache(root: &Path, address: &ObjectAddress) -> Result<(), Fault> {
             .and_then(|()| File::create(&unfinished))
             .and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()))
             .and_then(|()| match fs::hard_link(&unfinished, &mark) {
-                // Another process has created it.
+                // Another process has created the mark.
                 Err(e) if e.kind() == io::ErrorKind::AlreadyExists => Ok(()),
                 Err(_) => fs::copy(&unfinished, &mark).map(drop),
                 Ok(()) => Ok(()),
@@ -195,7 +195,7 @@ impl RemoteStore {
         &self.bucket
     }
 
-    /// Name of the object for the file `relative` of the cache, if it is a shared one.
+    /// Name of the object for the file `relative` of the cache, if the file is shared.
     pub fn key(relative: &Path) -> Option<String> {
         let parts: Vec<&str> = relative.components().filter_map(|c| c.as_os_str().to_str()).collect();
         let shared = match parts.as_slice() {
@@ -243,8 +243,8 @@ impl RemoteStore {
         Ok(mark.is_some())
     }
 
-    /// Removes the objects of a folder for which `gone` is true. Its arguments are the first part of their names below
-    /// the folder, and their age by the server's clock.
+    /// Removes the objects of a folder for which `gone` is true. The arguments are the first part of the object's name
+    /// below the folder, and the age of the object by the server's clock.
     ///
     /// # Errors
     /// Fails when the server cannot be reached or reports an error.
@@ -285,7 +285,7 @@ impl RemoteStore {
         self.settle(&tmp, to)
     }
 
-    /// Copies the object `key` into the cache unless it is there. Returns whether the object exists.
+    /// Copies the object `key` into the cache unless the cache contains it. Returns whether the object exists.
     ///
     /// # Errors
     /// Fails when the server cannot be reached or reports an error, or the file cannot be written.
@@ -366,7 +366,7 @@ impl RemoteStore {
         Ok(all.iter().filter_map(|o| Some((id(&o.key)?, o.size))).collect())
     }
 
-    /// Packs in the index; `None` if it is missing or damaged.
+    /// Packs in the index; `None` if the index is missing or damaged.
     ///
     /// # Errors
     /// Fails when the server cannot be reached or reports an error.

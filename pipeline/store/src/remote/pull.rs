@@ -98,7 +98,7 @@ impl RemoteStore {
         Ok(())
     }
 
-    /// Updates the versions in the cache to the newest ones of the store.
+    /// Updates the versions in the cache to the newest versions of the store.
     fn pull_tables(&self) -> Result<(), Fault> {
         let listed = self.bucket.list_flat("tables")?;
         let names: Vec<String> = listed
@@ -168,7 +168,7 @@ impl RemoteStore {
         }
         if !to.exists() {
             let moved = self.settle(folder, &to);
-            // Another process may have moved it there.
+            // Another process may have moved the version there.
             if !same(&to, folder) && moved.is_err() && !to.exists() {
                 return moved;
             }
@@ -182,8 +182,8 @@ impl RemoteStore {
     /// Copies the files of a table into the cache.
     ///
     /// # Errors
-    /// Fails when one is missing or damaged, the server cannot be reached or reports an error, or the cache cannot be
-    /// written.
+    /// Fails when a file is missing or damaged, the server cannot be reached or reports an error, or the cache cannot
+    /// be written.
     pub fn at_hand(&self, version: &Version, table: &ManifestTable) -> Result<(), Fault> {
         let files: Vec<&ManifestFile> = table.files.iter().chain(&table.units).collect();
         each(&files, |file| self.file_at_hand(version, file)).map(drop)

@@ -187,7 +187,7 @@ fn unit_readers_see_one_version_or_the_next() {
     let version = current(there.path(), "p").unwrap();
     assert_eq!((version.number, version.manifest.run.as_str()), (1, "first"));
     assert_eq!((read(there.path(), "t"), read(there.path(), "failures")), (batch(5, 1.0), batch(2, 7.0)));
-    // The files of both hosts are the same, under the same names.
+    // Both hosts have the same files under the same names.
     let files = |root: &Path| {
         let parts = super::super::parts(&root.join("tables").join("p").join("t")).unwrap();
         parts.iter().map(|p| (p.file_name().unwrap().to_owned(), fs::read(p).unwrap())).collect::<Vec<_>>()

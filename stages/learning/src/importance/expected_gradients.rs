@@ -14,9 +14,9 @@ use crate::{draws, rows::setting};
 /// of the background, up to sampling errors. `gradient` returns the derivatives with respect to all columns, row by
 /// row.
 ///
-/// Background rows are used in turn, so their counts differ by at most one. The interval of a is divided into one equal
-/// part per sample, and a is drawn once from each part. The standard errors assume independent draws and are therefore
-/// upper estimates.
+/// Background rows are used in turn, so their counts differ by at most one. The interval of the path parameter a is
+/// divided into one equal part per sample, and one value of a is drawn from each part. The standard errors assume
+/// independent draws and are therefore upper estimates.
 ///
 /// # Errors
 /// Fails for values that are not finite, a column that is not in exactly one group, and fewer than two samples. Also

@@ -21,7 +21,7 @@ pub struct PermutationBlocks {
     pub seed: u64,
 }
 
-/// Mean square error of a model, and its increases when a group of columns is permuted.
+/// Mean square error of a model, and the increase of this error when each group of columns is permuted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PermutationImportance {
     /// Mean square error of the unchanged rows, in the square of the target's unit.
@@ -31,8 +31,8 @@ pub struct PermutationImportance {
 }
 
 /// Increase of the mean square error of the targets `y` when the columns of a group come from other rows [Breiman 2001,
-/// "Random forests", section 10]. Rows, of `width` columns each, are in time order. They are cut into blocks, the last
-/// of which may be shorter. The blocks are permuted by a random single cycle, so that no block keeps its position.
+/// "Random forests", section 10]. Rows, of `width` columns each, are in time order. They are cut into blocks, and the
+/// last block may be shorter. The blocks are permuted by a random single cycle, so that no block keeps its position.
 /// Single samples are not permuted, because a slow series would become noise.
 ///
 /// In each repeat all groups are permuted in the same way, so that they are comparable. Groups may share columns.

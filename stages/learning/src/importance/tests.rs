@@ -23,7 +23,7 @@ fn each_alone(width: usize) -> Vec<Vec<usize>> {
     (0..width).map(|j| vec![j]).collect()
 }
 
-/// The rows to explain, the background, and their reference table.
+/// The rows to explain, the background, and the reference table.
 fn shapley_case() -> (Vec<f64>, Vec<f64>, std::collections::BTreeMap<String, Vec<f64>>) {
     let table = columns(include_str!("../../reference/importance/shapley.csv"));
     let mut x = matrix(&table, &NAMES);
@@ -68,8 +68,8 @@ fn ref_sampled_values_agree_with_shap_within_their_errors() {
         .map(|((v, t), e)| (v - t) / e)
         .collect();
     let typical = (ratios.iter().map(|r| r * r).sum::<f64>() / ratios.len() as f64).sqrt();
-    // The root mean square of the 24 differences is one standard error. The five differences of a row are correlated,
-    // so the tolerance is about a third.
+    // The root mean square of the 24 differences is expected to be one standard error. The five differences of a row
+    // are correlated, so the tolerance is about a third.
     assert!(ratios.len() >= 20 && (0.6..1.5).contains(&typical), "{typical} {ratios:?}");
     // The additive term -2 x4 has no sampling error.
     let mean = background.iter().skip(4).step_by(5).sum::<f64>() / 20.0;
@@ -102,7 +102,8 @@ fn law_values_add_up_to_the_prediction_and_two_groups_are_exact() {
 
 #[test]
 fn law_a_product_is_shared_symmetrically_and_a_dummy_has_value_zero() {
-    // x0 x1 against one background row, by orders and by gradients: (x0 - b0)(x1 + b1)/2 and (x1 - b1)(x0 + b0)/2.
+    // Contributions to x0 x1 with one background row, from orders of the groups and from gradients: (x0 - b0)(x1 +
+    // b1)/2 and (x1 - b1)(x0 + b0)/2.
     let product = |x: &[f64]| Ok::<_, Never>(x.chunks(3).map(|x| x[0] * x[1]).collect());
     let slopes = |x: &[f64]| Ok::<_, Never>(x.chunks(3).flat_map(|x| [x[1], x[0], 0.0]).collect());
     let (rows, background) = ([2.0, 3.0, 9.0, -1.0, 0.5, 4.0], [0.5, 1.0, -7.0]);

@@ -34,9 +34,9 @@ struct ConvolutionLayer {
     forward: WeightPanels,
     backward: WeightPanels,
     gradient: WeightPanels,
-    /// Weights, or their gradient, with padded inputs.
+    /// Weights, or the gradient with respect to the weights, with padded inputs.
     spread: Vec<f64>,
-    /// The activations of all rows, and their derivatives.
+    /// The activations of all rows, and the derivatives of the activations.
     out: Vec<f64>,
     slopes: Vec<f64>,
 }

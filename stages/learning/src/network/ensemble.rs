@@ -3,10 +3,11 @@
 /// Joint prediction of the members of an ensemble. [Lakshminarayanan, Pritzel & Blundell 2017]
 #[derive(Debug, Clone, PartialEq)]
 pub struct EnsemblePrediction {
-    /// Mean of the members' predictions for each row, in their unit.
+    /// Mean of the members' predictions for each row, in the unit of the predictions.
     pub mean: Vec<f64>,
-    /// Standard deviation (n − 1) of the members' predictions for each row. It measures the effect of another seed, or
-    /// of training without a line. It excludes the noise of the target and errors that all members share.
+    /// Standard deviation (n − 1) of the members' predictions for each row. The spread measures the effect of another
+    /// seed, or of training without a line. The spread excludes the noise of the target and errors that all members
+    /// share.
     pub deviation: Vec<f64>,
 }
 

@@ -3,7 +3,7 @@
 //! The rows of a shuffled batch are scattered in memory, so each copy would wait for a cache miss. Rows are therefore
 //! prefetched.
 
-/// Number of rows by which a row is prefetched.
+/// Number of rows between the row that is read and the row that is prefetched.
 const AHEAD: usize = 8;
 
 /// Number of values in a cache line.
@@ -20,7 +20,7 @@ pub(super) fn gather(from: &[f64], columns: usize, rows: &[u32], to: &mut Vec<f6
     }
 }
 
-/// Prefetches the cache line of the first of these numbers.
+/// Prefetches the cache line that holds the first of these numbers.
 #[cfg(target_arch = "x86_64")]
 #[expect(unsafe_code, reason = "the standard library has no other way to prefetch")]
 fn prefetch(numbers: &[f64]) {
@@ -48,7 +48,7 @@ mod tests {
             let first = *row as usize * 30;
             assert_eq!(found, &from[first..first + 30]);
         }
-        // Neither columns nor rows: nothing to append.
+        // There are neither columns nor rows, so nothing is appended.
         gather(&[], 0, &rows, &mut to);
         gather(&from, 30, &[], &mut to);
         assert_eq!(to.len(), 601);

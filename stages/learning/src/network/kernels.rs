@@ -1,4 +1,5 @@
-//! The two products of a layer, for a block of rows: its sums, and the gradient of its weights.
+//! The two matrix products of a layer, for a block of rows: the sums of the units, and the gradient with respect to the
+//! weights.
 //!
 //! The lanes of a SIMD vector hold different units, in panels of eight or four, so that no sum is across lanes. Each
 //! sum is over inputs or rows in order, by fused multiply-add. The bits do not depend on the vector width.
@@ -22,7 +23,8 @@ pub(super) const fn padded(units: usize) -> usize {
     units / PANEL * PANEL + if units.is_multiple_of(PANEL) { 0 } else { panel(units % PANEL) }
 }
 
-/// The weights of a layer, or their gradient, by panels of units: a row of biases, then a row for each input.
+/// The weights of a layer, or the gradient with respect to the weights, in panels of units: a row of biases, then a row
+/// for each input.
 #[derive(Clone, Debug, Default)]
 pub(super) struct WeightPanels {
     inputs: usize,

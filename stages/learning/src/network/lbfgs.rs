@@ -17,7 +17,7 @@ pub struct LbfgsState {
     pub objective: f64,
     /// The gradient at the parameters; empty before the first step.
     pub gradient: Vec<f64>,
-    /// The last steps, each with its change of the gradient; the oldest first.
+    /// The last steps and the change of the gradient over each step; the oldest step first.
     pub pairs: Vec<(Vec<f64>, Vec<f64>)>,
     /// Whether no step decreases the objective.
     pub ended: bool,
@@ -36,7 +36,7 @@ struct LineSearchPoint {
 }
 
 impl LbfgsState {
-    /// Moves `parameters` by one step.
+    /// Advances `parameters` by one step.
     pub(super) fn step(&mut self, parameters: &mut [f64], memory: usize, evaluate: &mut ObjectiveFunction<'_>) {
         if self.gradient.len() != parameters.len() {
             self.gradient = vec![0.0; parameters.len()];

@@ -53,7 +53,7 @@ pub(super) struct TrainingObjective<'a> {
     /// For a network over a window: the first row of each row's run.
     first: Vec<u32>,
     tolles_lawson: Vec<f64>,
-    /// The linear terms of each row times their coefficients, if these are fixed.
+    /// The linear terms of each row times their coefficients, if the coefficients are fixed.
     products: Option<Vec<f64>>,
     network: PackedNetwork<'a>,
     of_body: Vec<f64>,
@@ -73,7 +73,7 @@ struct ObjectiveWorkspace {
     by_prediction: Vec<f64>,
 }
 
-/// Contribution of a block of rows to the objective and its gradient.
+/// Contribution of a block of rows to the objective and to the gradient of the objective.
 #[derive(Default)]
 struct GradientContribution {
     loss: f64,
@@ -94,7 +94,7 @@ struct GradientBlock<'r> {
 pub(super) struct GradientRequest<'p, 'a> {
     pub objective: &'p mut TrainingObjective<'a>,
     pub parameters: &'p [f64],
-    /// Seed of dropout; `None` for no dropout.
+    /// Seed of dropout; `None` disables dropout.
     pub dropout: Option<u64>,
     /// Gradient with respect to the parameters.
     pub gradient: &'p mut [f64],
@@ -110,7 +110,7 @@ pub(super) struct GradientPass {
 }
 
 impl GradientPass {
-    /// The means, and their gradients.
+    /// The means, and the gradients of the means.
     pub fn means(&mut self, parts: &mut [GradientRequest<'_, '_>], rows: BatchRows<'_>) -> Vec<ObjectiveMean> {
         let count = parts.first().map_or(0, |part| rows.count(&part.objective.samples));
         let blocks = count.div_ceil(BLOCK);
@@ -318,7 +318,7 @@ impl<'a> TrainingObjective<'a> {
 }
 
 impl SparseGroupLasso {
-    /// Adds the gradient of the penalty on the first layer and returns the penalty. At 0, where it is not
+    /// Adds the gradient of the penalty on the first layer and returns the penalty. At 0, where the penalty is not
     /// differentiable, the gradient is 0.
     fn add(&self, model: NetworkArchitecture<'_>, parameters: &[f64], gradient: &mut [f64]) -> f64 {
         let Some(layer) = model.layers().first().copied() else { return 0.0 };

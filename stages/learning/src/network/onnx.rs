@@ -13,8 +13,8 @@ use super::shape::{NetworkForm, NetworkShape};
 pub struct NetworkScales<'a> {
     /// Scaling from columns to inputs.
     pub inputs: &'a InputScaling,
-    /// Offsets that are added to the linear terms, and factors by which the sums are multiplied; one of each per term.
-    /// `None` if the terms are unscaled.
+    /// Offsets that are added to the linear terms, and factors by which the sums are multiplied; one offset and one
+    /// factor per term. `None` if the terms are unscaled.
     pub linear: Option<(&'a [f64], &'a [f64])>,
     /// The mean of the target, in nT.
     pub target_mean: f64,

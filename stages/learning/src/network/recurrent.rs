@@ -48,9 +48,9 @@ pub(super) struct RecurrentLayer {
     of_units_back: WeightPanels,
     gradient_of_inputs: WeightPanels,
     gradient_of_units: WeightPanels,
-    /// The units after each step, and before the first; rows padded to whole panels.
+    /// The units after each step, and before the first step; rows padded to whole panels.
     h: Vec<Vec<f64>>,
-    /// The cell state of an LSTM after each step, and before the first; not padded.
+    /// The cell state of an LSTM after each step, and before the first step; not padded.
     s: Vec<Vec<f64>>,
     kept: Vec<Vec<f64>>,
     sums_x: Vec<f64>,
@@ -91,7 +91,7 @@ impl RecurrentLayer {
     }
 }
 
-/// The parts of a vector of parameters, or of their gradient: W, U, b, c.
+/// The parts of a vector of parameters, or of the gradient with respect to the parameters: W, U, b, c.
 fn split(sums: usize, inputs: usize, units: usize, parameters: &mut [f64]) -> [&mut [f64]; 4] {
     let (w, rest) = parameters.split_at_mut(sums * inputs);
     let (u, rest) = rest.split_at_mut(sums * units);
@@ -234,8 +234,8 @@ impl pulp::NullaryFnOnce for RecurrentStep<'_> {
     }
 }
 
-/// Backpropagation through a step: derivatives with respect to its sums, from the derivatives with respect to its
-/// units. `d_h` and `d_s` become the parts that reach the previous step without passing through U.
+/// Backpropagation through a step: derivatives with respect to the sums of the step, from the derivatives with respect
+/// to its units. `d_h` and `d_s` become the parts that reach the previous step without passing through U.
 struct RecurrentStepGradient<'a> {
     units: usize,
     rows: usize,

@@ -48,7 +48,7 @@ pub struct NetworkShape {
     pub linear: usize,
     /// The number of units of each hidden layer. Without hidden layers the network is linear.
     pub hidden: Vec<usize>,
-    /// Activation function of the hidden units. Outputs have none.
+    /// Activation function of the hidden units. Outputs have no activation.
     pub activation: ActivationFunction,
     /// Combination of the network and the linear terms.
     pub form: NetworkForm,

@@ -31,14 +31,14 @@ struct TermTransform {
     mean: Vec<f64>,
     /// M, row-major: a row for each term.
     to: Vec<f64>,
-    /// Its inverse.
+    /// The inverse of the matrix.
     back: Vec<f64>,
 }
 
 impl TermScaling {
     /// Scales rows of `width` terms, row-major, and the coefficients of Tolles-Lawson. `whiten` is as in
-    /// [`InputScaling::whitened`](crate::inputs::InputScaling::whitened). No component can be omitted, so components
-    /// beyond the kept ones are divided by the standard deviation of the last kept one.
+    /// [`InputScaling::whitened`](crate::inputs::InputScaling::whitened). No component can be omitted. Therefore the
+    /// components beyond the kept components are divided by the standard deviation of the last kept component.
     ///
     /// # Errors
     /// Fails for an incomplete row, no rows, a `whiten` out of range, and without convergence.
@@ -85,8 +85,8 @@ impl TermScaling {
         Ok(Self { offset: dot(&maps.mean, tolles_lawson), maps: Some(maps) })
     }
 
-    /// Offset subtracted from the target, in its scale: the Tolles-Lawson value at the mean of the terms. With this
-    /// offset, the scaled terms times the scaled coefficients give the Tolles-Lawson value of each row.
+    /// Offset subtracted from the target, in the scale of the target: the Tolles-Lawson value at the mean of the terms.
+    /// With this offset, the scaled terms times the scaled coefficients give the Tolles-Lawson value of each row.
     pub fn offset(&self) -> f64 {
         self.offset
     }
@@ -224,7 +224,7 @@ mod tests {
     ];
     const WIDTH: usize = 4;
 
-    /// Terms of unequal size and mean. Two are nearly collinear, and the last is constant.
+    /// Terms of unequal size and mean. Two columns are nearly collinear, and the last column is constant.
     fn terms(rows: usize) -> Vec<f64> {
         let row = |i: usize| {
             let t = i as f64;

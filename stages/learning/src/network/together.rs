@@ -99,7 +99,7 @@ pub struct TrainingJob<'a> {
     state: TrainingState,
     gradient: Vec<f64>,
     each: Box<EpochCallback<'a>>,
-    /// Result of the training. `None` while it runs.
+    /// Result of the training. `None` while the training runs.
     ended: Option<Result<(), TrainingError>>,
 }
 
@@ -157,7 +157,7 @@ impl<'a> TrainingJob<'a> {
         Ok(Self { model, training, samples, validation, layers, objective, state, gradient, each, ended })
     }
 
-    /// Request for the mean over a batch and its gradient.
+    /// Request for the mean loss over a batch and the gradient of the mean loss.
     fn part(&mut self, batch: usize) -> GradientRequest<'_, 'a> {
         let (training, state) = (self.training, &self.state);
         let numbers = [NetworkRandomStream::Dropout as u64, state.epoch as u64, batch as u64];
@@ -170,7 +170,7 @@ impl<'a> TrainingJob<'a> {
         self.state.epoch < self.training.epochs
     }
 
-    /// Whether the next epochs of both use the same rows of the same inputs in the same order.
+    /// Whether the next epochs of two trainings use the same rows of the same inputs in the same order.
     fn shares_with(&self, other: &TrainingJob<'_>) -> bool {
         let alike = |job: &TrainingJob<'_>| {
             let NetworkTraining { seed, batch, .. } = *job.training;
@@ -254,7 +254,7 @@ pub(super) fn mean_loss(
     sum / samples.y.len() as f64
 }
 
-/// The order of the samples in an epoch, from 0: Fisher and Yates's shuffle of their numbers.
+/// The order of the samples in an epoch, from 0: Shuffle of the row numbers by the method of Fisher and Yates.
 pub(super) fn order(samples: usize, seed: u64, epoch: usize) -> Vec<u32> {
     let mut bits = SplitMix64::new(derived_seed(seed, &[NetworkRandomStream::Order as u64, epoch as u64]));
     let mut order: Vec<u32> = (0..samples as u32).collect();
@@ -321,7 +321,7 @@ fn adam_step(
     }
 }
 
-/// A step of L-BFGS. Returns the mean loss after it.
+/// A step of L-BFGS. Returns the mean loss after the epoch.
 fn lbfgs_epoch(job: &mut TrainingJob<'_>) -> f64 {
     let TrainingJob { training, state, objective, gradient, .. } = job;
     let memory = training.optimiser.lbfgs_memory;

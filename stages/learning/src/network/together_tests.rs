@@ -64,7 +64,7 @@ fn unit_training_together_equals_training_alone() {
     };
     let expected: Vec<String> = all.iter().map(|case| bits(&alone(case))).collect();
     assert_eq!(expected.iter().filter(|end| end.starts_with("training diverged")).count(), shapes.len());
-    // From the start, and from states after one, two and three epochs.
+    // The training runs from the start, and from the states after one, two and three epochs.
     for stops in [1, 4] {
         let after = |place: usize, shape: &NetworkShape, training: &NetworkTraining| {
             let mut state = start(shape);

@@ -71,8 +71,8 @@ pub struct NetworkOptimiser {
     pub beta_2: f64,
     /// Constant added to the root of the mean square.
     pub epsilon: f64,
-    /// Number of L-BFGS steps over all samples after the epochs of Adam; each counts as an epoch. They use neither
-    /// dropout nor weight decay.
+    /// Number of L-BFGS steps over all samples after the epochs of Adam; each counts as an epoch. These epochs use
+    /// neither dropout nor weight decay.
     pub lbfgs_epochs: usize,
     /// Number of steps that L-BFGS stores.
     pub lbfgs_memory: usize,
@@ -92,13 +92,13 @@ pub enum LearningRateSchedule {
     Constant,
     /// Multiplied by `factor` after every `every` epochs.
     Steps {
-        /// Number of epochs between two changes.
+        /// Number of epochs between two changes of the rate.
         every: usize,
         /// The factor.
         factor: f64,
     },
-    /// Half a cosine, from the learning rate down to a fraction of it after the last epoch of Adam. [Loshchilov &
-    /// Hutter 2017]
+    /// Half a period of a cosine, from the learning rate down to a fraction of it after the last epoch of Adam.
+    /// [Loshchilov & Hutter 2017]
     Cosine {
         /// The final fraction.
         last: f64,
@@ -189,7 +189,7 @@ pub struct TrainingEpoch {
 /// A trained network.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainingResult {
-    /// The parameters of the smallest validation loss; without validation, the last.
+    /// The parameters of the smallest validation loss; without validation, the last parameters.
     pub parameters: Vec<f64>,
     /// The training curve.
     pub epochs: Vec<TrainingEpoch>,
@@ -232,12 +232,12 @@ pub enum TrainingError {
         /// The column, from 0.
         column: usize,
     },
-    /// A setting is out of its range.
+    /// A setting is out of its valid range.
     #[error("{what} must be {wanted}, but is {given}")]
     Setting {
         /// The setting.
         what: &'static str,
-        /// Its range.
+        /// The valid range of the setting.
         wanted: &'static str,
         /// The given value.
         given: f64,
@@ -265,7 +265,7 @@ pub enum TrainingError {
     Diverged {
         /// The epoch, from 1.
         epoch: usize,
-        /// The learning rate in it.
+        /// The learning rate in this epoch.
         learning_rate: f64,
     },
 }

@@ -27,13 +27,14 @@ choice! {
 }
 
 /// A network over a window that ends at the predicted sample, without future samples. If a run is shorter than the
-/// window, its first sample replaces the missing earlier ones. The features of the window are the inputs of a dense
+/// window, its first sample replaces the missing earlier samples. The features of the window are the inputs of a dense
 /// network.
 ///
-/// Its parameters are one vector: those of the memory, then those of the dense network. For `gru` and `lstm` the memory
-/// has the weights of the inputs, row-major (gate and unit, input), the recurrent weights, row-major (gate and unit,
-/// unit), and the biases of both. Gates are r, z, n and i, f, g, o, as in PyTorch. For `tcn` it has, layer by layer,
-/// the weights, row-major (unit, sample, input) with the earlier sample first, then the biases.
+/// Its parameters are one vector: the parameters of the layers before the dense network, then the parameters of the
+/// dense network. For `gru` and `lstm`, the recurrent layer holds the input weights, row-major (gate and unit, input),
+/// the recurrent weights, row-major (gate and unit, unit), and the input and recurrent biases. Gates are r, z, n and i,
+/// f, g, o, as in PyTorch. For `tcn`, the parameters are, layer by layer, the weights, row-major (unit, sample, input)
+/// with the earlier sample first, then the biases.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WindowedNetworkShape {
     /// Layers that compute features of the window.
@@ -88,8 +89,8 @@ pub(super) trait FeatureExtractor: Send {
     /// The features of each row, row-major.
     fn forward(&mut self, x: &[f64], rows: usize, features: &mut [f64]);
 
-    /// The gradient with respect to its parameters, from the derivatives with respect to the features. Requires
-    /// [`forward`](Self::forward).
+    /// The gradient with respect to the parameters of these layers, from the derivatives with respect to the features.
+    /// Requires [`forward`](Self::forward).
     fn backward(&mut self, x: &[f64], rows: usize, d_features: &[f64], gradient: &mut [f64]);
 }
 

@@ -26,7 +26,7 @@ fn ref_many_features_approach_the_gaussian_process_of_scikit_learn() {
             };
             ((0..5).map(one).sum::<f64>() / 5.0).sqrt()
         };
-        // The error of the kernel is proportional to one over the square root of the number of frequencies.
+        // The error of the kernel is proportional to the inverse square root of the number of frequencies.
         let (few, many) = (difference(50), difference(450));
         assert!(many < 0.4 && few / many > 2.2 && few / many < 4.5, "{name}: {few} {many}");
         let how =

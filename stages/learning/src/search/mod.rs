@@ -1,8 +1,8 @@
 //! Search for the best values of hyper-parameters: at random, by Sobol's sequence, and by the tree-structured Parzen
 //! estimator; and selection of trials by successive halving.
 //!
-//! Trial `i` depends only on the seed, on `i` and on the given results. It depends neither on threads nor on proposals
-//! of an earlier process.
+//! Trial `i` depends only on the seed, on `i` and on the given results. The result depends neither on threads nor on
+//! proposals of an earlier process.
 
 mod sobol;
 mod tpe;
@@ -18,7 +18,7 @@ pub enum SearchDimension {
     Real {
         /// The lower end.
         low: f64,
-        /// The upper end, above it.
+        /// The upper end, above the lower end.
         high: f64,
         /// Whether the scale is logarithmic; `low` is then above 0.
         log: bool,
@@ -27,7 +27,7 @@ pub enum SearchDimension {
     Whole {
         /// The lower end.
         low: i64,
-        /// The upper end, not below it.
+        /// The upper end, not below the lower end.
         high: i64,
         /// Whether the scale is logarithmic; `low` is then above 0.
         log: bool,
@@ -54,7 +54,7 @@ pub enum ProposalMethod {
     Random,
     /// Sobol's sequence, scrambled by the seed or plain. The plain sequence begins at the lower ends.
     Sobol {
-        /// Whether it is scrambled.
+        /// Whether the sequence is scrambled.
         scramble: bool,
     },
     /// The tree-structured Parzen estimator (Bergstra et al. 2011), after `start` trials of a scrambled Sobol sequence.
@@ -71,14 +71,14 @@ pub struct TrialOutcome {
     pub values: Vec<TrialValue>,
     /// The rung that the trial reached, from 0. Trials of a higher rung rank before all others.
     pub rung: usize,
-    /// Its cost, to be minimised; `None` for a trial without one, which ranks last in its rung.
+    /// Its cost, to be minimised; `None` for a trial without a cost, which ranks last in its rung.
     pub cost: Option<f64>,
 }
 
 /// Trials `first` to `first + count` of the search with `seed` over `dimensions`, after all of `outcomes`. Trials of
 /// one call do not use each other's results.
 ///
-/// [`ProposalMethod::Tpe`] repeats an earlier trial only if there are no others.
+/// [`ProposalMethod::Tpe`] repeats an earlier trial only if there are no other trials.
 pub fn propose(
     method: ProposalMethod,
     dimensions: &[SearchDimension],
@@ -103,8 +103,8 @@ pub fn propose(
 }
 
 /// Positions of the trials that successive halving (Jamieson and Talwalkar 2016) keeps for the next rung, ascending:
-/// the best 1/`eta` of these costs, at least one. A trial without a cost is never kept. Of equal costs, the first are
-/// kept.
+/// the trials with the best 1/`eta` of these costs, at least one trial. A trial without a cost is never kept. Of equal
+/// costs, the first are kept.
 pub fn kept(costs: &[Option<f64>], eta: usize) -> Vec<usize> {
     let mut order: Vec<(f64, usize)> = costs.iter().enumerate().filter_map(|(i, c)| Some(((*c)?, i))).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -138,7 +138,7 @@ fn evenly(dimensions: &[SearchDimension], seed: Option<u64>, trial: usize) -> Ve
 }
 
 impl SearchDimension {
-    /// The ends of its scale. For a whole number, they are extended by half a step.
+    /// The ends of the dimension's scale. For a whole number, they are extended by half a step.
     fn ends(&self) -> (f64, f64) {
         let scaled = |x: f64, log: bool| if log { x.ln() } else { x };
         match *self {
@@ -186,7 +186,7 @@ impl SearchDimension {
                 (edge(n as f64 - 0.5), edge(n as f64 + 0.5))
             }
             (SearchDimension::Choice(_), TrialValue::Choice(i)) => (part(i as f64), part(i as f64 + 1.0)),
-            // A value of another dimension has no position: it covers the whole scale.
+            // A value of another kind of dimension has no position on this scale and covers the whole scale.
             _ => (0.0, 1.0),
         }
     }

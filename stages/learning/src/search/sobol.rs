@@ -1,4 +1,4 @@
-//! Sobol's sequence: points that fill a cube more evenly than random ones, for any power of two of them.
+//! Sobol's sequence: points that fill a cube more evenly than random points, if their number is a power of two.
 //!
 //! Direction numbers of Joe and Kuo 2008 (`new-joe-kuo-6.21201`), in the order of the Gray code (Antonov and Saleev
 //! 1979). Scrambling approximates nested uniform scrambling by hashing (Owen 1995; Burley 2020, JCGT 9(4)).
@@ -10,8 +10,8 @@ const BITS: u32 = 32;
 /// 2^-32.
 const STEP: f64 = 1.0 / 4_294_967_296.0;
 
-/// From the second dimension on: the coefficients of its primitive polynomial as bits, including both ends, and the
-/// initial direction numbers. The first dimension is van der Corput's sequence.
+/// For each dimension from the second: the coefficients of the primitive polynomial as bits, including both ends, and
+/// the initial direction numbers. The first dimension is van der Corput's sequence.
 const JOE_KUO: [(u32, &[u32]); MOST_DIMENSIONS - 1] = [
     (3, &[1]),
     (7, &[1, 3]),
@@ -54,9 +54,9 @@ const JOE_KUO: [(u32, &[u32]); MOST_DIMENSIONS - 1] = [
     (301, &[1, 3, 1, 11, 11, 11, 77, 249]),
 ];
 
-/// The point `index` of the sequence: `dimensions` coordinates in [0, 1). Without a seed it is the plain sequence,
-/// which begins at the origin. With a seed, each coordinate is scrambled by its own hash. `None` for more than
-/// [`MOST_DIMENSIONS`] coordinates.
+/// The point `index` of the sequence: `dimensions` coordinates in [0, 1). Without a seed, the sequence is not
+/// scrambled; this is the plain sequence, which begins at the origin. With a seed, each coordinate is scrambled by its
+/// own hash. `None` for more than [`MOST_DIMENSIONS`] coordinates.
 pub fn point(index: u32, dimensions: usize, seed: Option<u64>) -> Option<Vec<f64>> {
     (0..dimensions).map(|k| coordinate(index, k, seed)).collect()
 }
@@ -131,8 +131,8 @@ mod tests {
 
     #[test]
     fn law_scrambled_points_keep_every_elementary_interval() {
-        // Each of 2^m slices of a side holds one of the first 2^m points. For two sides, each of 2^a x 2^(m-a) boxes
-        // holds one.
+        // Each of 2^m slices of a side holds one of the first 2^m points. In two dimensions, each of 2^a x 2^(m-a)
+        // boxes holds one point.
         for seed in 0..20 {
             let points: Vec<Vec<f64>> = (0..64).map(|i| point(i, MOST_DIMENSIONS, Some(seed)).unwrap()).collect();
             for k in 0..MOST_DIMENSIONS {
@@ -155,7 +155,8 @@ mod tests {
 
     #[test]
     fn law_a_scrambled_point_is_uniform_over_seeds() {
-        // The mean of 4000 uniform numbers is within four standard errors, 0.289 / sqrt(4000) each.
+        // The mean of 4000 uniform numbers is within four standard errors of 0.5; one standard error is 0.289 /
+        // sqrt(4000).
         for k in [0, 1, 7] {
             let mean = (0..4000).map(|s| coordinate(5, k, Some(s)).unwrap()).sum::<f64>() / 4000.0;
             assert!((mean - 0.5).abs() < 4.0 * 0.289 / 4000.0_f64.sqrt(), "{mean}");

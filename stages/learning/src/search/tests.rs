@@ -27,7 +27,7 @@ fn quadratic(values: &[TrialValue]) -> f64 {
     (0..3).map(|k| (number(values[k]) - (k as f64 - 1.0)).powi(2)).sum()
 }
 
-/// A rate on a logarithmic scale, a count, and one of three choices.
+/// Three dimensions: a rate on a logarithmic scale, a count, and a choice among three values.
 fn mixed(values: &[TrialValue]) -> f64 {
     let kind = [2.0, 0.0, 1.0][number(values[2]) as usize];
     (number(values[0]).log10() + 3.0).powi(2) + ((number(values[1]) - 13.0) / 8.0).powi(2) + kind
@@ -172,7 +172,7 @@ fn unit_trials_repeat_only_after_all_values_were_proposed() {
         }
     }
     assert_eq!(outcomes.len(), 12);
-    // All values have been proposed, so one of them is repeated.
+    // All values have been proposed, so one value is repeated.
     assert_eq!(propose(ProposalMethod::Tpe { start: 1 }, &dimensions, 3, 12, 2, &outcomes).len(), 2);
 }
 

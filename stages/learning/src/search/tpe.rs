@@ -9,7 +9,7 @@ use numerics::random::SplitMix64;
 
 use super::{SearchDimension, TrialOutcome, TrialValue, uniform};
 
-/// Fraction of the trials that count as good, and their maximum number.
+/// Fraction of the trials that count as good, and the maximum number of good trials.
 const GOOD: f64 = 0.1;
 const MOST_GOOD: usize = 25;
 /// Number of draws from the density of good trials.
@@ -52,7 +52,7 @@ pub fn propose(
     };
     let scored = |values: Vec<TrialValue>| {
         let gain = good.log_density(&values) - bad.log_density(&values);
-        // Repeated candidates rank after all new ones.
+        // Repeated candidates rank after all new candidates.
         (!known(&values), gain, values)
     };
     let mut best = scored(fresh(bits));
@@ -64,7 +64,7 @@ pub fn propose(
     }
     match best {
         (true, _, values) => values,
-        // All values nearby have been proposed: any new value is taken, if there is one.
+        // All values nearby have been proposed: any new value is taken, if a new value exists.
         (false, _, values) => {
             let anything = || dimensions.iter().map(|d| d.at(uniform(bits))).collect::<Vec<TrialValue>>();
             std::iter::repeat_with(anything).take(1000).find(|v| !known(v)).unwrap_or(values)
@@ -159,14 +159,14 @@ fn normal(bits: &mut SplitMix64, centre: f64, width: f64) -> f64 {
         // Never 0, which has no logarithm.
         let radius = (-2.0 * (1.0 - uniform(bits)).ln()).sqrt();
         let x = centre + width * radius * (std::f64::consts::TAU * uniform(bits)).cos();
-        // The centre is within the range, so at least a third of the draws are within it.
+        // The centre is within the range, so at least a third of the draws are within the range.
         if (0.0..=1.0).contains(&x) {
             return x;
         }
     }
 }
 
-/// The log density of that distribution at a point, or the log of its mean over a cell.
+/// The logarithm of the density of the truncated normal distribution at a point, or of its mean over a cell.
 fn log_normal((from, to): (f64, f64), centre: f64, width: f64) -> f64 {
     let z = |x: f64| (x - centre) / width;
     let within = between(z(0.0), z(1.0));

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 /// Maximum number of bins of a column.
 pub(super) const BINS: usize = 256;
 
-/// Number of columns whose bins are stored together, so that one load fetches four.
+/// Number of columns whose bins are stored together, so that one load fetches four columns.
 pub(super) const TOGETHER: usize = 4;
 
 /// Maximum number of rows for quantiles, spread evenly over all rows.
@@ -17,7 +17,7 @@ pub(super) struct ColumnBins {
     pub width: usize,
     /// Per group of four columns, the four bins of every row. Padding columns have bin 0.
     packed: Vec<Vec<[u8; TOGETHER]>>,
-    /// The upper limit of each bin but the last, per column, ascending.
+    /// The upper limit of each bin except the last, per column, ascending.
     thresholds: Vec<Vec<f64>>,
 }
 
@@ -116,7 +116,7 @@ mod tests {
             let below = (0..BINS - 1).filter(|&b| bins.threshold(0, b) < *value).count();
             assert_eq!(below, usize::from(bin[0]));
         }
-        // Bins have equal numbers of rows, within one.
+        // The numbers of rows in the bins differ by at most one.
         let mut rows = [0; BINS];
         bins.packed(0).iter().for_each(|bin| rows[usize::from(bin[0])] += 1);
         assert!(rows.iter().all(|n| (19..=20).contains(n)), "{rows:?}");
@@ -129,7 +129,7 @@ mod tests {
         let column = |j: usize| bins.packed(0).iter().map(|b| b[j]).collect::<Vec<_>>();
         assert_eq!(column(0), [1, 2, 0, 0]);
         assert_eq!((column(1), bins.count(1)), (vec![0; 4], 1));
-        // Nine of ten rows have one value. It has a separate bin, and the other values keep their bins.
+        // Nine of ten rows have the same value. It has a separate bin, and the other values keep their bins.
         let x: Vec<f64> = (0..10_000).map(|k| if k % 10 == 0 { f64::from(k) } else { 0.5 }).collect();
         let bins = ColumnBins::from_rows(&x, 1);
         assert!(bins.count(0) > 20 && bins.count(0) < 40, "{}", bins.count(0));

@@ -9,7 +9,7 @@ use super::{
     bins::{BINS, ColumnBins, TOGETHER},
 };
 
-/// Minimum ratio of a gain to the terms whose difference it is; smaller gains are rounding errors.
+/// Minimum ratio of a gain to the two terms whose difference is the gain; smaller gains are rounding errors.
 const ROUNDING: f64 = 1e-12;
 
 /// Sum of the residuals and number of rows of each bin.
@@ -63,7 +63,7 @@ impl<'a> TreeGrower<'a> {
         Self { bins, how, rows, scratch, ordered, pool: vec![], leaves: vec![], partial: false }
     }
 
-    /// Selects the rows of the next tree: the result of `some` for the number of rows, or all.
+    /// Selects the rows of the next tree: the result of `some` for the number of rows, or all rows.
     pub fn draw(&mut self, some: impl Fn(usize) -> Option<Vec<u32>>) {
         let drawn = some(self.bins.rows);
         self.partial = drawn.is_some();
@@ -112,7 +112,7 @@ impl<'a> TreeGrower<'a> {
         }
     }
 
-    /// Leaf with the largest gain. Of equal gains, the first node is chosen.
+    /// Leaf with the largest gain. Of several equal gains, the first node is chosen.
     fn best(&self) -> Option<(usize, LeafSplit)> {
         let candidates = self.leaves.iter().enumerate().filter_map(|(at, leaf)| Some((at, leaf.node, leaf.split?)));
         let better = |a: &(usize, usize, LeafSplit), b: &(usize, usize, LeafSplit)| {
@@ -200,7 +200,7 @@ impl<'a> TreeGrower<'a> {
         [left, right]
     }
 
-    /// Moves the rows of the left leaf before those of the right; both keep their order.
+    /// Moves the rows of the left leaf before the rows of the right leaf; the order within each leaf is kept.
     fn partition(&mut self, range: Range<usize>, split: LeafSplit) {
         let packed = self.bins.packed(split.column / TOGETHER);
         let lane = split.column % TOGETHER;
@@ -284,7 +284,7 @@ fn best_of(histogram: &[[f64; 2]], column: usize, sum: f64, rows: f64, how: &Boo
     best
 }
 
-/// Split with the largest gain. Of equal gains, the first is chosen.
+/// Split with the largest gain. Of several equal gains, the first split is chosen.
 fn first_best(splits: impl IntoIterator<Item = Option<LeafSplit>>) -> Option<LeafSplit> {
     splits.into_iter().flatten().reduce(|a, b| if b.gain > a.gain { b } else { a })
 }

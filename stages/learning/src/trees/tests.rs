@@ -34,8 +34,8 @@ fn ref_trees_of_few_distinct_values_equal_those_of_scikit_learn() {
     for (how, name) in [(first, "leaves"), (BoostingSettings { trees: 15, ..deep }, "depth")] {
         let boosted = boost(&x, 5, &table["y"], &how, None, &mut on).unwrap();
         let ours = boosted.forest.predict(&x, 5);
-        // The reference residuals have 24 bits. Their relative error of 1e-7, for values of about 5, adds up over the
-        // trees.
+        // The reference residuals have 24 bits. The relative rounding error is 1e-7 for values of about 5. The errors
+        // add up over the trees.
         let worst = ours.iter().zip(&table[name]).fold(0.0f64, |w, (a, b)| w.max((a - b).abs()));
         assert!(worst < 2e-5, "{name}: {worst:e}");
         assert!((boosted.losses.last().unwrap().0 / mse(&ours, &table["y"]) - 1.0).abs() < 1e-9);
@@ -53,7 +53,7 @@ fn ref_errors_with_many_distinct_values_agree_with_scikit_learn() {
         let boosted = boost(&x, 8, &y, &how, None, &mut on).unwrap();
         let ours = [boosted.losses[trees - 1].0, mse(&boosted.forest.predict(&ahead, 8), &truth)];
         for (ours, name) in ours.into_iter().zip(["train_mse", "ahead_mse"]) {
-            // scikit-learn was run with five numbers of bins.
+            // scikit-learn was run with five different numbers of bins.
             let theirs = &table[name][first..first + 5];
             let (least, most) = theirs.iter().fold((f64::MAX, 0.0f64), |(a, b), x| (a.min(*x), b.max(*x)));
             assert!(ours > 0.97 * least && ours < 1.03 * most, "{trees} trees, {name}: {ours} {theirs:?}");

@@ -11,7 +11,8 @@ const NAMED_FROM: f64 = 0.1;
 /// A combination of terms that the rows barely excite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WeakDirection {
-    /// Ratio of its singular value to the largest, with all columns scaled to the same length.
+    /// Ratio of the combination's singular value to the largest singular value, with all columns scaled to the same
+    /// length.
     pub strength: f64,
     /// Terms of the combination with their components (of a unit vector), largest first.
     pub terms: Vec<(String, f64)>,
@@ -22,8 +23,8 @@ pub struct WeakDirection {
 pub struct Excitation {
     /// Ratio of the largest singular value to the smallest; infinite if all values of a term are zero.
     pub condition: f64,
-    /// Variance inflation factor of each term: ratio of its coefficient's variance to the variance without correlated
-    /// terms. Infinite if the term is a combination of other terms. 10 is a common limit.
+    /// Variance inflation factor of each term: ratio of the variance of the coefficient to its variance without
+    /// correlated terms. Infinite if the term is a combination of other terms. 10 is a common limit.
     pub variance_inflation: Vec<f64>,
     /// Directions weaker than the limit, weakest first.
     pub weak: Vec<WeakDirection>,
@@ -81,7 +82,7 @@ fn variance_inflation(
 }
 
 impl Excitation {
-    /// Warning about weakly excited directions. `None` if there are none.
+    /// Warning about weakly excited directions. `None` if there are no weak directions.
     pub fn message(&self) -> Option<String> {
         let of = |direction: &WeakDirection| {
             let terms: Vec<String> =
@@ -95,7 +96,7 @@ impl Excitation {
     }
 }
 
-/// Distance of a Tolles-Lawson fit from the trivial one, which attributes the whole field to the aircraft.
+/// Distance of a Tolles-Lawson fit from the trivial solution, which attributes the whole field to the aircraft.
 ///
 /// The trivial solution [van der Meer 2025, 4.2.1] has no permanent field, the unit matrix as induced field and no eddy
 /// currents. Σ B̂ᵢ Bᵢ = |B| then explains the total field exactly, with a residual of zero. Band-passed rows cannot
@@ -106,9 +107,10 @@ pub struct TrivialSolution {
     /// Fraction of the total field that the fit explains, in the metric of the unfiltered terms: 0.002 for 100 nT in
     /// 50,000 nT, 1 for the trivial solution.
     pub share: f64,
-    /// Distance ‖A (β − trivial)‖/‖A trivial‖ over the unfiltered terms: near 1 for a true fit, 0 for the trivial one.
+    /// Distance ‖A (β − trivial)‖/‖A trivial‖ over the unfiltered terms: near 1 for a true fit, 0 for the trivial
+    /// solution.
     pub distance: f64,
-    /// The same distance over the fitted rows. If it is small, only the ridge separates the two solutions.
+    /// The same distance, computed over the fitted rows. If it is small, only the ridge separates the two solutions.
     pub distance_fitted: f64,
     /// Loss of the fit, ‖y − A β‖² + λ ‖β‖².
     pub loss: f64,
@@ -122,8 +124,8 @@ impl TrivialSolution {
         self.share > 0.5
     }
 
-    /// Whether the loss of the fit is less than that of the trivial solution, so that the ridge excludes the trivial
-    /// one.
+    /// Whether the loss of the fit is less than the loss of the trivial solution, so that the ridge excludes the
+    /// trivial solution.
     pub fn is_excluded(&self) -> bool {
         self.loss < self.trivial_loss
     }
@@ -210,7 +212,7 @@ pub fn approximation_bound_nt(permanent_nt: [f64; 3], induced: [f64; 6], field_n
 pub struct CoefficientVariation {
     /// The mean of the coefficient.
     pub mean: f64,
-    /// Standard deviation with divisor n − 1; NaN for one calibration.
+    /// Standard deviation with divisor n − 1; NaN for a single calibration.
     pub std: f64,
     /// Coefficient of variation, std/|mean|. [Gnadt 2022 eq. 3.28, Tables 3.1 and 3.2, Figure 3-8]
     pub coefficient_of_variation: f64,
@@ -283,8 +285,8 @@ mod tests {
             assert!(missed > -1e-9);
             most = most.max(missed);
         }
-        // The third-order term, F³/2B², is 2 % here. The worst attitude nearly reaches the bound: F need not be
-        // perpendicular to B in the direction in which it is largest.
+        // The third-order term, F³/2B², is 2 % here. The worst attitude nearly reaches the bound: In the direction in
+        // which F is largest, F need not be perpendicular to B.
         assert!(most <= bound && most > 0.4 * bound, "{most} {bound}");
         assert!(approximation_bound_nt([f64::NAN; 3], [0.0; 6], 5e4).is_nan());
     }

@@ -13,11 +13,12 @@ use crate::regression::statistics::SampleStatistic;
 const LEAST_SWING_DEG: f64 = 3.0;
 /// Maximum time between extremes of one manoeuvre, in seconds.
 const SLOWEST_HALF_S: f64 = 12.0;
-/// Minimum time between extremes of a manoeuvre, in seconds; faster ones are gusts.
+/// Minimum time between extremes of a manoeuvre, in seconds; faster changes are gusts.
 const FASTEST_HALF_S: f64 = 1.0;
 /// Minimum number of extremes of a manoeuvre: slightly more than two periods.
 const LEAST_EXTREMES: usize = 5;
-/// Maximum ratio between the swings or half periods of a manoeuvre and its first ones. Gusts are less regular.
+/// Maximum ratio between the swings or half periods of a manoeuvre and the first swing or half period of the same
+/// manoeuvre. Gusts are less regular.
 const REGULAR: f64 = 1.7;
 /// Half of the averaging window for the mean attitude of a manoeuvre, in seconds.
 const TREND_S: f64 = 15.0;
@@ -40,7 +41,7 @@ pub struct BoxManoeuvre {
     pub axis: ManoeuvreAxis,
     /// Mean heading during the manoeuvre, in degrees from north.
     pub heading_deg: f64,
-    /// Rows of its extremes, high and low alternating.
+    /// Rows of the extremes of the manoeuvre, alternately high and low.
     pub extremes: Vec<usize>,
     /// Mean swing between successive extremes, in degrees.
     pub swing_deg: f64,
@@ -249,7 +250,8 @@ mod tests {
     fn unit_gusts_and_turns_are_not_manoeuvres() {
         let (tt, mut attitude, _) = square([0.0; 3], [0.0; 3]);
         let mut normals = crate::random::NormalGenerator::new(5);
-        // Gusts of 1.5 degrees with a continuous rate, as the inertia of an airframe causes: two poles at 2 s.
+        // Gusts of 1.5 degrees with a continuous rate, as for an airframe with inertia: two poles with a time constant
+        // of 2 s.
         let (mut force, mut gust) = (0.0, 0.0);
         for roll in &mut attitude[0] {
             force = 0.95 * force + (1.0_f64 - 0.95 * 0.95).sqrt() * normals.draw();

@@ -50,8 +50,8 @@ pub fn cosines(vector: [&[f64]; 3]) -> [Vec<f64>; 3] {
     vector.map(|v| (0..rows).map(|i| if norm(i) > 0.0 { v[i] / norm(i) } else { f64::NAN }).collect())
 }
 
-/// The names of [`core_terms`], in order: the direction of the vector, the core field's components times it, and their
-/// differences times it.
+/// The names of [`core_terms`], in order: the direction of the vector, the products of this direction with the
+/// components of the core field, and the products with the differences of these components.
 pub fn core_term_names() -> Vec<String> {
     const AXES: [&str; 3] = ["x", "y", "z"];
     let pairs =
@@ -65,7 +65,7 @@ pub fn core_term_names() -> Vec<String> {
 /// minus
 /// |C|. [van der Meer 2025, (2.12)-(2.18) and (2.30), with vec() column by column]
 ///
-/// `None` for a single sample, whose difference is unknown.
+/// `None` for a single sample, because its difference is unknown.
 pub fn core_terms(vector: [&[f64]; 3], core: [&[f64]; 3], scale_nt: f64) -> Option<Vec<f64>> {
     let u = cosines(vector);
     let change = [
@@ -131,7 +131,7 @@ mod tests {
         let of = |group| extended_terms(&input, cosines, group).unwrap();
         assert_eq!(of(ExtendedTermGroup::Raw), [[2.0, 4.0, 8.0]]);
         assert_eq!(of(ExtendedTermGroup::Projected), [[2.0, 0.0, 4.8], [0.0, 4.0, 0.0], [0.0, 0.0, 6.4]]);
-        // Differences are one-sided at the ends (2 and 4) and central in the middle (3).
+        // Differences are one-sided at the ends (values 2 and 4) and central in the middle (value 3).
         assert_eq!(of(ExtendedTermGroup::ProjectedChange), [[2.0, 0.0, 2.4], [0.0, 3.0, 0.0], [0.0, 0.0, 3.2]]);
         let names: Vec<usize> =
             [ExtendedTermGroup::Raw, ExtendedTermGroup::Projected, ExtendedTermGroup::ProjectedChange]

@@ -25,7 +25,7 @@ pub enum AMatrixError {
         /// The given name.
         name: String,
     },
-    /// Two groups of one family, whose columns would be linearly dependent.
+    /// Two groups of the same family, whose columns would be linearly dependent.
     #[error("`{one}` and `{other}` contain the same terms, which a fit cannot separate; remove one")]
     SameFamily {
         /// The group named first.
@@ -82,9 +82,10 @@ impl BodyFieldColumns<'_> {
 /// The Tolles-Lawson matrix, row-major, one row per sample and one column per term in the order of
 /// [`TermSelection::names`].
 ///
-/// Differences are taken within each run of samples with a finite vector. They are one-sided at the ends of a run and
-/// never cross a gap. In a run of a single sample they are NaN. A sample whose vector is not finite has NaN in all
-/// terms except the bias. A sample whose scalar is zero or not finite has NaN in the terms divided by it.
+/// Differences are taken within each run of samples with a finite vector. The differences are one-sided at the ends of
+/// a run and never cross a gap. In a run of a single sample the differences are NaN. A sample whose vector is not
+/// finite has NaN in all terms except the bias. A sample whose scalar is zero or not finite has NaN in the terms
+/// divided by it.
 ///
 /// # Errors
 /// Fails with [`AMatrixError::Lengths`] for columns of different lengths, and with [`AMatrixError::Scale`] for a scale
@@ -158,7 +159,8 @@ fn fill_finite(
     let last = run.end - 1;
     for row in run.clone() {
         let (before, after) = (row.max(run.start + 1) - 1, (row + 1).min(last));
-        // Central difference in the middle of a run, one-sided at its ends, none in a run of one sample.
+        // Central difference in the middle of a run, one-sided at the ends of the run, undefined in a run of one
+        // sample.
         let steps = match after - before {
             0 => f64::NAN,
             steps => steps as f64,

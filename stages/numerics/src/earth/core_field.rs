@@ -1,10 +1,10 @@
 //! The earth's core field: IGRF-14 and WMM, as vector and magnitude, at one date or along a track.
 //!
 //! The potential is a sum of solid harmonics in earth-centred Cartesian coordinates (Cunningham's recursion;
-//! Montenbruck & Gill, *Satellite Orbits*, 3.2.4 and 3.2.5). It has no singularity at the poles. A derivative of such a
-//! sum is again such a sum, one degree higher. The coefficients of the three field components and of the gradient
-//! tensor are therefore computed once per date. An evaluation is one recursion and a few dot products, without
-//! allocation.
+//! Montenbruck & Gill, *Satellite Orbits*, 3.2.4 and 3.2.5). The sum has no singularity at the poles. A derivative of
+//! such a sum is also a sum of this form, of a degree higher by one. The coefficients of the three field components and
+//! of the gradient tensor are therefore computed once per date. An evaluation consists of one recursion and a few dot
+//! products, without allocation.
 //!
 //! Coefficients are linear in time between epochs; see [`CoreFieldModel`].
 
@@ -137,7 +137,7 @@ const REACH_SIDEWAYS_M: f64 = 200.0;
 const REACH_VERTICAL_M: f64 = 50.0;
 
 impl LinearisedCoreField {
-    /// Starts without an expansion point; the first query sets it.
+    /// Starts without an expansion point. The first query sets the expansion point.
     pub fn new(field: impl Into<Arc<CoreField>>) -> Self {
         Self { field: field.into(), place: None }
     }

@@ -17,7 +17,7 @@ pub enum DateError {
         /// Number of days of the year.
         days: u32,
     },
-    /// The month or the day within it does not exist.
+    /// The month, or the day in the month, does not exist.
     #[error("{year}-{month:02}-{day:02} is not a date")]
     Calendar {
         /// The year.

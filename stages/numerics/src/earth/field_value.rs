@@ -2,7 +2,7 @@
 
 use std::ops::Add;
 
-/// A field's value and its gradient with position, for the measurement Jacobian.
+/// Value of a field and its gradient with respect to position, for the measurement Jacobian.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FieldValue {
     /// The value, in nT.

@@ -10,8 +10,8 @@
 //!
 //! # Equations
 //!
-//! The ellipsoid has semi-major axis a and eccentricity e. At latitude φ its radii of curvature are M along the
-//! meridian and N across it. A small displacement at height h is [Titterton & Weston 2004, chapter 3]
+//! The ellipsoid has semi-major axis a and eccentricity e. At latitude φ the radii of curvature of the ellipsoid are M
+//! along the meridian and N across it. A small displacement at height h is [Titterton & Weston 2004, chapter 3]
 //!
 //! ```text
 //! M = a (1 − e²)/(1 − e² sin²φ)^(3/2)      δnorth = (M + h) δφ

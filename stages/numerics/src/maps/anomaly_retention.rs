@@ -8,17 +8,18 @@
 //! y = c − (r − a) = ρ a + e,
 //!
 //! where e is the residual aircraft field plus noise. The retention ρ is the least-squares slope of y on a, both minus
-//! their means. It is 1 if the anomaly is kept, 0 if it is removed completely, and above 1 if it is amplified. For a
+//! their means. ρ is 1 if the anomaly is kept, 0 if it is removed completely, and above 1 if it is amplified. For a
 //! model that removes only the projection P a of the anomaly on the terms of the aircraft, ρ is exactly 1 − |P
 //! a|²/|a|², the retained fraction of the anomaly's energy. The aircraft's terms are therefore not included in the
 //! regression: they would hide the loss.
 //!
 //! The residual e may be correlated with a by chance. Both change slowly, so a thousand samples may correspond to only
-//! a dozen independent ones. The standard error includes this effect: if a and e are independent, the variance of Σ a e
-//! is Σ over all lags of the product of their autocovariances [Bartlett 1935, J. R. Stat. Soc. 98(3)]. It is computed
-//! as the mean square of Σ a e over all circular shifts of one against the other, with one Fourier transform of each.
-//! Fitting the slope removes one degree of freedom from e. The number of independent samples, 1 over the mean squared
-//! correlation of the shifts, corrects for it. A retention within two standard errors of 1 is no evidence of a loss.
+//! a dozen independent samples. The standard error includes this effect: if a and e are independent, the variance of Σ
+//! a e is Σ over all lags of the product of their autocovariances [Bartlett 1935, J. R. Stat. Soc. 98(3)]. It is
+//! computed as the mean square of Σ a e over all circular shifts of one series against the other, with one Fourier
+//! transform of each. Fitting the slope removes one degree of freedom from e. The number of independent samples, 1 over
+//! the mean squared correlation of the shifts, corrects for it. A retention within two standard errors of 1 is no
+//! evidence of a loss.
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
@@ -46,7 +47,7 @@ pub enum RetentionError {
     /// The anomaly is constant.
     #[error("the anomaly is {value_nt} nT in all rows; the retention is undefined for a constant anomaly")]
     NoAnomaly {
-        /// Its value, nT.
+        /// Value of the anomaly, nT.
         value_nt: f64,
     },
 }
@@ -130,8 +131,8 @@ pub fn pooled(lines: &[AnomalyRetention]) -> Option<AnomalyRetention> {
         return None;
     }
     let slope = sum(&|line| energy(line) * line.slope) / all;
-    // With the common slope, the residual of a line is that of its own slope plus the effect of the difference between
-    // the slopes.
+    // With the common slope, the residual of a line is the residual with the line's own slope plus the effect of the
+    // difference between the slopes.
     let residual = sum(&|l| l.n as f64 * l.residual_nt * l.residual_nt + energy(l) * (l.slope - slope).powi(2));
     Some(AnomalyRetention {
         slope,
@@ -144,15 +145,15 @@ pub fn pooled(lines: &[AnomalyRetention]) -> Option<AnomalyRetention> {
     })
 }
 
-/// Standard error of a slope on `a` with the residual `e`. Both have zero mean, and only `n` rows are not zero.
+/// Standard error of a slope on `a` with the residual `e`. Both series have zero mean, and only `n` rows are not zero.
 fn standard_error(a: &[f64], e: &[f64], n: usize) -> f64 {
     let (rows, aa, ee) = (a.len(), dot(a, a), dot(e, e));
     if ee == 0.0 {
         return 0.0;
     }
     let fft = FftPlanner::new().plan_fft_forward(rows);
-    // Two real series of equal length in one transform: the spectrum of the first is the conjugate-even part, that of
-    // the second the conjugate-odd part.
+    // Two real series of equal length in one transform: the spectrum of the first series is the conjugate-even part,
+    // the spectrum of the second is the conjugate-odd part.
     let (to_a, to_e) = (1.0 / aa.sqrt(), 1.0 / ee.sqrt());
     let mut both: Vec<Complex<f64>> = a.iter().zip(e).map(|(a, e)| Complex::new(a * to_a, e * to_e)).collect();
     fft.process(&mut both);
@@ -222,8 +223,8 @@ mod tests {
 
     #[test]
     fn law_the_standard_error_is_the_scatter_of_the_slope() {
-        // Anomaly and residual both vary slowly: 3000 samples are some 30 independent ones, and the standard error for
-        // independent samples would be ten times too small.
+        // Anomaly and residual both vary slowly: 3000 samples contain about 30 independent samples, and the standard
+        // error for independent samples would be ten times too small.
         let (mut scatter, mut said, mut textbook) = (0.0, 0.0, 0.0);
         const DRAWS: u64 = 300;
         for draw in 0..DRAWS {
@@ -245,8 +246,8 @@ mod tests {
         let noisy: Vec<f64> = anomaly.iter().map(|a| a + 2.0 * normals.draw()).collect();
         let found = anomaly_retention(&noisy, &anomaly, &anomaly).unwrap();
         let textbook = found.residual_nt / found.anomaly_nt / (ROWS as f64).sqrt();
-        // The tolerance is three standard deviations of 10 %: the anomaly's band of 0.16 Hz over 300 s contains some
-        // hundred waves of the white noise.
+        // The tolerance is three standard deviations of 10 %, because the band of the anomaly (0.16 Hz over 300 s)
+        // contains about a hundred independent components of the white noise.
         assert!((found.standard_error / textbook - 1.0).abs() < 0.3, "{} {textbook}", found.standard_error);
         assert!((found.slope - 1.0).abs() < 4.0 * found.standard_error, "{found:?}");
     }
@@ -263,7 +264,7 @@ mod tests {
         let found = anomaly_retention(&holed, &reference, &known).unwrap();
         assert_eq!((found.n, found.left_out), (2000, 1000));
         assert!((found.slope - short.slope).abs() < 1e-12 && (found.residual_nt - short.residual_nt).abs() < 1e-12);
-        // Shifts over the gap are weighted by their mean number of overlapping rows.
+        // Shifts across the gap are weighted by the mean number of rows that overlap.
         assert!((found.standard_error / short.standard_error - 1.0).abs() < 0.2, "{found:?} {short:?}");
     }
 

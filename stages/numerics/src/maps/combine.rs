@@ -21,7 +21,7 @@ use thiserror::Error;
 pub struct WeightedMap<'a> {
     /// The map.
     pub grid: &'a PlaneGrid,
-    /// Weight of its values in [`BlendMethod::Average`], above zero; for example the inverse square of its error.
+    /// Weight of its values in [`BlendMethod::Average`], above zero; for example the inverse square of the map's error.
     pub weight: f64,
 }
 
@@ -40,8 +40,8 @@ pub enum BlendMethod {
 pub struct CombineOptions {
     /// Method that merges values.
     pub blend: BlendMethod,
-    /// Distance from the edge of its known nodes, in metres, over which the weight of a map rises from zero to its full
-    /// value, as half a period of a cosine. Zero disables the ramp, which leaves a step at each edge.
+    /// Distance from the edge of the known nodes of a map, in metres, over which the weight of the map rises from zero
+    /// to its full value, as half a period of a cosine. Zero disables the ramp, which leaves a step at each edge.
     pub feather_m: f64,
     /// Model of the bias that is subtracted from each map first.
     pub bias: BiasModel,
@@ -72,9 +72,9 @@ pub struct MapOverlap {
     pub first: usize,
     /// The second.
     pub second: usize,
-    /// Their difference before bias correction.
+    /// Difference of the maps before bias correction.
     pub before: MapDifference,
-    /// Their difference after removing their biases.
+    /// Difference of the maps after bias correction.
     pub after: MapDifference,
 }
 
@@ -136,12 +136,12 @@ pub enum CombineError {
         /// The step eastward.
         east_m: f64,
     },
-    /// A parameter is out of its range.
+    /// A parameter is out of its valid range.
     #[error("{name} is {value}; it must be a finite number above zero")]
     Parameter {
         /// The parameter.
         name: &'static str,
-        /// Its value.
+        /// Value of the parameter.
         value: f64,
     },
 }

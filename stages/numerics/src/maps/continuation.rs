@@ -79,9 +79,9 @@ pub enum ContinuationError {
         count: usize,
         /// The number of nodes.
         nodes: usize,
-        /// The row of the first one, from 0.
+        /// Row of the first such node, from 0.
         row: usize,
-        /// Its column, from 0.
+        /// Column of this node, from 0.
         column: usize,
     },
     /// A height or a distance is not finite, or has the wrong sign.
@@ -105,7 +105,7 @@ pub enum ContinuationError {
         "the padded map has {nodes} nodes, but the limit is {most}; reduce the padding, trim the map or raise the limit"
     )]
     TooLarge {
-        /// The number of nodes it would have.
+        /// Number of nodes that the padded map would have.
         nodes: usize,
         /// The limit.
         most: usize,
@@ -113,11 +113,11 @@ pub enum ContinuationError {
     /// The core field has no direction.
     #[error("the core field [{east}, {north}, {up}] has no direction; give a finite vector other than zero")]
     Direction {
-        /// Its eastern component.
+        /// Eastern component of the direction.
         east: f64,
-        /// Its northern component.
+        /// Northern component of the direction.
         north: f64,
-        /// Its upward component.
+        /// Upward component of the direction.
         up: f64,
     },
     /// The number of heights of a drape differs from the number of nodes, or a height is unknown.
@@ -139,7 +139,7 @@ pub enum ContinuationError {
         levels: usize,
         /// The limit.
         most: usize,
-        /// The step between them.
+        /// The step between the levels.
         step_m: f64,
     },
     /// The map is too small for an estimate of its edge error.
@@ -152,7 +152,7 @@ pub enum ContinuationError {
         rows: usize,
         /// The number of columns.
         columns: usize,
-        /// The required minimum of each.
+        /// The required minimum of rows and of columns.
         least: usize,
     },
 }

@@ -1,4 +1,4 @@
-//! Misclosure of a line at the crossings of its own track.
+//! Differences of the field of a line where its track crosses itself.
 
 use crate::regression::statistics::SampleStatistic;
 
@@ -63,7 +63,7 @@ struct CrossingSample {
 /// Samples sorted by cell, with an index of the occupied cells.
 struct CrossingCells {
     samples: Vec<CrossingSample>,
-    /// Cell, first sample, one past the last.
+    /// Cell, index of its first sample, and index after its last sample.
     index: Vec<((i64, i64), usize, usize)>,
     /// For each entry of the index, the first entry that does not precede its north-west neighbour.
     north_west: Vec<usize>,
@@ -92,7 +92,7 @@ impl CrossingCells {
                 _ => index.push((sample.cell, at, at + 1)),
             }
         }
-        // Neighbours of sorted cells are sorted too, so that one walk finds them all.
+        // Neighbours of sorted cells are sorted too, so that one pass over the cells finds all of them.
         let (mut north_west, mut at) = (Vec::with_capacity(index.len()), 0);
         for ((north, east), ..) in &index {
             let wanted = (north.saturating_add(1), east.saturating_sub(1));
@@ -171,7 +171,7 @@ mod tests {
         let found = figure_of_merit_crossings(&north, &east, &z, &tt);
         assert!(n > 1000);
         assert_eq!((found.figure.n, found.stride), (n, 1));
-        // The same squares summed in another order.
+        // The two results are sums of the same squares in a different order.
         assert!((found.figure.value / value - 1.0).abs() < 1e-12);
     }
 

@@ -1,8 +1,9 @@
 //! Fills the gaps of a map on a plane, and crops it to its known nodes or to limits.
 //!
-//! [`nearest()`] gives an unknown node the mean of its nearest known nodes, as in MagNav.jl. It is fast and bounded by
-//! the known values. However, it has steps inside a gap, which cause ringing when the map is continued. [`smooth()`]
-//! computes the surface without sources inside the gap. It is continuous and bounded by the values around the gap.
+//! [`nearest()`] gives an unknown node the mean of its nearest known nodes, as in MagNav.jl. This method is fast, and
+//! its values are within the range of the known values. However, the result has steps inside a gap, which cause ringing
+//! when the map is continued. [`smooth()`] computes the surface without sources inside the gap. This surface is
+//! continuous, and its values are within the range of the values around the gap.
 
 mod cut;
 mod edge;
@@ -58,12 +59,12 @@ pub enum FillError {
     /// The number of neighbours is zero.
     #[error("filling a gap requires at least one neighbour")]
     NoNeighbours,
-    /// A parameter is out of its range.
+    /// A parameter is out of its valid range.
     #[error("{name} is {value}; it must be above zero")]
     Parameter {
         /// The parameter.
         name: &'static str,
-        /// Its value.
+        /// Value of the parameter.
         value: f64,
     },
     /// The iteration for the smooth surface did not converge.

@@ -1,9 +1,10 @@
 //! Position of a latitude and longitude on the grid of a projected map, with exact derivatives.
 //!
 //! A filter needs the position and its four derivatives at every sample. The projection is therefore sampled once.
-//! Between the samples it is a polynomial of sixth degree in latitude and in longitude. Over half a degree it differs
-//! from a transverse Mercator, Lambert or stereographic projection by less than the rounding error of the eastings.
-//! Patches are halved until this accuracy is reached, and the remaining difference from the projection is measured.
+//! Between the samples, the projection is a polynomial of sixth degree in latitude and in longitude. Over half a degree
+//! it differs from a transverse Mercator, Lambert or stereographic projection by less than the rounding error of the
+//! eastings. Patches are halved until this accuracy is reached, and the remaining difference from the projection is
+//! measured.
 
 use thiserror::Error;
 
@@ -27,9 +28,9 @@ pub enum GridProjectionError {
     /// The area has no extent, or exceeds the earth.
     #[error("the area of latitudes {lat_deg:?} and longitudes {lon_deg:?} is empty or outside the valid range")]
     Area {
-        /// Its southern and northern edge.
+        /// Southern and northern edge of the area.
         lat_deg: [f64; 2],
-        /// Its western and eastern edge.
+        /// Western and eastern edge of the area.
         lon_deg: [f64; 2],
     },
     /// The projection is undefined at a position of the area.
@@ -57,7 +58,7 @@ pub struct GeographicArea {
     pub lon_deg: [f64; 2],
 }
 
-/// A position on a projected grid: fractional row and column, counted from the first, and their derivatives.
+/// A position on a projected grid: fractional row and column, counted from 0, and the derivatives of both.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridPosition {
     /// The row.
@@ -90,8 +91,8 @@ impl GridProjection {
     /// and a longitude in degrees.
     ///
     /// # Errors
-    /// Fails for an invalid area, for a position in it without easting and northing, and for a projection that is not
-    /// smooth.
+    /// Fails for an invalid area, for a position in the area without easting and northing, and for a projection that is
+    /// not smooth.
     pub fn new(
         project: impl Fn(f64, f64) -> Option<(f64, f64)>,
         area: GeographicArea,

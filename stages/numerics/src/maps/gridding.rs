@@ -52,23 +52,23 @@ pub enum GriddingError {
     /// Columns of points have different lengths.
     #[error("the columns of points have different lengths: {lengths:?}")]
     Lengths {
-        /// Their lengths.
+        /// Lengths of the columns.
         lengths: Vec<usize>,
     },
     /// A position or a value is not a finite number.
     #[error("point {index} is not finite")]
     NotFinite {
-        /// Its index.
+        /// Index of the value.
         index: usize,
     },
-    /// An option is out of its range.
+    /// An option is out of its valid range.
     #[error("`{name}` is {value}, but must be {must}")]
     Option {
         /// The option.
         name: &'static str,
-        /// Its value.
+        /// Value of the option.
         value: f64,
-        /// Its allowed range.
+        /// Valid range of the option.
         must: &'static str,
     },
     /// The grid would have too many nodes.
@@ -152,8 +152,8 @@ pub struct GriddingOptions {
     pub mask_m: Option<f64>,
     /// Cleaning criteria.
     pub clean: CleaningOptions,
-    /// Limit of the residual of a block, in robust standard deviations of the blocks around it. Blocks beyond it are
-    /// excluded and the surface is fitted again; zero keeps all.
+    /// Limit of the residual of a block, in robust standard deviations of the blocks around it. Blocks with larger
+    /// residuals are excluded and the surface is fitted again; zero keeps all.
     pub misfit_sigmas: f64,
     /// Folds of lines for the map of the expected error; `None` computes no such map.
     pub folds: Option<LineFolds>,
@@ -186,7 +186,7 @@ pub struct GriddingReport {
     pub block_m: f64,
     /// The number of blocks.
     pub blocks: usize,
-    /// Eastings and northings of the blocks excluded for their misfit, metres.
+    /// Eastings and northings, in metres, of the blocks that were excluded because of their residuals.
     pub misfits: Vec<[f64; 2]>,
     /// Statistics of the blocks' residuals from the surface.
     pub misfit: DifferenceStatistics,
@@ -253,7 +253,7 @@ pub fn grid(
 /// Checks the options before the points are read.
 ///
 /// # Errors
-/// Fails with [`GriddingError::Option`] for the first option that is out of its range.
+/// Fails with [`GriddingError::Option`] for the first option that is out of its valid range.
 pub fn check(options: &GriddingOptions) -> Result<(), GriddingError> {
     let must =
         |good: bool, name, value, must| if good { Ok(()) } else { Err(GriddingError::Option { name, value, must }) };

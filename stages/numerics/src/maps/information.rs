@@ -21,8 +21,8 @@ pub struct WindowInformation {
 
 /// Lower bound, in metres, on the root mean square horizontal error of a position from the measurements within half a
 /// window before and after each sample. The map has the slopes `north` and `east` (nT/m) at the samples, and the motion
-/// within the window is known. It is √ trace(J⁻¹) with the Fisher information J = Σ g gᵀ/σ². If a constant is unknown,
-/// the mean is subtracted from the slopes g. [Cramér-Rao bound; Kay 1993, section 3.7]
+/// within the window is known. The bound is √ trace(J⁻¹) with the Fisher information J = Σ g gᵀ/σ². If a constant is
+/// unknown, the mean is subtracted from the slopes g. [Cramér-Rao bound; Kay 1993, section 3.7]
 ///
 /// `tt_s` ascends, evenly or not. Samples without a slope are excluded from all windows. NaN if the sample itself has
 /// no slope, or if J is singular. J is singular if the map is flat or slopes in one direction only, or if there are too
@@ -80,8 +80,8 @@ mod tests {
         let of_parity = |parity: u32, slope: f64| (0..200).map(move |k| if k % 2 == parity { slope } else { 0.0 });
         let (north, east): (Vec<f64>, Vec<f64>) = (of_parity(0, 0.02).collect(), of_parity(1, 0.05).collect());
         let bounds = window_bounds_m(&tt, &north, &east, OF);
-        // Within 10 s of a sample with even index are 11 even and 10 odd ones. The first sample of the line has 6 and 5
-        // of them.
+        // Within 10 s of a sample with even index, there are 11 samples with even index and 10 with odd index. Within
+        // 10 s of the first sample of the line, there are 6 and 5.
         let expected = |n: f64, m: f64| 5.0 * (1.0 / (n * 0.02f64.powi(2)) + 1.0 / (m * 0.05f64.powi(2))).sqrt();
         for (k, n, m) in [(100, 11.0, 10.0), (101, 10.0, 11.0), (0, 6.0, 5.0), (199, 5.0, 6.0)] {
             assert!((bounds[k] / expected(n, m) - 1.0).abs() < 1e-12, "{k}: {} {}", bounds[k], expected(n, m));

@@ -40,8 +40,8 @@ pub struct LevellingOptions {
     /// as its corrections scatter beyond their standard errors, and single lines that are out of level are corrected
     /// individually. If false, every line is corrected fully by its crossovers.
     pub tested: bool,
-    /// Penalty on corrections, as a fraction of the weight of one crossover. It is above zero, so that a line with
-    /// fewer crossovers than coefficients is corrected as little as possible.
+    /// Penalty on corrections, as a fraction of the weight of one crossover. The penalty is above zero, so that a line
+    /// with fewer crossovers than coefficients is corrected as little as possible.
     pub ridge: f64,
     /// Limit, in standard deviations, above which differences are down-weighted (Huber); with infinity, only the
     /// gradient determines the weights.
@@ -55,8 +55,8 @@ pub struct LevellingOptions {
 }
 
 impl Default for LevellingOptions {
-    /// Tested constants, a ridge of 0.001 of a crossover, Huber's limit of 1.345 standard deviations, the level of the
-    /// steadier group, and five folds.
+    /// Constants with a significance test, a ridge of 0.001 of the weight of a crossover, a Huber limit of 1.345
+    /// standard deviations, the level of the group with the smaller scatter, and five folds.
     fn default() -> Self {
         Self {
             order: 0,
@@ -82,7 +82,7 @@ pub struct CrossoverMerit {
 }
 
 impl CrossoverMerit {
-    /// Merit of differences; NaN if there are none.
+    /// Merit of differences; NaN if there are no crossovers.
     pub fn from_differences(differences_nt: &[f64]) -> Self {
         let n = differences_nt.len();
         let squares: f64 = differences_nt.iter().map(|d| d * d).sum();
@@ -96,7 +96,7 @@ impl CrossoverMerit {
 pub struct LineCorrection {
     /// The line.
     pub line: usize,
-    /// Whether it is a tie.
+    /// Whether the line is a tie.
     pub tie: bool,
     /// The number of its crossovers.
     pub crossovers: usize,
@@ -111,7 +111,7 @@ pub struct LineCorrection {
 pub struct LevellingResult {
     /// The correction to subtract from each point's value, nT.
     pub correction_nt: Vec<f64>,
-    /// The lines' corrections, by line.
+    /// Correction of each line, in the order of the lines.
     pub lines: Vec<LineCorrection>,
     /// Noise of the differences at crossovers of lines without level errors.
     pub noise: CrossoverNoise,

@@ -26,7 +26,7 @@ pub struct Dipole {
 }
 
 impl Dipole {
-    /// Field in nT at a point; NaN at the dipole itself.
+    /// Field in nT at a point; NaN at the position of the dipole.
     pub fn field_nt(&self, point_m: EastNorthUp) -> EastNorthUp {
         let r = difference(point_m, self.at_m);
         let square = dot(r, r);
@@ -41,7 +41,7 @@ impl Dipole {
 pub struct Prism {
     /// Its western, southern and lower bounds, in metres.
     pub low_m: EastNorthUp,
-    /// Its eastern, northern and upper bounds, in metres, each above the corresponding lower one.
+    /// Its eastern, northern and upper bounds, in metres, each above the corresponding lower bound.
     pub high_m: EastNorthUp,
     /// Its magnetisation, in A/m.
     pub magnetisation_apm: EastNorthUp,
@@ -94,8 +94,8 @@ impl Prism {
         }
     }
 
-    /// Corner sums plus `times` π M: four inside, two on a face. On a face the sums give the mean of both sides; the
-    /// two complete the normal component of the outside.
+    /// Sums over the corners plus `times` π M; `times` is 4 inside the prism and 2 on a face. On a face the sums give
+    /// the mean of both sides; the term 2 π M completes the normal component of the outside.
     fn with_own_magnetisation(&self, point_m: EastNorthUp, times: [f64; 3]) -> EastNorthUp {
         let field = self.without_jump(point_m);
         let pi = std::f64::consts::PI;
@@ -134,7 +134,7 @@ fn corner_tensor([x, y, z]: EastNorthUp) -> [f64; 6] {
 
 fn times_symmetric([xx, yy, zz, xy, xz, yz]: [f64; 6], m: EastNorthUp) -> EastNorthUp {
     let [x, y, z] = m;
-    // A component of magnetisation that is zero does not contribute, even where its kernel is infinite.
+    // A component of magnetisation that is zero does not contribute, even where the kernel is infinite.
     let sum = |parts: [(f64, f64); 3]| parts.iter().filter(|(_, m)| *m != 0.0).map(|(k, m)| k * m).sum();
     [sum([(xx, x), (xy, y), (xz, z)]), sum([(xy, x), (yy, y), (yz, z)]), sum([(xz, x), (yz, y), (zz, z)])]
 }
@@ -158,7 +158,7 @@ impl MagneticBody {
     }
 }
 
-/// The field of all sources together in nT at a point, summed in their order.
+/// The field of all sources together in nT at a point, summed in the order of the sources.
 pub fn field_of_all_nt(sources: &[MagneticBody], point_m: EastNorthUp) -> EastNorthUp {
     sources.iter().fold([0.0; 3], |sum, source| {
         let field = source.field_nt(point_m);
@@ -176,7 +176,7 @@ pub fn direction(inclination_deg: f64, declination_deg: f64) -> EastNorthUp {
 
 /// Total-field anomaly in nT: the component of a field along the core field, of which only the direction matters.
 ///
-/// It is harmonic and, to first order, equal to the magnetometer reading. [Blakely 1996, eq. 8.20]
+/// The component is harmonic and, to first order, equal to the magnetometer reading. [Blakely 1996, eq. 8.20]
 pub fn total_field_anomaly_nt(field_nt: EastNorthUp, main_field: EastNorthUp) -> f64 {
     dot(field_nt, main_field) / dot(main_field, main_field).sqrt()
 }

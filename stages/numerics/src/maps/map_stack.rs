@@ -2,7 +2,7 @@
 //! over all kinds of map.
 //!
 //! Between two levels, the value is a cubic or linear function of height. Within a level, it follows the interpolation
-//! of the maps. Both are evaluated exactly, so the gradient is that of the value in all three directions.
+//! of the maps. Both are evaluated exactly, so the gradient is the derivative of the value in all three directions.
 
 mod drape;
 mod levels;
@@ -33,12 +33,12 @@ pub enum LevelInterpolation {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LevelExtrapolation {
     /// Linear extrapolation (value and slope of the end level) up to half of the nearest step between levels; no value
-    /// farther away. A filter slightly past the ends keeps a correct Jacobian; farther away it gets no value.
+    /// farther away. A filter slightly beyond the ends still has a correct Jacobian; farther away there is no value.
     #[default]
     HalfStep,
     /// No value.
     Nothing,
-    /// Value of the end level at any distance, constant with height, as in MagNav.jl. Its error is the full decay of
+    /// Value of the end level at any distance, constant with height, as in MagNav.jl. The error is the full decay of
     /// the field over that distance.
     Clamp,
 }
@@ -115,15 +115,17 @@ impl MapStack {
     ///
     /// # Errors
     /// Fails for fewer than two levels, if the numbers of maps and heights differ, for heights that are not finite or
-    /// do not ascend, for maps with other nodes than the first, and if no node is known at all levels.
+    /// do not ascend, for maps whose nodes differ from the nodes of the first map, and if no node is known at all
+    /// levels.
     pub fn new(heights_m: &[f64], maps: &[GeographicGrid], options: StackOptions) -> Result<Self, StackError> {
         let known = known_values(heights_m, maps)?;
         let slopes = natural_slopes(heights_m, &known);
         Ok(Self::from_slopes(heights_m, maps, &known, &slopes, options))
     }
 
-    /// A stack of maps and their vertical derivatives, in nT/m. Between levels it uses the Hermite cubic with these
-    /// slopes and ignores `options.between`. It is twice as accurate as a spline with estimated slopes.
+    /// A stack of maps and their vertical derivatives, in nT/m. Between levels the stack uses the Hermite cubic with
+    /// these slopes and ignores `options.between`. This interpolation is twice as accurate as a spline with estimated
+    /// slopes.
     ///
     /// # Errors
     /// Fails as [`Self::new`], with [`StackError::Count`] if the numbers of derivatives and maps differ, and with
@@ -317,7 +319,7 @@ fn weighted(weights: &[f64; 4], below: [f64; 2], over: [f64; 2]) -> f64 {
     (weights[0] * below[0] + weights[1] * below[1]) + (weights[2] * over[0] + weights[3] * over[1])
 }
 
-/// Values of all levels; a node unknown at one level is unknown at all.
+/// Values of all levels; a node that is unknown at one level is unknown at all levels.
 fn known_values(heights_m: &[f64], maps: &[GeographicGrid]) -> Result<Vec<Vec<f64>>, StackError> {
     let (heights, count) = (heights_m.len(), maps.len());
     if heights != count {
@@ -349,12 +351,12 @@ pub enum FieldMap {
     Stack(MapStack),
     /// A map that follows the ground.
     Drape(DrapeMap),
-    /// A map on the grid of its own projection.
+    /// A map on the grid of its native projection.
     Projected(Box<ProjectedMap>),
 }
 
 impl FieldMap {
-    /// The anomaly and its gradient at a position in degrees and metres; `None` where the map has none. A flat map
+    /// The anomaly and its gradient at a position in degrees and metres; `None` where the map has no value. A flat map
     /// without a vertical derivative is constant with height.
     #[inline]
     pub fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {

@@ -1,7 +1,7 @@
 //! An anomaly map on a regular grid of latitude and longitude: value and exact gradient.
 //!
 //! Missing nodes are NaN. For all interpolations, a position has a value if the four nodes of its cell are known;
-//! otherwise, and off the map, it has none.
+//! otherwise, and off the map, a position has no value.
 //!
 //! A map with a vertical derivative also returns the change of the field with height, and the field slightly above or
 //! below it.
@@ -28,7 +28,7 @@ choice! {
         /// Bilinear: continuous, but the gradient jumps from cell to cell.
         #[default]
         Linear = "linear",
-        /// The quadratic B-spline through the nodes, with pieces centred on them (MagNav.jl's `quad`): value and
+        /// The quadratic B-spline through the nodes, with pieces centred on the nodes (MagNav.jl's `quad`): value and
         /// gradient are continuous. Gaps are treated as with `Cubic`.
         Quadratic = "quadratic",
         /// The natural cubic spline in both directions (MagNav.jl's `cubic`): value, gradient and curvature are
@@ -205,7 +205,7 @@ impl MapSurface {
 
     /// Second derivatives of the map at a position in degrees, from the interpolation formula. A bilinear map has only
     /// the mixed derivative; the derivatives of a quadratic map jump midway between nodes. `None` where [`Self::at`]
-    /// has none.
+    /// returns `None`.
     pub fn curvature(&self, lat_deg: f64, lon_deg: f64) -> Option<MapCurvature> {
         let cell = self.axes.cell(lat_deg, lon_deg)?;
         let bend = match &self.nodes {

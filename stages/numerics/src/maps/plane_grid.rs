@@ -22,7 +22,7 @@ impl EvenAxis {
         self.at(self.len.saturating_sub(1) as f64)
     }
 
-    /// Fractional node of a coordinate; off the axis it is below zero or above the last node.
+    /// Fractional node of a coordinate; off the axis the result is below zero or above the last node.
     pub fn node(&self, coordinate: f64) -> f64 {
         (coordinate - self.first) / self.step
     }

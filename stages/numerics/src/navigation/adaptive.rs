@@ -1,4 +1,4 @@
-//! Extended Kalman filter that estimates its noise from its innovations, for one or several magnetometers.
+//! Extended Kalman filter that estimates the measurement noise from the innovations, for one or several magnetometers.
 //!
 //! Covariance matching makes the variance of the innovations equal to their predicted variance [Mehra 1970, 1972;
 //! Mohamed & Schwarz 1999; Gnadt 2022, (5.46)-(5.49)]. With v_j the innovations of the last N samples of a magnetometer
@@ -14,11 +14,11 @@
 //! innovations, R̂ is the mean of the two bounds (as variances). After that, it is the printed equation with the
 //! covariance of the present sample.
 //!
-//! Where H P Hᵀ is small compared with R, the mean of 1/R̂ is N/(N − 2) times 1/R. Elsewhere it is larger in these two
-//! forms. With a short window R̂ is occasionally near 0, and the filter then follows its measurements. With MagNav.jl's
-//! window of 10 and wide bounds, the matched form gives R/R̂ of 2.4 on the simulated flights of the tests, and six
-//! times the squared error that the filter predicts. With a window of 50, both are correct within 10 %. A short window
-//! requires tight bounds.
+//! Where H P Hᵀ is small compared with R, the mean of 1/R̂ is N/(N − 2) times 1/R. Elsewhere this mean is larger in
+//! these two forms. With a short window R̂ is occasionally near 0, and the filter then follows its measurements. With
+//! MagNav.jl's window of 10 and wide bounds, the matched form gives R/R̂ of 2.4 on the simulated flights of the tests,
+//! and six times the squared error that the filter predicts. With a window of 50, both are correct within 10 %. A short
+//! window requires tight bounds.
 //!
 //! # Position less accurate than the measurement
 //!
@@ -104,11 +104,11 @@ choice! {
     /// Estimator of R from the innovations.
     #[derive(Default)]
     pub enum AdaptiveForm {
-        /// Residual a posteriori of every innovation, starting from the assumed noise. It also works where the position
-        /// is less accurate than the measurement.
+        /// Residual a posteriori of every innovation, starting from the assumed noise. This form also works where the
+        /// position is less accurate than the measurement.
         #[default]
         Residual = "residual",
-        /// Each innovation with the covariance of its time, starting from the assumed noise.
+        /// Subtracts H P Hᵀ of the time of each innovation, and starts from the assumed noise.
         Matched = "matched",
         /// Form of MagNav.jl: mean of the bounds until the window is full, then all innovations with the covariance of
         /// the present sample. For comparison with that program.
@@ -128,7 +128,7 @@ pub struct AdaptiveParameters {
     /// Estimates a factor of the assumed variance instead of the variance, for an assumed noise that changes from
     /// sample to sample.
     pub relative: bool,
-    /// Largest NIS of a measurement; larger ones are rejected. `None` uses every measurement.
+    /// Largest NIS of a measurement; measurements with larger NIS are rejected. `None` uses every measurement.
     pub gate_nis: Option<f64>,
     /// Returns the error states of every sample (144 bytes each).
     pub keep_states: bool,
@@ -170,8 +170,8 @@ impl AdaptiveParameters {
 /// A magnetometer along a line.
 #[derive(Clone, Copy, Debug)]
 pub struct AdaptiveMagnetometer<'a> {
-    /// Measured field at each sample, in nT; NaN if missing. It contains the core field if, and only if, the line has
-    /// one.
+    /// Measured field at each sample, in nT; NaN if missing. The measurement contains the core field if, and only if,
+    /// the line has one.
     pub measurement_nt: &'a [f64],
     /// Assumed standard deviation of the white noise of each measurement, in nT, before adaptation. A value that is not
     /// above 0 makes the measurement missing.
@@ -183,7 +183,7 @@ pub struct AdaptiveMagnetometer<'a> {
 }
 
 impl<'a> AdaptiveMagnetometer<'a> {
-    /// Magnetometer of a line, with the bounds of its noise.
+    /// Magnetometer of a line, with the bounds of the noise estimate.
     pub fn from_line(line: &NavigationLine<'a>, sigma_min_nt: f64, sigma_max_nt: f64) -> Self {
         Self { measurement_nt: line.measurement_nt, sigma_nt: line.sigma_nt, sigma_min_nt, sigma_max_nt }
     }
@@ -205,7 +205,7 @@ impl<'a> AdaptiveMagnetometer<'a> {
     }
 }
 
-/// Estimated noise of a magnetometer, and the use of its samples.
+/// Estimated noise of a magnetometer, and the number of samples by outcome.
 #[derive(Clone, Debug, Default)]
 pub struct MagnetometerNoise {
     /// Standard deviation of the noise of each measurement in the filter, in nT; NaN without an innovation.
@@ -224,17 +224,18 @@ pub struct MagnetometerNoise {
 #[derive(Clone, Debug, Default)]
 pub struct AdaptiveOutput {
     /// Estimate. `residual_nt` is the innovation of the weighted mean of the used measurements (of all, if the gate
-    /// rejected all); `nis` is its square over its variance. A sample counts as gated if all its measurements were. The
-    /// offset is the offset of the first magnetometer.
+    /// rejected all); `nis` is the square of this innovation over the variance of the innovation. A sample counts as
+    /// gated if all its measurements were gated. The offset is the offset of the first magnetometer.
     pub navigation: NavigationOutput,
-    /// Estimated noise of each magnetometer, in their order.
+    /// Estimated noise of each magnetometer, in the order of the magnetometers.
     pub magnetometers: Vec<MagnetometerNoise>,
     /// Share ε of the covariance decrease that is returned as process noise after each sample; 0 if Q is not estimated.
     pub given_back: Vec<f64>,
 }
 
 /// Filters one line with all of its magnetometers. The line's own measurement and sigma must match its length, but are
-/// not read; [`AdaptiveMagnetometer::from_line`] makes a magnetometer of them. Costs about 3 µs per sample.
+/// not read; [`AdaptiveMagnetometer::from_line`] makes a magnetometer from measurement and sigma. Costs about 3 µs per
+/// sample.
 ///
 /// # Errors
 /// Fails as [`AdaptiveParameters::check`] and [`NavigationLine::check`]; for bounds of a sigma that are not finite

@@ -9,7 +9,7 @@
 //!
 //! Each sample uses the aiding positions first, then scalar, difference, vector and height, one scalar after the other.
 //! Irregularities are treated as in [`ekf`](crate::navigation::ekf), separately for each measurement. The difference is
-//! off the map if either end is.
+//! off the map if either end of the baseline is off the map.
 
 pub(crate) mod filter;
 mod slope_error;
@@ -51,11 +51,11 @@ pub enum Linearisation {
 pub struct AidedParameters {
     /// Linearisation of measurements of the field.
     pub linearisation: Linearisation,
-    /// Largest NIS of a measurement; larger ones are rejected. `None` uses every measurement.
+    /// Largest NIS of a measurement; measurements with larger NIS are rejected. `None` uses every measurement.
     pub gate_nis: Option<f64>,
     /// Returns the 18 error states of every sample.
     pub keep_states: bool,
-    /// Returns their covariance at every sample.
+    /// Returns the covariance of all states at every sample.
     pub keep_covariance: bool,
 }
 
@@ -74,7 +74,8 @@ pub struct AidedOutput {
     pub nonlinear_sd_nt: Vec<f64>,
     /// Innovations of the further measurements.
     pub aids: AidInnovations,
-    /// Lag of the scalar magnetometer at each sample, and its standard deviation, in s; empty if it is not a state.
+    /// Lag of the scalar magnetometer at each sample, and its standard deviation, in s; empty if the lag is not a
+    /// state.
     pub latency_s: [Vec<f64>; 2],
 }
 

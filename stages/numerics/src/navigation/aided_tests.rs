@@ -80,7 +80,7 @@ fn law_every_filter_ends_at_dense_least_squares_on_a_plane() {
         batch.solve(line, |_| 1.0);
         for (name, run) in filters {
             let output = run(line);
-            // The dense solution loses four of its sixteen digits.
+            // The dense solution loses four of sixteen digits.
             assert_close(&output.x[89], &output.p[89], (&batch.x[89], &batch.p[89]), 1e-6, name);
         }
     });

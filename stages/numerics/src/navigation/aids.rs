@@ -67,9 +67,10 @@ pub(crate) use states::AidStates;
 pub struct DifferenceAid<'a> {
     /// Difference at each sample, in nT; NaN if missing.
     pub difference_nt: &'a [f64],
-    /// Standard deviation of its white noise, in nT.
+    /// Standard deviation of the white noise of the difference, in nT.
     pub sigma_nt: f64,
-    /// Vector from the second magnetometer to the first along nose, right and down, in m. Its middle is at the INS.
+    /// Vector from the second magnetometer to the first along nose, right and down, in m. The middle of this baseline
+    /// is at the INS.
     pub baseline_m: [f64; 3],
     /// Error of the map's slope.
     pub slope: SlopeError<'a>,

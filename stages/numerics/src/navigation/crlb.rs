@@ -13,7 +13,7 @@
 //!
 //! The INS enters only by the velocity, specific force and attitude in F. Of the measurements, only their presence
 //! matters. A measurement that is NaN, or whose sigma is not above 0, adds no information. The same holds for a sample
-//! where the true position is off the map or in an unknown cell. Both are counted.
+//! where the true position is off the map or in an unknown cell. Both kinds of samples are counted.
 
 use crate::navigation::aided::filter::AidedFilter;
 use crate::navigation::aided::{AidedOutput, AidedParameters, Aids};
@@ -66,11 +66,11 @@ impl<'a> TruePath<'a> {
 
 /// Computes the bound along a path.
 ///
-/// The estimate is the truth: positions, and velocities if given, else those of the INS. `sd_n_m`, `sd_e_m` and
-/// `cov_ne_m2` are the bound, and so is `p` if it is kept; `x` is empty. `residual_nt` is the measurement minus the
+/// The estimate is the truth: positions, and velocities if given, else the velocities of the INS. `sd_n_m`, `sd_e_m`
+/// and `cov_ne_m2` are the bound, and so is `p` if it is kept; `x` is empty. `residual_nt` is the measurement minus the
 /// offset and the field at the true position, which is the temporal variation plus the noise. `nis` is its square over
-/// their variance σ_S² + σ²; a mean of 1 confirms the assumed noise. It is not the innovation of a filter. The offset
-/// is the mean residual over the first `offset_window_s` seconds.
+/// their variance σ_S² + σ²; a mean of 1 confirms the assumed noise. The residual is not the innovation of a filter.
+/// The offset is the mean residual over the first `offset_window_s` seconds.
 ///
 /// # Errors
 /// Fails as [`NavigationLine::check`] and [`TruePath::along`], and with [`NavigationError::Diverged`] when a variance
@@ -93,8 +93,8 @@ pub fn run(
     Ok(recursion::run_along(bound, &truth, &line.errors, |row| line.fixes_at(row).map(still))?.output)
 }
 
-/// [`run`] with further measurements in addition to the scalar field. The residual of each is measurement minus truth;
-/// its NIS is the square over the variance of noise and slow error.
+/// [`run`] with further measurements in addition to the scalar field. The residual of each measurement is measurement
+/// minus truth. The NIS is the square of the residual over the variance of noise and slow error.
 ///
 /// The bound uses the exact map, so [`Aids::flat_over_m`] is ignored.
 ///

@@ -36,8 +36,8 @@ pub use parameters::EkfParameters;
 
 /// Filters one line.
 ///
-/// `measurement_nt` is the compensated field at each sample of `ins`; it contains the core field if, and only if,
-/// `core` is given. Costs about 3 µs per sample and allocates little except the output.
+/// `measurement_nt` is the compensated field at each sample of `ins`; the field contains the core field if, and only
+/// if, `core` is given. Costs about 3 µs per sample and allocates little except the output.
 ///
 /// # Errors
 /// Fails as [`EkfParameters::check`] and [`InsSeries::check`], with [`SeriesError::Length`] for a measurement of
@@ -61,7 +61,7 @@ pub fn run(
 pub struct EkfInput<'a> {
     /// Parameters.
     pub parameters: &'a EkfParameters,
-    /// Compensated field at each sample; it contains the core field if, and only if, `core` is given.
+    /// Compensated field at each sample; the field contains the core field if, and only if, `core` is given.
     pub measurement_nt: &'a [f64],
     /// Standard deviation of the noise of each measurement, in nT, in place of [`EkfParameters::measurement_sigma_nt`].
     /// A measurement with a value that is not above 0 counts as missing.
@@ -133,8 +133,8 @@ impl EkfInput<'_> {
 /// innermost cache, and the steps in the next-level cache.
 const BLOCK: usize = 32;
 
-/// Number of filters up to which they run one by one. With few filters, vectorisation along the rows of a matrix is
-/// faster than across filters.
+/// Largest number of filters that run one by one. With few filters, vectorisation along the rows of a matrix is faster
+/// than across filters.
 const FEW: usize = 2;
 
 /// Filters with common steps, dispatched together to the vector unit of the machine.

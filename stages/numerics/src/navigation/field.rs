@@ -7,7 +7,8 @@ use crate::earth::field_value::FieldValue;
 use crate::maps::map_stack::FieldMap;
 use crate::navigation::ins_series::InsSeries;
 
-/// Interval of divided differences, in standard deviations; its square is the kurtosis of a normal distribution.
+/// Interval of divided differences, in standard deviations; the square of the interval, 3, is the kurtosis of a normal
+/// distribution.
 const INTERVAL: f64 = 1.732_050_807_568_877_2;
 
 /// Map and core field of one date. The core field is linearised about a point near the last evaluated position, so each
@@ -87,10 +88,10 @@ impl<'a> PredictedField<'a> {
     }
 }
 
-/// Variance, in nT², of the nonlinear part of a field within the uncertainty of a position. It uses second-order
-/// divided differences along the columns of the Cholesky factor of the covariance [Nørgaard, Poulsen and Ravn 2000,
-/// DD2]. `covariance` has the variance of latitude, the covariance with longitude, and the variance of longitude, in
-/// rad²; `field_at` takes an error of latitude and longitude. A column that leaves the map contributes 0.
+/// Variance, in nT², of the nonlinear part of a field within the uncertainty of a position. The result uses
+/// second-order divided differences along the columns of the Cholesky factor of the covariance [Nørgaard, Poulsen and
+/// Ravn 2000, DD2]. `covariance` has the variance of latitude, the covariance with longitude, and the variance of
+/// longitude, in rad²; `field_at` takes an error of latitude and longitude. A column that leaves the map contributes 0.
 #[inline]
 pub(crate) fn remainder_nt2(
     [lat, both, lon]: [f64; 3],

@@ -1,7 +1,7 @@
 //! Fixed-lag smoother of the INS errors together with the coefficients of the aircraft field.
 //!
-//! The states x are the 18 of [`pinson`](crate::navigation::pinson), truth minus INS, followed by two groups for each
-//! magnetometer m. The first group contains the coefficients β_m of any linear model of the aircraft field
+//! The states x are the 18 states of [`pinson`](crate::navigation::pinson), truth minus INS, followed by two groups for
+//! each magnetometer m. The first group contains the coefficients β_m of any linear model of the aircraft field
 //! (Tolles-Lawson terms, heading-error harmonics, a bias), constant or in a random walk. The second is a first-order
 //! Gauss-Markov error e_m, because the residual of a linear model is correlated in time. A measurement is
 //!
@@ -33,10 +33,10 @@
 //!
 //! # Measurements used for the estimate of a sample
 //!
-//! At `lag_s` = 0 the estimate is that of the filter: it uses measurements up to the sample, or to the end of its
-//! `measurement_interval_s`. At a larger lag it is the smoothed state of the last window that contains the sample and
-//! ends at most `lag_s` after it; without such a window, it is the estimate of the filter. If lag and window are as
-//! long as the line, the whole line is smoothed. The standard deviations refer to the returned estimate.
+//! At `lag_s` = 0 the estimate is the estimate of the filter, which uses measurements up to the sample, or to the end
+//! of its `measurement_interval_s`. At a larger lag the estimate is the smoothed state of the last window that contains
+//! the sample and ends at most `lag_s` after it; without such a window, it is the estimate of the filter. If lag and
+//! window are as long as the line, the whole line is smoothed. The standard deviations refer to the returned estimate.
 //!
 //! # Irregularities
 //!
@@ -90,7 +90,8 @@ pub struct FixedLagMagnetometer<'a> {
     pub sigma_nt: &'a [f64],
     /// Aircraft field.
     pub coefficients: AircraftCoefficients<'a>,
-    /// Slow error in addition: standard deviation in nT, time constant in s. A standard deviation of 0 means none.
+    /// Slow error in addition: standard deviation in nT, time constant in s. A standard deviation of 0 means no such
+    /// error.
     pub error: GaussMarkov,
 }
 
@@ -142,8 +143,8 @@ pub enum FixedLagUsage {
 #[derive(Clone, Debug, Default)]
 pub struct FixedLagOutput {
     /// Track. Residual and NIS are one-step innovations of the averages over `measurement_interval_s`, at the first
-    /// sample of each interval and NaN at its others. The residual is that of the first magnetometer with a
-    /// measurement, and the NIS is the mean over magnetometers, with expected value 1. No sample is gated.
+    /// sample of each interval and NaN at the other samples. The residual is the residual of the first magnetometer
+    /// with a measurement, and the NIS is the mean over magnetometers, with expected value 1. No sample is gated.
     pub navigation: NavigationOutput,
     /// Outcome of each sample.
     pub usage: Vec<FixedLagUsage>,
@@ -224,9 +225,9 @@ pub fn run(
     run_aided(parameters, line, magnetometers, &Aids::default(), keep)
 }
 
-/// [`run`] with further measurements. They are averaged over an interval like the magnetometers, as measurements of
-/// their node's states. For any loss they have the full weight of least squares, like aiding positions. A magnetometer
-/// is skipped where the map is too flat at the prediction of the filter.
+/// [`run`] with further measurements. The further measurements are averaged over an interval like the magnetometers, as
+/// measurements of their node's states. For any loss, these measurements have the full weight of least squares, like
+/// aiding positions. A magnetometer is skipped where the map is too flat at the prediction of the filter.
 ///
 /// # Errors
 /// Fails as [`run`] and [`Aids::check`].
@@ -269,7 +270,7 @@ pub fn run_aided(
 pub struct FixedLagOptions {
     /// Returns the 18 error states of every sample (144 bytes each).
     pub states: bool,
-    /// Returns their covariance (2.6 kB each).
+    /// Returns the covariance of the states at every sample (2.6 kB each).
     pub covariance: bool,
 }
 
@@ -360,7 +361,7 @@ fn is_covariance(p: &[f64], terms: usize) -> bool {
                 factor[row * terms + row] = rest.max(0.0).sqrt();
             } else {
                 let pivot = factor[column * terms + column];
-                // Skips a column that is a linear combination of previous ones.
+                // Skips a column that is a linear combination of previous columns.
                 if pivot < 1e-7 {
                     if rest.abs() > 1e-6 {
                         return false;

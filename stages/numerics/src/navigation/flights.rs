@@ -19,7 +19,7 @@ use crate::navigation::ukf::{self, UkfOutput, UkfParameters};
 use crate::random::NormalGenerator;
 use nalgebra::{Matrix2, Vector2};
 
-/// Osborne map and the core field of its flights.
+/// Osborne map, and the core field of the flights over the map.
 pub(crate) struct OsborneWorld {
     pub(crate) map: FieldMap,
     pub(crate) core: Arc<CoreField>,
@@ -123,8 +123,8 @@ pub(crate) fn claimed_m2(output: &NavigationOutput, from: usize) -> f64 {
     (from..output.sd_n_m.len()).map(variance).sum::<f64>() / (output.sd_n_m.len() - from) as f64
 }
 
-/// Quantile of chi-square with `freedom` degrees at `z` standard normal deviates, by Wilson and Hilferty: within 0.1 %
-/// for at least a hundred degrees.
+/// Quantile of chi-square with `freedom` degrees at `z` standard normal deviates, by the formula of Wilson and
+/// Hilferty; the error is below 0.1 % for at least a hundred degrees of freedom.
 pub(crate) fn chi_square(freedom: f64, z: f64) -> f64 {
     let spread = 2.0 / (9.0 * freedom);
     freedom * (1.0 - spread + z * spread.sqrt()).powi(3)
@@ -149,7 +149,7 @@ pub(crate) fn plane() -> FieldMap {
     FieldMap::Flat(MapSurface::new(&grid, MapInterpolation::Linear))
 }
 
-/// Navigation line that owns its columns.
+/// Navigation line that owns the columns.
 #[derive(Clone)]
 pub(crate) struct OwnedNavigationLine {
     pub(crate) columns: [Vec<f64>; 13],
@@ -236,7 +236,7 @@ pub(crate) struct FlightEstimates {
 
 /// Number of flights of [`ensemble`].
 pub(crate) const FLIGHTS: u64 = 60;
-/// Number of samples of each.
+/// Number of samples of each flight.
 pub(crate) const SAMPLES: u32 = 3600;
 
 /// Flights that several tests share.

@@ -14,8 +14,8 @@
 //! The functions are inlined into the loop of a filter, which is compiled for each kind of vector unit. Products and
 //! sums are not fused, so the results of all units are bit-identical.
 //!
-//! The three forms have the same equations with different roundings. The 18 states have fixed arrays, which a compiler
-//! keeps in registers. The lanes have one filter each. Further states have vectors of any length.
+//! The three forms have the same equations with different rounding. The 18 states have fixed arrays, which a compiler
+//! keeps in registers. Each lane holds one filter. Further states have vectors of any length.
 
 pub(crate) mod adjoint;
 pub(crate) mod covariance;

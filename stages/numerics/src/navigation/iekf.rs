@@ -1,7 +1,7 @@
 //! Iterated extended Kalman filter of magnetic navigation.
 //!
-//! States, measurement and steps are those of `ekf`. While `ekf` linearises the map once at the predicted position x⁻,
-//! this filter searches for the most probable state after the measurement, the minimum of
+//! States, measurement and steps are the same as in `ekf`. While `ekf` linearises the map once at the predicted
+//! position x⁻, this filter searches for the most probable state after the measurement, the minimum of
 //!
 //! ```text
 //! J(x) = (x - x⁻)ᵀ P⁻¹ (x - x⁻)/2 + (z - h(x))²/(2 σ²)
@@ -15,11 +15,11 @@
 //!
 //! [Jazwinski 1970, chapter 8; Bell & Cathey 1993]. A step that would raise J is halved until J does not rise. After
 //! ten halvings the iteration ends at the last iterate, so no result is less probable than the prediction. The
-//! covariance is that of the last linearisation. All iterates are x⁻ + P v, where v has entries for position and S
-//! only. The first term of J is then vᵀ P v/2, which needs no inverse, and an iteration costs little more than its map
-//! value.
+//! covariance is the covariance of the last linearisation. All iterates are x⁻ + P v, where v has entries for position
+//! and S only. The first term of J is then vᵀ P v/2, which needs no inverse, and an iteration costs little more than
+//! its map value.
 //!
-//! With one iteration it equals the extended Kalman filter: the full step is taken and J is not computed.
+//! With one iteration the filter equals the extended Kalman filter: the full step is taken and J is not computed.
 //!
 //! Irregularities are treated as in `ekf`. If a measurement is NaN or infinite, its sigma is not above 0, or the
 //! predicted position is off the map, the filter only predicts. An iterate off the map, or in an unknown cell, has no
@@ -44,7 +44,8 @@ pub struct IekfParameters {
     pub iterations: usize,
     /// Position change, in m, below which the iteration ends.
     pub tolerance_m: f64,
-    /// Largest NIS of a measurement; larger ones are rejected and counted. `None` uses every measurement.
+    /// Largest NIS of a measurement; measurements with larger NIS are rejected and counted. `None` uses every
+    /// measurement.
     pub gate_nis: Option<f64>,
     /// Returns the error states of every sample (144 bytes each).
     pub keep_states: bool,
@@ -77,8 +78,8 @@ pub struct IekfReport {
     pub linearisations: usize,
     /// Number of halved steps.
     pub halved: usize,
-    /// Updates whose last step was not below the tolerance: out of iterations, or no step lowered J. Always 0 with one
-    /// iteration.
+    /// Updates whose last step was not below the tolerance: the iterations were exhausted, or no step lowered J. Always
+    /// 0 with one iteration.
     pub unconverged: usize,
 }
 
@@ -159,8 +160,8 @@ impl<'a> IteratedEkf<'a> {
         Self { line, parameters, field, output: IekfOutput { line: output, iterations: IekfReport::default() } }
     }
 
-    /// Most probable state after a measured value (nT) with the variance of its noise (nT²); `field` is that of the
-    /// predicted state.
+    /// Most probable state after a measured value (nT) with the variance of its noise (nT²); `field` is the field at
+    /// the predicted state.
     #[inline(always)]
     fn most_probable(
         &mut self,

@@ -28,8 +28,8 @@ pub use mechanised::{MechanisationErrors, mechanised_errors_along};
 pub use start::{StartFix, StartFixSigmas, aligned_covariance, correction_along};
 
 params! {
-    /// Error sources of an INS: initial standard deviations, noise densities and time constants. The defaults are those
-    /// of MagNav.jl for a navigation-grade INS. [Gnadt 2022, (5.35); MagNav.jl `create_model`]
+    /// Error sources of an INS: initial standard deviations, noise densities and time constants. The defaults are the
+    /// values of MagNav.jl for a navigation-grade INS. [Gnadt 2022, (5.35); MagNav.jl `create_model`]
     pub struct InsErrors, all default;
     /// Standard deviation of the initial horizontal position error, each axis.
     init_position_sigma_m: f64, unit "m", default 3.0, rule Rule::NotNegative;
@@ -136,7 +136,7 @@ impl InsErrorModel {
     /// Rejects negative or missing uncertainties and time constants that are not positive.
     ///
     /// # Errors
-    /// Fails for the first parameter that is not finite or out of its range.
+    /// Fails for the first parameter that is not finite or out of its valid range.
     pub fn check(&self) -> Result<(), ParameterError> {
         self.sources.check().map_err(ParameterError)?;
         require("fogm_sigma_nt", self.fogm_sigma_nt, Rule::NotNegative)?;
@@ -209,8 +209,8 @@ pub(super) fn require(name: &'static str, value: f64, rule: Rule) -> Result<(), 
 /// the measurement.
 ///
 /// The first error is drawn from the initial covariance. Each step is e ← Φ (e + w₁) + w₂, where w₁ and w₂ each have
-/// half of the step's noise. Their covariance is exactly that of a filter with [`NoiseDiscretisation::Trapezoidal`].
-/// `normal` returns standard normals: 18 for the first sample, 36 per step.
+/// half of the step's noise. Their covariance is exactly the covariance of a filter with
+/// [`NoiseDiscretisation::Trapezoidal`]. `normal` returns standard normals: 18 for the first sample, 36 per step.
 ///
 /// # Errors
 /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].

@@ -1,4 +1,4 @@
-//! INS without measurements of the field, with its covariance.
+//! INS without measurements of the field, with the covariance of its errors.
 
 use crate::navigation::gaussian::StateEstimate;
 use crate::navigation::gaussian::recursion::{FilterRecursion, run_along};
@@ -8,7 +8,7 @@ use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::position_fixes::{NO_FIX, PositionFixes};
 
 /// INS along a line, with the covariance of its error: P ← Φ P Φᵀ + Q, starting from the initial covariance. With
-/// `fixes`, aiding positions correct the INS at every sample that has one.
+/// `fixes`, aiding positions correct the INS at every sample that has a position.
 ///
 /// # Errors
 /// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with
@@ -99,7 +99,7 @@ mod tests {
             ..InsErrors::default()
         };
         let output = run(&ins, &InsErrorModel::from_sources(sources), None).unwrap();
-        // 2 m/s for 60 s; the Schuler oscillation reduces it by (ω t)²/6 = 0.1 %.
+        // The displacement is 2 m/s for 60 s. The Schuler oscillation reduces the displacement by (ω t)²/6 = 0.1 %.
         assert!((output.sd_n_m[30] / 120.0 - 1.0).abs() < 0.005, "{}", output.sd_n_m[30]);
     }
 }

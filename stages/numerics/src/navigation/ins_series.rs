@@ -73,7 +73,7 @@ pub enum SeriesError {
     Length {
         /// Column name.
         column: &'static str,
-        /// Its length.
+        /// Length of the column.
         rows: usize,
         /// Length of `tt`.
         expected: usize,

@@ -5,13 +5,14 @@
 //!
 //! ln L = -1/2 sum of (ln S_k + r_k² / S_k),
 //!
-//! with the innovation r_k and its predicted variance S_k. The estimate requires only measurements, no truth.
+//! with the innovation r_k and the predicted variance S_k of the innovation. The estimate requires only measurements,
+//! no truth.
 //!
 //! The white noise, and the standard deviation and time constant of the first-order Gauss-Markov process, are searched
-//! in logarithms: on a coarse grid, then with shrinking steps around its best point. A constant offset of the
-//! measurement is a Gauss-Markov process with a long time constant. The measurements are thinned, so that errors with
-//! correlation times below the interval count as white. An innovation beyond the gate is limited to the gate, so that
-//! spikes have little influence.
+//! in logarithms: on a coarse grid, then with shrinking steps around the best point of the grid. A constant offset of
+//! the measurement is a Gauss-Markov process with a long time constant. The measurements are thinned, so that errors
+//! with correlation times below the interval count as white. An innovation beyond the gate is limited to the gate, so
+//! that spikes have little influence.
 
 mod outliers;
 mod thinned;
@@ -53,7 +54,7 @@ pub struct IntervalEstimate {
     pub high: f64,
 }
 
-/// Line and settings of a search for its noise.
+/// Line, and settings of the search for the noise of the line.
 #[derive(Clone, Copy, Debug)]
 pub struct NoiseSearch<'a> {
     /// Line; its `sigma_nt` and the noise in its `errors` are ignored.
@@ -234,7 +235,7 @@ impl NoiseLikelihood<'_> {
         InnovationLikelihood { log: -0.5 * sum, used: output.report.updates + output.report.gated }
     }
 
-    /// Best point around some points, and its likelihood.
+    /// Best point around some points, and the likelihood of this point.
     fn best_of(&self, starts: impl Iterator<Item = NoisePoint>, least_used: usize) -> (NoisePoint, f64) {
         let climbed = starts.map(|start| self.climbed(start, least_used));
         climbed.fold(
@@ -269,7 +270,7 @@ impl NoiseLikelihood<'_> {
     fn around(&self, point: NoisePoint, factor: f64) -> Vec<NoisePoint> {
         let mut points = vec![point];
         for at in self.search.free() {
-            // The time constant has the least influence, so its steps are wider.
+            // The time constant has the least influence, so the steps in it are wider.
             let factor = if at == 2 { factor * factor } else { factor };
             let [low, high] = RANGES[at];
             let moved = points.iter().flat_map(|point| {

@@ -18,8 +18,8 @@ use crate::navigation::position_fixes::{NO_FIX, PositionFixes, StateFix};
 pub struct NavigationLine<'a> {
     /// INS.
     pub ins: &'a InsSeries<'a>,
-    /// Measured field at each sample, in nT; NaN if missing. It contains the core field if, and only if, `core` is
-    /// given.
+    /// Measured field at each sample, in nT; NaN if missing. The measurement contains the core field if, and only if,
+    /// `core` is given.
     pub measurement_nt: &'a [f64],
     /// Standard deviation of the white noise of each measurement, in nT. A measurement with a value that is not above 0
     /// counts as missing.
@@ -82,7 +82,7 @@ impl<'a> NavigationLine<'a> {
         PredictedField::new(self.map, self.core).with_second_order(self.second_order)
     }
 
-    /// Measurement of a row minus an offset, in nT, and its variance, in nT²; `None` if it is missing.
+    /// Measurement of a row minus an offset, in nT, and its variance, in nT²; `None` if the measurement is missing.
     #[inline(always)]
     pub fn measured(&self, row: usize, offset_nt: f64) -> Option<(f64, f64)> {
         self.measurements().at(row, offset_nt)

@@ -2,7 +2,7 @@
 
 use params::choice;
 
-/// Smallest weight. It keeps the variance of a rejected measurement finite.
+/// Smallest weight. The limit keeps the variance of a rejected measurement finite.
 const LEAST_WEIGHT: f64 = 1e-12;
 
 choice! {
@@ -39,7 +39,7 @@ pub struct RobustLoss {
 }
 
 impl RobustLoss {
-    /// Loss function with a scale in standard deviations, or with its usual scale.
+    /// Loss function with a scale in standard deviations, or with the usual scale of the function.
     pub fn new(loss: TrajectoryLoss, scale: Option<f64>) -> Self {
         Self { loss, scale: scale.unwrap_or(loss.usual_scale()) }
     }
@@ -98,7 +98,7 @@ mod tests {
                 slope += density * r * force(r);
                 square += density * force(r).powi(2);
             }
-            // The scales are printed with four digits.
+            // The reference scales are printed with four digits.
             assert!((slope * slope / square - 0.95).abs() < 2e-4, "{loss:?} {}", slope * slope / square);
         }
     }

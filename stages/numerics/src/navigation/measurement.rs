@@ -26,8 +26,8 @@ impl Measurements<'_> {
         Ok(())
     }
 
-    /// Measurement of a row minus an offset, in nT, and its variance, in nT²; `None` if it is missing, or if the square
-    /// of its sigma is 0 or infinite.
+    /// Measurement of a row minus an offset, in nT, and its variance, in nT²; `None` if the measurement is missing, or
+    /// if the square of its sigma is 0 or infinite.
     #[inline(always)]
     pub(crate) fn at(&self, row: usize, offset_nt: f64) -> Option<(f64, f64)> {
         let (value_nt, sigma_nt) = (self.measurement_nt[row] - offset_nt, self.sigma_nt[row]);

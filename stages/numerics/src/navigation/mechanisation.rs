@@ -25,7 +25,7 @@ mod readings;
 /// Earth model of the mechanisation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum NavigationEarth {
-    /// WGS-84: its ellipsoid, rotation rate and normal gravity.
+    /// WGS-84: ellipsoid, rotation rate and normal gravity.
     #[default]
     Wgs84,
     /// Sphere of radius 6378137 m with 9.80665 m/s² everywhere: the earth of the error model and, without rotation, of
@@ -105,7 +105,7 @@ pub struct ImuReading {
 }
 
 /// Reading without the effect of rotation within the step: the rotation vector of the body relative to inertial space,
-/// and its change of velocity, in the axes at the step's beginning.
+/// and the change of velocity, in the axes at the step's beginning.
 struct ImuIncrements {
     rotation_rad: Vector3<f64>,
     velocity_mps: Vector3<f64>,
@@ -160,8 +160,8 @@ fn surroundings(earth: NavigationEarth, lat_rad: f64, alt_m: f64, v: &Vector3<f6
     }
 }
 
-/// Number of repetitions of a step with the midpoint of its result. Each repetition reduces the error by the factor K1
-/// Δt/2, or 2 Ω Δt without a barometer.
+/// Number of repetitions of a step, each with the midpoint of the previous result. Each repetition reduces the error by
+/// the factor K1 Δt/2, or 2 Ω Δt without a barometer.
 const REPETITIONS: usize = 4;
 
 /// Inertial navigation system.
@@ -190,9 +190,9 @@ impl Mechanisation {
         self.loop_mps2
     }
 
-    /// Advances by one reading. `baro_alt_m` is the mean over the step of the barometric height. It aids the vertical
-    /// channel through a third-order loop with the gains K1, K2, K3 of the error model. Without it the vertical channel
-    /// is free and unstable. [Titterton & Weston 13.4]
+    /// Advances by one reading. `baro_alt_m` is the mean over the step of the barometric height. The barometer aids the
+    /// vertical channel through a third-order loop with the gains K1, K2, K3 of the error model. Without a barometer
+    /// the vertical channel is free and unstable. [Titterton & Weston 13.4]
     ///
     /// Across a pole the longitude changes by half a turn and north becomes south.
     pub fn step(&mut self, reading: &ImuReading, baro_alt_m: Option<f64>) {
@@ -224,7 +224,7 @@ impl Mechanisation {
 }
 
 impl NavigationState {
-    /// Converts a latitude beyond a pole to one on this side, with the longitude changed by half a turn.
+    /// Converts a latitude beyond a pole to a latitude on this side, with the longitude changed by half a turn.
     fn come_down_from_the_pole(&mut self) {
         use std::f64::consts::{FRAC_PI_2, PI};
         if self.lat_rad.abs() <= FRAC_PI_2 {

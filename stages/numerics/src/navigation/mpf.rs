@@ -9,8 +9,8 @@
 //!
 //! # A sample
 //!
-//! Let h_i be the field at particle i (map and core field, at its own position and altitude) plus its S, and H_i its
-//! slopes with altitude and S. For a measurement z of variance R,
+//! Let h_i be the field at particle i (map and core field, at its own position and altitude) plus the S of the
+//! particle, and H_i the derivatives with respect to altitude and S. For a measurement z of variance R,
 //!
 //! ```text
 //! e_i = z − h_i,   V_i = H_i P H_iᵀ + R,   q_i ∝ q_i N(e_i; 0, V_i)
@@ -19,9 +19,9 @@
 //! x_i ← Φ x_i + [√M; C √M⁻ᵀ] ξ_i,          P ← T − C M⁻¹ Cᵀ,      ξ_i ~ N(0, I)
 //! ```
 //!
-//! P after a measurement is the mean of the covariances that the particles would have individually. It equals the usual
-//! update if the field changes equally with height at all particles. The step follows (22)-(25) of the paper, with the
-//! linear states after their measurement update. Weights are stored as logarithms and never underflow.
+//! P after a measurement is the mean of the covariances that the particles would have individually. The update equals
+//! the usual update if the field changes equally with height at all particles. The step follows (22)-(25) of the paper,
+//! with the linear states after their measurement update. Weights are stored as logarithms and never underflow.
 //!
 //! **A particle off the map**, or in an unknown cell: its weight is multiplied by the mean likelihood of the others.
 //! The probability of being off the map therefore stays constant until particles enter it. If less than a tenth of the
@@ -47,8 +47,8 @@
 //! # Aiding positions
 //!
 //! A fix of latitude and longitude weights the particles, whose positions have no variance. A fix of the height is a
-//! Kalman update of the linear states of each particle, with a common gain. Both are exact except for the finite number
-//! of particles. A fix far narrower than the cloud is split, like a measurement.
+//! Kalman update of the linear states of each particle, with a common gain. Both methods are exact except for the
+//! finite number of particles. A fix far narrower than the cloud is split, like a measurement.
 //!
 //! # Further measurements
 //!
@@ -100,14 +100,15 @@ use filter::MarginalisedParticleFilter;
 pub use output::{MpfOutput, MpfReport, PositionMode, SampleModes};
 pub use parameters::MpfParameters;
 
-/// NIS above which, for every particle, a measurement is not used: one valid measurement in a billion exceeds it.
+/// NIS above which, for every particle, a measurement is not used: one valid measurement in a billion exceeds this
+/// limit.
 pub const UNEXPLAINED_NIS: f64 = 37.33;
 
 /// States with the biases of difference and height, and the map error, without the states of a vector.
 const WITH_BIASES: usize = STATES + 3;
-/// States including those of a vector.
+/// Number of states including the states of a vector measurement.
 const WITH_VECTOR: usize = WITH_BIASES + 6;
-/// States including those of a vector and of the map's slope.
+/// Number of states including the states of a vector measurement and of the error of the map's slope.
 const WITH_ALL: usize = WITH_VECTOR + 2;
 
 /// Filters one line.

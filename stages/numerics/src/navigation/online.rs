@@ -10,7 +10,7 @@
 //! β ← β,   P_cc ← P_cc + q Δt,      b ← exp(−Δt/τ) b,      P_nc ← Φ P_nc
 //! ```
 //!
-//! Any terms are accepted: Tolles-Lawson terms, those of an extended model, or the heading error of a scalar sensor.
+//! Any terms are accepted: Tolles-Lawson terms, terms of an extended model, or the heading error of a scalar sensor.
 //! They must be known at each sample and contain no scalar magnetometer ([`check_sources`]). The states beyond the 18
 //! have a diagonal transition, so a step of 18 + 18 + 3 states takes about 6 µs.
 //!
@@ -21,9 +21,10 @@
 //! # Observability
 //!
 //! The attitude distinguishes the aircraft field from the earth's field. On a straight line at constant attitude each
-//! column is constant, and only their sum with S and the map value is measured. The covariance of the coefficients
-//! given that sum then stays at its prior value, and the remaining information determines the position. A constant in
-//! the terms (`bias`, and `xx` + `yy` + `zz`, whose sum is |B|/s) absorbs the constant that a map leaves undetermined.
+//! column is constant, and only the sum of all columns, S and the map value is measured. The covariance of the
+//! coefficients given that sum then stays at its prior value, and the remaining information determines the position. A
+//! constant in the terms (`bias`, and `xx` + `yy` + `zz`, whose sum is |B|/s) absorbs the constant that a map leaves
+//! undetermined.
 //!
 //! The random walk should not exceed the expected changes. Permanent terms with a random walk of 20 nT in a second
 //! absorb the whole signal of the map between the manoeuvres. With 1 to 4 nT, a jump of 100 nT is estimated within
@@ -56,8 +57,8 @@ pub use prior::{CoefficientPrior, ColdStart, prior_from_calibrations, walk_densi
 /// Scalar magnetometer with the terms of its aircraft field.
 #[derive(Clone, Copy, Debug)]
 pub struct OnlineMagnetometer<'a> {
-    /// Uncompensated field at each sample, in nT; NaN if missing. It contains the core field if, and only if, the
-    /// line's `core` is given.
+    /// Uncompensated field at each sample, in nT; NaN if missing. The measurement contains the core field if, and only
+    /// if, the line's `core` is given.
     pub measurement_nt: &'a [f64],
     /// Standard deviation of the white noise of each measurement, in nT, independent of the other magnetometers. A
     /// measurement with a value that is not above 0 counts as missing.
@@ -105,13 +106,13 @@ pub struct FluxgateEstimate {
 /// Output of the filter on a line.
 #[derive(Clone, Debug, Default)]
 pub struct OnlineOutput {
-    /// Estimated track. `residual_nt` is that of the first magnetometer used at a sample. `nis` is the mean over the
-    /// magnetometers used or gated; the sum is the joint squared innovation over its covariance. A sample counts as an
-    /// update if any magnetometer is used; the offset is that of the first.
+    /// Estimated track. `residual_nt` is the residual of the first magnetometer that is used at a sample. `nis` is the
+    /// mean over the magnetometers used or gated; the sum is the joint squared innovation over its covariance. A sample
+    /// counts as an update if any magnetometer is used; the offset is the offset of the first magnetometer.
     pub navigation: NavigationOutput,
-    /// Estimates of the magnetometers, in their order.
+    /// Estimates of the magnetometers, in the order of the magnetometers.
     pub magnetometers: Vec<AircraftEstimate>,
-    /// Bias of the vector magnetometer, if it is estimated.
+    /// Bias of the vector magnetometer, if the bias is estimated.
     pub fluxgate: Option<FluxgateEstimate>,
     /// Outcome of each sample, if there are further measurements.
     pub usage: Vec<SampleUsage>,

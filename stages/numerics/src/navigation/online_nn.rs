@@ -11,13 +11,14 @@
 //!
 //! Back-propagation computes ∂m/∂w at each sample. The weights, their covariance and their random walk are given, or
 //! come from [`train`], which uses recursive least squares over a calibration. The recursion, including the treatment
-//! of irregularities, is that of [`online`](super::online). A measurement with a feature that is NaN or infinite counts
-//! as missing. The features must not contain a scalar magnetometer ([`check_sources`](super::online::check_sources)).
+//! of irregularities, is the same as in [`online`](super::online). A measurement with a feature that is NaN or infinite
+//! counts as missing. The features must not contain a scalar magnetometer
+//! ([`check_sources`](super::online::check_sources)).
 //!
 //! A network of p features and h hidden units has h (p + 2) + 1 weights. The time per step is proportional to the
-//! square of 18 plus their number. The network extrapolates beyond the features of its calibration. The covariance of
-//! the weights includes the noise of the calibration but not the model error of the network. On a smooth function of
-//! three features, the errors are about 2.5 times the predicted standard deviation.
+//! square of 18 plus the number of weights. The network extrapolates beyond the features of its calibration. The
+//! covariance of the weights includes the noise of the calibration but not the model error of the network. On a smooth
+//! function of three features, the errors are about 2.5 times the predicted standard deviation.
 
 mod network;
 mod training;
@@ -59,8 +60,8 @@ pub struct NetworkOutput {
 ///
 /// # Errors
 /// Fails as [`NavigationLine::check`] and [`Aids::check`]. Fails with [`NavigationError::Parameter`] for features,
-/// weights, covariances and densities of another size than the network's or out of their range. Fails with
-/// [`NavigationError::Diverged`] when a state or variance is not finite or a variance is negative.
+/// weights, covariances and densities whose size differs from the network or that are out of their valid range. Fails
+/// with [`NavigationError::Diverged`] when a state or variance is not finite or a variance is negative.
 pub fn run(
     line: &NavigationLine<'_>,
     network: &OnlineNetwork,

@@ -1,4 +1,4 @@
-//! Output of a filter on a line, and its errors.
+//! Output of a filter on a line, and the errors of a filter run.
 
 use crate::earth::geodesy::EarthModel;
 use crate::navigation::ins_error::ParameterError;
@@ -31,9 +31,9 @@ pub struct NavigationOutput {
     pub x: Vec<StateVector>,
     /// Covariance of the error states; empty unless `keep_covariance` is set.
     pub p: Vec<StateMatrix>,
-    /// Measurement minus prediction, in nT; NaN if either is missing.
+    /// Measurement minus prediction, in nT; NaN if the measurement or the prediction is missing.
     pub residual_nt: Vec<f64>,
-    /// NIS: residual squared over its predicted variance; NaN if the residual is NaN.
+    /// NIS: squared residual divided by its predicted variance; NaN if the residual is NaN.
     pub nis: Vec<f64>,
     /// Estimated latitude, in degrees.
     pub lat_deg: Vec<f64>,

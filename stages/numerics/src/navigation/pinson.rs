@@ -45,13 +45,13 @@ pub const A_HAT: usize = 16;
 /// Temporal variation of the field, nT.
 pub const S: usize = 17;
 
-/// States with off-diagonal entries in F: all except the Gauss-Markov ones.
+/// States with off-diagonal entries in F: all except the Gauss-Markov states.
 pub(crate) const COUPLED: [usize; 10] = [LAT, LON, ALT, VN, VE, VD, TILT_N, TILT_E, TILT_D, A_HAT];
 /// Gauss-Markov states, which depend only on their own past.
 pub(crate) const GAUSS_MARKOV: [usize; 8] = [ACC, ACC + 1, ACC + 2, GYRO, GYRO + 1, GYRO + 2, HA, S];
 
 /// Index of each of these states in MagNav.jl, which has the two barometer states before the biases.
-/// `MAGNAV_POSITION[i]` is the index in its vectors (from 0) of magline's state `i`.
+/// `MAGNAV_POSITION[i]` is the index (from 0) of magline's state `i` in the vectors of MagNav.jl.
 pub const MAGNAV_POSITION: [usize; STATES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 12, 13, 14, 15, 16, 9, 10, 17];
 
 /// Barometer aiding of the altitude, in 1/s. [MagNav.jl `get_pinson`: k1]
@@ -88,7 +88,7 @@ pub struct TimeConstants {
 }
 
 impl TimeConstants {
-    /// Decay rates, in 1/s, of the Gauss-Markov states by state; zero for the others.
+    /// Decay rates, in 1/s, of the Gauss-Markov states, indexed by state; zero for the other states.
     pub fn decay_rates_per_s(&self) -> StateVector {
         let mut rates = [0.0; STATES];
         rates[ACC..GYRO].fill(1.0 / self.acc_s);

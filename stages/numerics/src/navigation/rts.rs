@@ -1,6 +1,6 @@
 //! Fixed-interval smoother of a whole line, iterated to the most probable trajectory.
 //!
-//! States, measurements and steps are those of `ekf`. The most probable trajectory x₀ … x_n minimises
+//! States, measurements and steps are the same as in `ekf`. The most probable trajectory x₀ … x_n minimises
 //!
 //! ```text
 //! J = x₀ᵀ P₀⁻¹ x₀/2 + Σ wₖᵀ Qₖ⁻¹ wₖ/2 + Σ ρ(rₖ),      wₖ = xₖ - Φₖ xₖ₋₁,      rₖ = (zₖ - h(xₖ))/σₖ
@@ -30,10 +30,10 @@
 //!
 //! Neither Q nor a predicted covariance is inverted. States without process noise or initial uncertainty, and units of
 //! 1e-17 rad² together with 1 m², are therefore admissible. The pass also yields J. The first two terms of J are half a
-//! quadratic form of the trajectory. Its process noise is -Qₖ λₖ with the λ before the measurement of k, and x₀ = -P₀
-//! λ₀. The products of the solution with itself and with any trajectory are therefore sums over the measurements, ⟨x̂,
-//! x̂⟩ = Σ uₖ Hₖ x̂ₖ and ⟨x̄, x̂⟩ = Σ uₖ Hₖ x̄ₖ, which require only the recursion of λ. Evaluating J along a step
-//! requires one map value per sample.
+//! quadratic form of the trajectory. The process noise of the trajectory is -Qₖ λₖ with the λ before the measurement of
+//! k, and x₀ = -P₀ λ₀. The products of the solution with itself and with any trajectory are therefore sums over the
+//! measurements, ⟨x̂, x̂⟩ = Σ uₖ Hₖ x̂ₖ and ⟨x̄, x̂⟩ = Σ uₖ Hₖ x̄ₖ, which require only the recursion of λ. Evaluating J
+//! along a step requires one map value per sample.
 //!
 //! # Memory
 //!
@@ -74,7 +74,7 @@ use pass::{FirstPass, RtsLinearisation, RtsSolution, SmootherPass};
 const MOST_HALVINGS: u32 = 10;
 /// Alternative first passes. Weights from innovations fail if the initial error is too large for the map. A pass
 /// without weights fails with outliers. Iterating single measurements finds the nearest minimum; a single linearisation
-/// sometimes finds another one. With ten times the noise, the whole line determines the start instead of its first
+/// sometimes finds another minimum. With ten times the noise, the whole line determines the start instead of the first
 /// measurements.
 const STARTS: [FirstPass; 4] = [
     FirstPass { iterations: 5, robust: true, sigma_factor: 1.0 },
@@ -86,7 +86,7 @@ const STARTS: [FirstPass; 4] = [
 const POOR_COST: f64 = 1.0;
 /// Decrease of J that is negligible: it changes the probability of the trajectory by 1 %.
 const SMALL_FALL: f64 = 0.01;
-/// Largest step, in standard deviations, that may be the last one if J no longer decreases.
+/// Largest step, in standard deviations, that may be the last step if J no longer decreases.
 const SMALL_STEP_SIGMAS: f64 = 0.5;
 
 /// Parameters of the smoother.
@@ -145,13 +145,13 @@ pub struct RtsReport {
     /// minimum.
     pub converged: bool,
     /// Largest change of a position of the line in the last full step, in m; infinite after a single pass, which has no
-    /// step. Without convergence, it estimates the distance of the trajectory from the most probable one.
+    /// step. Without convergence, it estimates the distance of the trajectory from the most probable trajectory.
     pub last_step_m: f64,
     /// Last full step in standard deviations: no state of the line, and no combination of states, changes by more than
     /// this number of its own standard deviations. It is the square root of twice the decrease of J predicted by the
     /// linear problem (the Newton decrement); infinite after a single pass.
     pub last_step_sigmas: f64,
-    /// J of the returned trajectory, over the measurements with a map value on it.
+    /// J of the returned trajectory, over the measurements with a map value on the trajectory.
     pub cost: f64,
 }
 
@@ -160,7 +160,7 @@ pub struct RtsReport {
 /// `residual_nt` and `nis` are the innovations of the last forward pass, whose map is linearised along the smoothed
 /// trajectory. The residual is measurement minus the field predicted from the past alone. The variance uses the σ of
 /// the measurement, not of the reweighting. The expected value of `nis` therefore remains 1, and outliers stay visible.
-/// The covariances are those of the last linearisation.
+/// The covariances belong to the last linearisation.
 #[derive(Clone, Debug, Default)]
 pub struct RtsOutput {
     /// Track.
@@ -192,23 +192,24 @@ fn check_window(line: &NavigationLine<'_>) -> Result<(), ParameterError> {
 #[derive(Default)]
 struct RtsTrajectory {
     x: Vec<StateVector>,
-    /// Field along it, where a measurement and a map value exist.
+    /// Field along the trajectory, where a measurement and a map value exist.
     fields: Vec<Option<FieldValue>>,
     /// Twice the part of J from the initial state and the process noise.
     motion: f64,
 }
 
-/// Accepted step, with its decrease of the cost J.
+/// Accepted step, with the resulting decrease of the cost J.
 struct RtsDescent {
     halved: bool,
     /// Decrease of J.
     fall: f64,
 }
 
-/// Candidate trajectory, with its change of the cost J.
+/// Candidate trajectory, with the resulting change of the cost J.
 struct RtsCandidate {
     trajectory: RtsTrajectory,
-    /// J of the candidate minus J of the previous trajectory, over the measurements with a map value on both.
+    /// J of the candidate minus J of the previous trajectory, over the measurements with a map value on both
+    /// trajectories.
     rise: f64,
 }
 
@@ -264,7 +265,7 @@ impl<'a> RtsSmoother<'a> {
         Ok(())
     }
 
-    /// Computes the first trajectory: the first of the [`STARTS`], or the best of all if that one is poor.
+    /// Computes the first trajectory: the first of the [`STARTS`], or the best of all starts if the first is poor.
     fn start(&mut self) -> Result<(), NavigationError> {
         let most = self.parameters.iterations;
         let first = FirstPass { iterations: STARTS[0].iterations.min(most), ..STARTS[0] };

@@ -1,4 +1,4 @@
-//! Short lines over analytic fields, and their dense least-squares solution, for the tests of the filters.
+//! Short lines over analytic fields, and the dense least-squares solution of each line, for the tests of the filters.
 #![allow(clippy::unwrap_used)]
 
 use crate::earth::geodesy::EarthModel;
@@ -19,7 +19,7 @@ pub(crate) fn dense(p: &StateMatrix) -> DenseStateMatrix {
     DenseStateMatrix::from_fn(|row, column| p[row][column])
 }
 
-/// Short line with its map; owns its data.
+/// Short line and the map; owns the data.
 #[derive(Clone)]
 pub(crate) struct AnalyticScene {
     pub(crate) columns: [Vec<f64>; 13],
@@ -40,9 +40,9 @@ pub(crate) fn m_per_deg() -> (f64, f64) {
 }
 
 impl AnalyticScene {
-    /// Flight north-eastward at 67 m/s over a field in nT as a function of metres north and east, within 7 km of its
-    /// middle, with nodes 100 m apart. The truth is 40 m north and 60 m west of the INS, and the noise is a wave of 3
-    /// nT.
+    /// Flight north-eastward at 67 m/s over a field in nT as a function of metres north and east, on a map within 7 km
+    /// of the middle, with nodes 100 m apart. The truth is 40 m north and 60 m west of the INS, and the noise is a wave
+    /// of 3 nT.
     pub(crate) fn new(tt: &[f64], interpolation: MapInterpolation, field_nt: impl Fn(f64, f64) -> f64) -> Self {
         let (north, east) = m_per_deg();
         let axis = |middle: f64, m_per_deg: f64| -> Vec<f64> {
@@ -107,7 +107,7 @@ impl AnalyticScene {
     }
 }
 
-/// Positions 30 m north and 50 m west of an INS at every seventh sample from the third on, half of them without a
+/// Positions 30 m north and 50 m west of an INS at every seventh sample from the third on, every second position has no
 /// height. Standard deviations are 20 and 30 m.
 pub(crate) fn positions(columns: &[Vec<f64>; 13]) -> PositionFixes {
     let (north, east) = m_per_deg();
@@ -176,7 +176,7 @@ impl DenseBatchSmoother {
         all
     }
 
-    /// Solves with the map linearised along the last solution, and the weights of its residuals.
+    /// Solves with the map linearised along the last solution, and with weights from the residuals of that solution.
     pub(crate) fn solve(&mut self, line: &NavigationLine<'_>, weight: impl Fn(f64) -> f64) {
         let mut field = line.predicted();
         let (mut rows, mut columns, mut values, mut variances) = (vec![], vec![], vec![], vec![]);

@@ -19,9 +19,9 @@
 //! # Equations
 //!
 //! Each particle represents the errors of latitude and longitude. The other 16 states of
-//! [`pinson`](crate::navigation::pinson) are linear and Gaussian given its path, with one covariance P for all
-//! particles. They are not measured directly but are updated by the displacements of the particle. Let F be the first
-//! two columns of the Cholesky factor of C = Φ P Φᵀ + Q. A step draws w ~ N(0, I) for each particle [Lee 2019,
+//! [`pinson`](crate::navigation::pinson) are linear and Gaussian given the path of a particle, with one covariance P
+//! for all particles. They are not measured directly but are updated by the displacements of the particle. Let F be the
+//! first two columns of the Cholesky factor of C = Φ P Φᵀ + Q. A step draws w ~ N(0, I) for each particle [Lee 2019,
 //! (27)-(29)]
 //!
 //! ```text
@@ -29,8 +29,8 @@
 //! ```
 //!
 //! Setting the sources of the biases, of the barometer and of S to zero gives the nine states of Lee 2019 (30); setting
-//! those of the barometer and of S to zero gives its fifteen states (67). (The barometer aiding, K1 to K3, remains,
-//! because the height would diverge without it.)
+//! the sources of the barometer and of S to zero gives its fifteen states (67). (The barometer aiding, K1 to K3,
+//! remains, because the height would diverge without it.)
 //!
 //! The map of a particle consists of its path and the measurements, which all particles share. At each step the weight
 //! is the likelihood of the measurement z given the earlier ones,
@@ -59,9 +59,9 @@
 //! # Limits
 //!
 //! Only the position relative to the earlier path is observed. The error of the first lap therefore remains, unless
-//! aiding positions ([`fixes`]) locate that lap. On straight lines without a revisit the track is that of the INS.
-//! Particles must be dense enough for some of them to coincide with a revisit. With 1000 particles, the drift between
-//! visits may be some hundreds of metres. After kilometres of drift no particle is near the truth, the standard
+//! aiding positions ([`fixes`]) locate that lap. On straight lines without a revisit the track equals the track of the
+//! INS. Particles must be dense enough for some of them to coincide with a revisit. With 1000 particles, the drift
+//! between visits may be some hundreds of metres. After kilometres of drift no particle is near the truth, the standard
 //! deviations are too small, and false revisits shift the track. The innovations do not indicate this. The indicator is
 //! [`SlamReport::largest_correction`], the largest squared correction over the covariance of the INS alone (chi-square
 //! of 2 degrees of freedom), if it is above [`IMPLAUSIBLE`]. For an INS of unlimited error, a small value is no
@@ -114,7 +114,7 @@ pub use smoother::{SlamSmootherParameters, SlamSmootherReport};
 /// Filters one line.
 ///
 /// With [`SlamParameters::smoother`], track and path are the smoothed ones if [`SlamReport::smoother`] is present;
-/// innovations are those of the filter.
+/// innovations are the innovations of the filter.
 ///
 /// Results are bit-identical for any number of threads. Takes about 6 µs of one core per particle and step with a
 /// revisit.
@@ -157,8 +157,8 @@ struct SlamFilter<'a> {
     /// Displacement of each particle at the mean time of the step's measurements, in m.
     now_m: Vec<[f64; 2]>,
     moments: SlamMoments,
-    /// Moments of the Kalman filter, used with aiding positions until the next weighting by the field. They have no
-    /// sampling error from a finite number of draws.
+    /// Moments of the Kalman filter, used with aiding positions until the next weighting by the field. These moments
+    /// have no sampling error from a finite number of draws.
     exact: Option<SlamMoments>,
     /// Covariance of the INS alone.
     alone: StateMatrix,
@@ -220,7 +220,7 @@ impl<'a> SlamFilter<'a> {
         }
     }
 
-    /// Processes one step: the rows up to its last one, the particles, and their weights.
+    /// Processes one step: the rows up to the last row of the step, the particles, and their weights.
     fn advance(&mut self, step: usize) -> Result<(), NavigationError> {
         let last = self.ends[step];
         if step > 0 {
@@ -273,11 +273,12 @@ impl<'a> SlamFilter<'a> {
         self.particles.regularise(&spread, &mean, bandwidth(effective), step);
     }
 
-    /// Resamples the particles and their paths; `spread` is the covariance of their states.
+    /// Resamples the particles and their paths; `spread` is the covariance of the particles' states.
     fn thin_out(&mut self, spread: &StateMatrix, step: u64) {
         self.lost.bank(&self.particles.weights, spread, &self.map.history);
         let active = self.particles.active.clone();
-        // Without a list of active particles all are resampled; an aiding position weights all.
+        // Without a list of active particles, all particles are resampled, because an aiding position weights all
+        // particles.
         let all = self.parameters.expected == ExpectedMeasurement::NearestNeighbour || self.line.fixes.is_some();
         let parents = self.particles.resample(|particle| all || active[particle], step);
         self.map.history.resample(&parents);
@@ -477,7 +478,7 @@ fn spread(p: &StateMatrix, particles: &SlamParticles) -> StateMatrix {
     std::array::from_fn(|row| std::array::from_fn(|column| p[row][column] - particles.linear[row][column]))
 }
 
-/// Square of the correction of the position over the covariance of the INS alone: chi-square of 2 degrees.
+/// Square of the correction of the position over the covariance of the INS alone: chi-square with 2 degrees of freedom.
 fn correction(moments: &SlamMoments, alone: &StateMatrix) -> f64 {
     let ([lat, lon], [a, b, c]) =
         ([moments.x[LAT], moments.x[LON]], [alone[LAT][LAT], alone[LAT][LON], alone[LON][LON]]);
@@ -485,7 +486,7 @@ fn correction(moments: &SlamMoments, alone: &StateMatrix) -> f64 {
     if determinant > 0.0 { (c * lat * lat - 2.0 * b * lat * lon + a * lon * lon) / determinant } else { 0.0 }
 }
 
-/// Residual of the mean expected measurement, and its square over the variance of the mixture.
+/// Residual of the mean expected measurement, and the square of this residual over the variance of the mixture.
 fn innovation(predictions: &[ParticlePrediction], weights: &[f64]) -> Innovation {
     let sound = || predictions.iter().zip(weights).filter(|(prediction, _)| prediction.variance_nt2.is_finite());
     let total: f64 = sound().map(|(_, weight)| weight).sum();
@@ -497,8 +498,8 @@ fn innovation(predictions: &[ParticlePrediction], weights: &[f64]) -> Innovation
     Innovation { residual_nt, nis: residual_nt * residual_nt / variance_nt2 }
 }
 
-/// Logarithms of the weights' factors. A particle without a prediction has the mean factor of those with one. [Lee
-/// 2019, algorithm 3, line 5]
+/// Logarithms of the weights' factors. A particle without a prediction has the mean factor of the particles with a
+/// prediction. [Lee 2019, algorithm 3, line 5]
 fn log_likelihoods(predictions: &[ParticlePrediction], method: ExpectedMeasurement) -> Vec<f64> {
     let of = |prediction: &ParticlePrediction| match method {
         ExpectedMeasurement::NearestNeighbour => prediction.log_likelihood(),

@@ -1,7 +1,8 @@
 //! Inertial quantities of a flight without an inertial navigation record, derived from its positions: velocity from
 //! positions, specific force from velocity, attitude from the course.
 //!
-//! They are inputs to the coefficients of the error model, which require an accuracy of only a few per cent.
+//! These quantities are inputs to the coefficients of the error model, which require an accuracy of only a few per
+//! cent.
 
 use crate::angle::unwrapped_deg;
 use crate::{
@@ -29,8 +30,8 @@ pub fn derivative(tt_s: &[f64], values: &[f64]) -> Result<Vec<f64>, SeriesError>
 }
 
 /// Slope at each sample: the slope of the parabola through the sample and its neighbours. If the sample itself is
-/// missing, it is the slope of the chord between the neighbours; at the ends, the slope of the first or last two
-/// samples. NaN if a neighbour is missing or time does not increase.
+/// missing, the result is the slope of the chord between the neighbours; at the ends, the result is the slope between
+/// the first or last two samples. NaN if a neighbour is missing or time does not increase.
 pub fn slopes(tt_s: &[f64], values: &[f64]) -> Vec<f64> {
     let n = tt_s.len().min(values.len());
     let slope = |from: usize, to: usize| {

@@ -21,9 +21,9 @@
 //! matrix of order M is then factorised. S is linear between knots that are a quarter of τ apart, and has the
 //! covariance of the process at the knots.
 //!
-//! The position of the track has an error with the covariance P. To first order it contributes gᵀP g to the variance of
-//! the measurement, where g is the slope of the map [McHutchon & Rasmussen 2011]. The slope comes from a first solution
-//! without this contribution. Position errors persist for minutes. Therefore,
+//! The position of the track has an error with the covariance P. To first order, the position error contributes gᵀP g
+//! to the variance of the measurement, where g is the slope of the map [McHutchon & Rasmussen 2011]. The slope comes
+//! from a first solution without this contribution. Position errors persist for minutes. Therefore,
 //!
 //! - the inverse weights are v = σ_n² + gᵀP g n, where n is the number of samples within a length of the kernel, whose
 //!   errors are common;
@@ -32,7 +32,7 @@
 //!   from any number of measurements.
 //!
 //! Heights that differ from the mean add the variance
-//! [`AnomalyKernel::height_nt2`](crate::navigation::slam::AnomalyKernel). Waves shorter than those of the basis are
+//! [`AnomalyKernel::height_nt2`](crate::navigation::slam::AnomalyKernel). Waves shorter than the waves of the basis are
 //! treated as white noise of the measurements and add to the variance of the map.
 
 pub mod basis;
@@ -49,11 +49,11 @@ use basis::{LaplacianBasis, waves};
 use hyper::TrackPieces;
 use normal::{FieldVariance, TrackMapRow, TrackMapSolution, TrackMapSums};
 
-/// Largest fraction of the variance that the basis may omit; above it the area is too large.
+/// Largest fraction of the variance that the basis may omit; above this fraction the area is too large.
 const MOST_LACKING: f64 = 0.02;
 /// Number of knots of the temporal variation per time constant.
 const KNOTS: f64 = 4.0;
-/// Maximum number of knots of all flights; on longer flights their spacing is larger.
+/// Maximum number of knots of all flights; on longer flights the spacing of the knots is larger.
 const MOST_KNOTS: usize = 500;
 
 /// Measurement of a track.
@@ -67,28 +67,29 @@ pub struct TrackSample {
     pub tt_s: f64,
     /// Anomaly, in nT.
     pub value_nt: f64,
-    /// Variance of its white noise, in addition to that of the kernel, in nT².
+    /// Variance of the white noise of the measurement, in addition to the noise of the kernel, in nT².
     pub variance_nt2: f64,
-    /// Variances of the position east and north and their covariance, in m².
+    /// Variances of the position east and north, and the covariance of both, in m².
     pub position_m2: [f64; 3],
-    /// Index of its flight, from 0.
+    /// Index of the flight of the measurement, from 0.
     pub flight: usize,
-    /// Index of its line among the lines of all flights, from 0.
+    /// Index of the line of the measurement among the lines of all flights, from 0.
     pub line: usize,
 }
 
 /// Parameters of the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackMapParameters {
-    /// Gaussian process of the anomaly; if it is fitted, the start of the search.
+    /// Gaussian process of the anomaly; if the kernel is fitted, the start of the search.
     pub kernel: AnomalyKernel,
     /// Whether the kernel is fitted.
     pub hyperparameters: HyperparameterSource,
-    /// Standard deviation (nT) and time constant (s) of the temporal variation; a standard deviation of 0 means none.
+    /// Standard deviation (nT) and time constant (s) of the temporal variation; a standard deviation of 0 means no
+    /// temporal variation.
     pub temporal: (f64, f64),
-    /// Standard deviation of the constant of each line, if there are several, in nT; 0 means none.
+    /// Standard deviation of the constant of each line, if there are several, in nT; 0 means no constant.
     pub line_sigma_nt: f64,
-    /// Maximum number of functions of the basis. Computing time grows with its third power.
+    /// Maximum number of functions of the basis. Computing time grows with the third power of this number.
     pub most_functions: usize,
 }
 
@@ -115,7 +116,7 @@ pub enum TrackMapError {
         length_m: f64,
         /// Maximum number of functions.
         functions: usize,
-        /// Fraction of the variance that they omit.
+        /// Fraction of the variance that the basis functions omit.
         lacking: f64,
     },
     /// The normal equations are numerically singular.
@@ -128,8 +129,8 @@ pub enum TrackMapError {
 pub struct TrackMapReport {
     /// Kernel of the map.
     pub kernel: AnomalyKernel,
-    /// Whether it was fitted. False after a requested fit means that the track is too short or constant; the given
-    /// kernel was then used.
+    /// Whether the kernel was fitted. False after a requested fit means that the track is too short or constant; the
+    /// given kernel was then used.
     pub fitted: bool,
     /// Number of measurements.
     pub samples: usize,
@@ -243,7 +244,7 @@ impl TrackMap {
         })
     }
 
-    /// Nodes of a grid, by rows from the south, each from west to east.
+    /// Nodes of a grid, by rows from the south, each row from west to east.
     pub fn on(&self, east_m: EvenAxis, north_m: EvenAxis) -> Vec<TrackMapNode> {
         let basis = &self.basis;
         let table = |axis: usize, at: EvenAxis| -> Vec<BasisWaves> {
@@ -340,7 +341,7 @@ fn moved([east, north]: [f64; 2], [ee, nn, en]: [f64; 3]) -> f64 {
     (east * east * ee + north * north * nn + 2.0 * east * north * en).max(0.0)
 }
 
-/// Mean distance between neighbouring samples of a line, in m; 0 if no line has two.
+/// Mean distance between neighbouring samples of a line, in m; 0 if no line has two samples.
 fn spacing(lines: &[&[TrackSample]]) -> f64 {
     let step = |pair: &[TrackSample]| (pair[1].at_m[0] - pair[0].at_m[0]).hypot(pair[1].at_m[1] - pair[0].at_m[1]);
     let path_m: f64 = lines.iter().flat_map(|line| line.windows(2)).map(step).sum();
@@ -398,7 +399,8 @@ fn misfit(basis: &LaplacianBasis, solution: &TrackMapSolution, rows: &[TrackMapR
 struct NuisanceParameters {
     columns: usize,
     level_nt2: f64,
-    /// Constants of lines: index of the first column, their number, and their variance; `None` without them.
+    /// Constants of lines: index of the first column, number of constants, and variance of each; `None` without
+    /// constants.
     lines: Option<(usize, usize, f64)>,
     flights: Vec<TemporalKnots>,
     temporal: (f64, f64),
@@ -436,7 +438,7 @@ impl NuisanceParameters {
         Self { columns, level_nt2: kernel.mean_nt2(), lines, flights, temporal: parameters.temporal }
     }
 
-    /// Adds the entries of each sample to its row.
+    /// Adds the entries of each sample to the row of the sample.
     fn enter(&self, samples: &[TrackSample], rows: &mut [TrackMapRow]) {
         for (row, sample) in rows.iter_mut().zip(samples) {
             row.beside.push((0, 1.0));

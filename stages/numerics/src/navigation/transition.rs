@@ -16,7 +16,7 @@ choice! {
     #[derive(Default)]
     pub enum NoiseDiscretisation {
         /// Half of q Δt before the step and half after it: second order and positive semidefinite, without additional
-        /// cost. With steps of 1 s, the filter's NEES equals that of Van Loan's to five digits.
+        /// cost. With steps of 1 s, the filter's NEES equals the NEES with Van Loan's method to five digits.
         #[default]
         Trapezoidal = "trapezoidal",
         /// q Δt added after the step (MagNav.jl): first order.
@@ -65,14 +65,15 @@ const SCALE: StateVector = {
 
 /// Largest remainder of the series, in scaled states.
 const REMAINDER: f64 = 1e-16;
-/// Largest scaled norm of F Δt for the series; above it the step is halved.
+/// Largest scaled norm of F Δt for the series; above this norm the step is halved.
 const LARGEST: f64 = 0.5;
 
 /// Transition matrix exp(F Δt) of a matrix from `pinson_matrix`.
 ///
-/// The Gauss-Markov states decay by their exponentials. The rest is the Taylor series over the nonzero entries. Its
-/// order gives a remainder θ^(k+1)/(k+1)! e^θ below 1e-16, where θ is the largest row sum of |F Δt| in scaled states (6
-/// terms at 0.1 s, 8 at 1 s). A step with θ above one half (several seconds) is made of halves.
+/// The Gauss-Markov states decay by their exponentials. The other states use the Taylor series over the nonzero
+/// entries. The order of the series gives a remainder θ^(k+1)/(k+1)! e^θ below 1e-16, where θ is the largest row sum of
+/// |F Δt| in scaled states (6 terms at 0.1 s, 8 at 1 s). A step with θ above one half (several seconds) is made of
+/// halves.
 #[inline(always)]
 pub fn transition_matrix(f: &StateMatrix, dt_s: f64) -> StateMatrix {
     let norm = scaled_norm(f);
@@ -117,7 +118,8 @@ fn halvings(theta: f64) -> u32 {
 fn series(f: &StateMatrix, norm: f64, dt_s: f64) -> StateMatrix {
     let theta = norm * dt_s.abs();
     let mut phi = identity();
-    // Two alternating terms: entries outside the pattern are zero from the start and remain zero.
+    // The two buffers hold alternate terms of the series. Entries outside the pattern are zero from the start and
+    // remain zero.
     let (mut term, mut next) = (&mut identity(), &mut [[0.0; STATES]; STATES]);
     let mut bound = theta.exp();
     for order in 1..40_u32 {
@@ -220,8 +222,8 @@ pub fn propagate_covariance(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
 /// Covariance that white noise of spectral density `q` (per state, per second) adds over a step of exp(F s), the
 /// integral of exp(F s) Q exp(F s)ᵀ. [Van Loan 1978]
 ///
-/// Four-point Gauss-Legendre quadrature over pieces with a scaled norm of at most one half. Its weights are positive,
-/// so every result is positive semidefinite.
+/// Four-point Gauss-Legendre quadrature over pieces with a scaled norm of at most one half. The weights of the
+/// quadrature are positive, so every result is positive semidefinite.
 #[inline(always)]
 pub fn van_loan(f: &StateMatrix, q: &StateVector, dt_s: f64) -> StateMatrix {
     const NODES: [(f64, f64); 4] = [

@@ -1,14 +1,14 @@
 //! Unscented Kalman filter of magnetic navigation, on the 18 states of [`ekf`](crate::navigation::ekf).
 //!
-//! The error dynamics are linear, so the step to the next sample is the exact one, x ← Φ x, P ← Φ P Φᵀ + Q. The
-//! measurement z = g(y) + S + v is nonlinear in the position y = (latitude, longitude, height) alone. The unscented
-//! transform is therefore applied to these n = 3 states. With the Cholesky factor L Lᵀ = P_yy and c² = α² (n + κ), the
-//! field is looked up at the seven points y and y ± c L_i. Given y, the other states are linear in it. A full transform
-//! of the 18 states by the Cholesky factor with y first moves y in the same six directions only. It gives the same
+//! The error dynamics are linear, so the step to the next sample is exact, x ← Φ x, P ← Φ P Φᵀ + Q. The measurement z =
+//! g(y) + S + v is nonlinear in the position y = (latitude, longitude, height) alone. The unscented transform is
+//! therefore applied to these n = 3 states. With the Cholesky factor L Lᵀ = P_yy and c² = α² (n + κ), the field is
+//! looked up at the seven points y and y ± c L_i. Given y, the other states are linear in it. A full transform of the
+//! 18 states by the Cholesky factor with y first moves y in the same six directions only. This transform gives the same
 //! mean, gain and covariance when its c, α and β are the same. [Briers, Maskell & Wright 2003; Morelande & Ristic 2006]
 //!
-//! With the halves of the first differences d_i = (g_i⁺ − g_i⁻)/(2c) and of the second e_i = (g_i⁺ + g_i⁻)/2 − g₀, the
-//! weighted sums over the points [Julier & Uhlmann 2004; Wan & van der Merwe 2000] become
+//! With the halves of the first differences d_i = (g_i⁺ − g_i⁻)/(2c) and of the second differences e_i = (g_i⁺ +
+//! g_i⁻)/2 − g₀, the weighted sums over the points [Julier & Uhlmann 2004; Wan & van der Merwe 2000] become
 //!
 //! ```text
 //! mean       ḡ = g₀ + m,            m = Σ e_i/c²
@@ -17,9 +17,9 @@
 //! ```
 //!
 //! which is the statistical linear regression of the field over the position's own uncertainty [Lefebvre, Bruyninckx &
-//! De Schutter 2002]: a measurement of H = [a, 0 … 0, 1] whose noise is σ² + ω. The correction is therefore that of the
-//! EKF in Joseph's form. The covariance stays positive for every ω ≥ 0, which is the case for β ≥ −α² κ/3. The form
-//! with differences also keeps its digits for a small α.
+//! De Schutter 2002]: a measurement of H = [a, 0 … 0, 1] whose noise is σ² + ω. The correction is therefore the
+//! correction of the EKF in Joseph's form. The covariance stays positive for every ω ≥ 0, which is the case for β ≥ −α²
+//! κ/3. The form with differences also keeps its digits for a small α.
 //!
 //! Irregularities along the line are counted:
 //!
@@ -49,8 +49,8 @@ use params::{Fault, Rule, obeys};
 ///
 /// The defaults α = 1 and κ = 0 put the points √3 standard deviations from the estimate. The mean of the field and the
 /// gain are then correct to the fourth moment of every direction. The variance of the field's second-order part is (5 +
-/// 4 β)/8 of the true one on average over fields whose curvature has no preferred direction. β = 3/4 is correct. The
-/// usual β = 2 is cautious, which costs nothing where the map is linear, and fewer filters diverge from a very
+/// 4 β)/8 of the true variance on average over fields whose curvature has no preferred direction. β = 3/4 is correct.
+/// The usual β = 2 is cautious, which costs nothing where the map is linear, and fewer filters diverge from a very
 /// uncertain start. With κ = −1 and β = 1 the variance of a quadratic field without mixed second derivatives (along the
 /// directions of the points) is exact instead.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,8 +62,8 @@ pub struct UkfParameters {
     pub beta: f64,
     /// κ of the unscented transform: the points are at α √(3 + κ) standard deviations; above −3.
     pub kappa: f64,
-    /// Largest NIS of a measurement; larger ones are rejected and counted. `None` uses every measurement. 10.83 rejects
-    /// one valid measurement in a thousand.
+    /// Largest NIS of a measurement; measurements with larger NIS are rejected and counted. `None` uses every
+    /// measurement. 10.83 rejects one valid measurement in a thousand.
     pub gate_nis: Option<f64>,
     /// Returns the error states of every sample (144 bytes each).
     pub keep_states: bool,
@@ -119,7 +119,7 @@ pub struct UkfOutput {
     /// Standard deviation √ω of the nonlinear part of the field over the uncertainty of the position, in nT, one value
     /// per sample; NaN without a prediction and where the map was linearised at the estimated position.
     pub nonlinear_sd_nt: Vec<f64>,
-    /// Number of samples at which the map was linearised because one of the outer points was off it.
+    /// Number of samples at which the map was linearised because an outer point was off the map.
     pub linearised: usize,
 }
 

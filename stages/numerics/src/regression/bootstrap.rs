@@ -7,9 +7,9 @@ use crate::{random::SplitMix64, regression::statistics::quantile};
 /// A percentile interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PercentileInterval {
-    /// Its lower end.
+    /// Lower end of the interval.
     pub low: f64,
-    /// Its upper end.
+    /// Upper end of the interval.
     pub high: f64,
 }
 
@@ -63,7 +63,7 @@ mod tests {
         let found = BootstrapResamples::new(x.len(), 4000, 1).values(|chosen| chosen.map(|i| x[i]).sum::<f64>() / n);
         let found = PercentileInterval::central(found, 0.95).unwrap();
         // A 95 % quantile of 4000 draws is accurate to 0.04 standard deviations of the mean; the limit is five times
-        // that.
+        // this error.
         let (half, error) = (1.96 * sigma / n.sqrt(), 0.2 * sigma / n.sqrt());
         assert!((found.low - (mean - half)).abs() < error && (found.high - (mean + half)).abs() < error, "{found:?}");
     }

@@ -32,7 +32,7 @@ pub struct LambdaPoint {
     pub curvature: f64,
 }
 
-/// `count` values from `first` to `last`, evenly spaced in their logarithm.
+/// `count` values from `first` to `last`, evenly spaced in the logarithm.
 ///
 /// # Errors
 /// Fails with [`LeastSquaresError::Setting`] for an end that is not a finite number above 0.
@@ -97,14 +97,14 @@ fn curvature(points: &[LambdaPoint]) -> f64 {
     if moved < STANDS_STILL { 0.0 } else { log_curvature(misfit, size) }
 }
 
-/// Index of the point with the smallest expected error; `None` if none is defined.
+/// Index of the point with the smallest expected error; `None` if no score is defined.
 pub fn by_generalised_cross_validation(points: &[LambdaPoint]) -> Option<usize> {
     let defined = (0..points.len()).filter(|&k| points[k].generalised.is_finite());
     defined.min_by(|&a, &b| points[a].generalised.total_cmp(&points[b].generalised))
 }
 
 /// Index of the point at the corner, as chosen by van der Meer 2025; `None` if the curve has no corner. If the true
-/// coefficients are smooth, this ridge is weaker than the best one, by one or two decades of λ.
+/// coefficients are smooth, this ridge is weaker than the best ridge by one or two decades of λ.
 pub fn by_l_curve(points: &[LambdaPoint]) -> Option<usize> {
     let bent = (0..points.len()).filter(|&k| points[k].curvature > 0.0);
     bent.max_by(|&a, &b| points[a].curvature.total_cmp(&points[b].curvature))
@@ -197,8 +197,8 @@ mod tests {
 
     #[test]
     fn law_generalised_cross_validation_finds_the_prediction_error() {
-        // Over 200 draws of the noise, the mean score at each lambda equals the mean error at new noise, within its
-        // scatter.
+        // Over 200 draws of the noise, the mean score at each lambda equals the mean error at new noise, within the
+        // scatter of the score.
         let (rows, p) = (60, 12);
         let mut normals = NormalGenerator::new(3);
         let a: Vec<f64> = (0..rows * p).map(|_| normals.draw()).collect();
@@ -279,8 +279,8 @@ mod tests {
         }
         // Computed in numpy with other draws: the error of the corner is 1.5 to 4 times the smallest error, because its
         // lambda is too small for a smooth truth [Hanke 1996]. The error of cross-validation is 1.1 to 2 times the
-        // smallest one, but occasionally it fits noise; medians are therefore compared. The errors at the two ends of
-        // the grid are 60 and 9 times the smallest one.
+        // smallest error, but occasionally it fits noise; medians are therefore compared. The errors at the two ends of
+        // the grid are 60 and 9 times the smallest error.
         by_score.sort_by(f64::total_cmp);
         by_corner.sort_by(f64::total_cmp);
         assert!(by_score[4] < 2.5 && by_corner[4] < 4.0, "{by_score:?} {by_corner:?}");

@@ -10,11 +10,11 @@ const BLOCKS: usize = 2048;
 /// Minimum number of samples of a test.
 const LEAST: usize = 10;
 
-/// Effective number of independent samples of `x`: the variance of a sample divided by that of the mean.
-/// Autocorrelations are summed in pairs of neighbouring lags until the sum of a pair is not above 0; each pair is
-/// limited to the previous one. The result is at least 1 and at most the number of samples; NaN for a constant or fewer
-/// than ten samples. Values that are not finite are excluded, and their neighbours are treated as adjacent. [Geyer
-/// 1992, section 3.3]
+/// Effective number of independent samples of `x`: the variance of a sample divided by the variance of the mean.
+/// Autocorrelations are summed in pairs of neighbouring lags until the sum of a pair is not above 0; each sum is
+/// limited to the sum of the previous pair. The result is at least 1 and at most the number of samples; NaN for a
+/// constant or fewer than ten samples. Values that are not finite are excluded, and their neighbours are treated as
+/// adjacent. [Geyer 1992, section 3.3]
 ///
 /// The result is too large for a series of only a few correlation times.
 pub fn effective_samples(x: &[f64]) -> f64 {
@@ -37,8 +37,8 @@ pub fn effective_samples(x: &[f64]) -> f64 {
     (of_sample / of_mean).clamp(1.0, n as f64)
 }
 
-/// Statistical inefficiency: 1 plus twice the sum of the autocorrelations, the variance of the mean over that of
-/// independent samples.
+/// Statistical inefficiency: 1 plus twice the sum of the autocorrelations, the variance of the mean divided by the
+/// variance of the mean of independent samples.
 fn inefficiency(x: &[f64], variance: f64) -> f64 {
     let mean = x.iter().sum::<f64>() / x.len() as f64;
     let at = |lag: usize| {
@@ -56,10 +56,10 @@ fn inefficiency(x: &[f64], variance: f64) -> f64 {
     (2.0 * sum - 1.0).max(1.0 / x.len() as f64)
 }
 
-/// Probability that a consistent filter has a smaller mean of `squares` than the given one. `squares` are the
-/// normalised squares of errors or innovations with `freedom` components each. It is near 0 for a cautious filter and
-/// near 1 for an overconfident one. The mean times the number of independent samples ([`effective_samples`]) is
-/// chi-square with `freedom` degrees of freedom per independent sample. NaN if that number is NaN.
+/// Probability that a consistent filter has a smaller mean of `squares` than the given value. `squares` are the
+/// normalised squares of errors or innovations with `freedom` components each. The probability is near 0 for a cautious
+/// filter and near 1 for an overconfident one. The mean times the number of independent samples ([`effective_samples`])
+/// is chi-square with `freedom` degrees of freedom per independent sample. NaN if that number is NaN.
 pub fn chi_square_probability(squares: &[f64], freedom: f64) -> SampleStatistic {
     let known = || squares.iter().filter(|x| x.is_finite());
     let n = known().count();
@@ -98,7 +98,7 @@ fn stride(x: &[f64]) -> usize {
 }
 
 /// Share of the autocorrelations of `x`, at lags of 1 to `lags` finite values, within 1.96/√n, where n is the number of
-/// pairs of a lag. Its expected value is 0.95 for white noise of mean 0. Autocorrelations are about 0, so that a bias
+/// pairs of a lag. The expected value is 0.95 for white noise of mean 0. Autocorrelations are about 0, so that a bias
 /// is not treated as white noise. Pairs with a value that is not finite are excluded. NaN for fewer samples than twice
 /// the lags, and for a series of zeros.
 pub fn whiteness(x: &[f64], lags: usize) -> SampleStatistic {
@@ -180,10 +180,10 @@ pub fn statistical_inefficiency(x: &[f64]) -> f64 {
 }
 
 /// Mean of the squared normalised innovations times their [`statistical_inefficiency`], 1 plus twice the sum of their
-/// autocorrelations. This is the ratio of the variance of averages of `x` to that of averages of independent values of
-/// variance 1. Its expected value is 1 for a consistent filter. Averages of innovations correct the position. Values
-/// above 1 therefore mean that the covariance is too small, because the innovations are too large or too correlated.
-/// NaN for a constant or fewer than ten samples.
+/// autocorrelations. This is the ratio of the variance of averages of `x` to the variance of averages of independent
+/// values of variance 1. The expected value is 1 for a consistent filter. Averages of innovations correct the position.
+/// Values above 1 therefore mean that the covariance is too small, because the innovations are too large or too
+/// correlated. NaN for a constant or fewer than ten samples.
 pub fn correlated_nis(x: &[f64]) -> SampleStatistic {
     let n = x.iter().filter(|x| x.is_finite()).count();
     SampleStatistic { value: mean_square(x) * statistical_inefficiency(x), n }
@@ -283,7 +283,7 @@ mod tests {
             };
             (0..50).map(of).sum::<f64>() / 50.0
         };
-        // 1000 lags of fifty series: one standard deviation is 0.7 %.
+        // For 1000 lags of fifty series, one standard deviation is 0.7 %.
         let (white, coloured_one, biased) = (mean(0.0, 0.0, 1.0), mean(0.9, 0.0, 1.0), mean(0.0, 0.5, 1.0));
         println!("white {white:.3}, decay of 0.9 {coloured_one:.3}, bias of half a sigma {biased:.3}");
         assert!((white - 0.95).abs() < 0.025, "{white}");
@@ -300,7 +300,7 @@ mod tests {
             };
             (0..50).map(of).sum::<f64>() / 50.0
         };
-        // (1 + a)/(1 - a) for a first-order autoregression of decay a.
+        // The expected value is (1 + a)/(1 - a) for a first-order autoregression with decay a.
         for (decay, spread, expected) in
             [(0.0, 1.0, 1.0), (0.0, 2.0, 4.0), (0.5, 1.0, 3.0), (0.5, 3f64.sqrt().recip(), 1.0)]
         {

@@ -14,7 +14,7 @@
 //!
 //! A drifting residual, such as a random walk in a fit without a filter, has different values at its ends. The
 //! resulting jump correlates its Fourier components, and a slow term fits the ramp: standard deviations are then 2 to 4
-//! times too small. If the slowest waves are far stronger than the next ones, the residual is therefore split into a
+//! times too small. If the slowest waves are far stronger than the next waves, the residual is therefore split into a
 //! ramp from its first to its last sample and a remainder with independent waves. The variance of the ramp is that of a
 //! random walk with the increments of the slowest waves ([`ResidualDrift::Wandering`]). The uncertainty of a constant
 //! increases with the length of the walk and is not included in its standard deviation.
@@ -33,11 +33,11 @@ const LOWEST_HZ: f64 = 1e-3;
 /// Minimum degrees of freedom of a band after the fit.
 const LEAST_FREEDOM: f64 = 16.0;
 
-/// Waves of a run that indicate a drifting residual: the slowest ones, and those with which they are compared.
+/// Waves of a run that indicate a drifting residual: the slowest waves, and the waves with which they are compared.
 const SLOWEST: std::ops::Range<usize> = 1..5;
 const NEXT: std::ops::Range<usize> = 9..25;
-/// Minimum ratio of the power of the slowest waves to that of the next ones for a drifting residual. Fewer than one in
-/// a million runs of independent samples reaches this ratio; a random walk has 80.
+/// Minimum ratio of the power of the slowest waves to the power of the next waves for a drifting residual. Fewer than
+/// one in a million runs of independent samples reaches this ratio; a random walk has 80.
 const WANDERS: f64 = 10.0;
 
 /// Model of a residual's drift between the first and the last sample of a run.
@@ -49,10 +49,10 @@ pub enum ResidualDrift {
     Wandering,
 }
 
-/// Cross-products of columns within one band of frequencies.
+/// Cross-products of columns within a band of frequencies.
 #[derive(Clone, Debug, PartialEq)]
 struct SpectralBand {
-    /// Real degrees of freedom: two for each frequency except the first and the last.
+    /// Real degrees of freedom: two for each frequency, but one for the first and for the last.
     freedom: f64,
     /// The upper triangle of the cross-products, row by row.
     products: Vec<f64>,
@@ -102,13 +102,13 @@ impl DriftStatistics {
     }
 }
 
-/// Cross-products of columns in bands of frequencies; summed over all bands, they are those of the rows.
+/// Cross-products of columns in bands of frequencies; their sum over all bands equals the cross-products of the rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CrossSpectra {
     width: usize,
     rows: f64,
     sums: Vec<f64>,
-    /// Bands by their number; the lowest holds the means of the runs.
+    /// Bands, indexed by number; the lowest holds the means of the runs.
     bands: BTreeMap<i32, SpectralBand>,
     /// Statistics of [`ResidualDrift::Wandering`].
     walk: Option<DriftStatistics>,
@@ -187,7 +187,7 @@ impl CrossSpectra {
         }
     }
 
-    /// Adds the rows of others with the same columns.
+    /// Adds the rows of other spectra with the same columns.
     pub fn merge(&mut self, other: &Self) {
         self.rows += other.rows;
         self.sums.iter_mut().zip(&other.sums).for_each(|(a, b)| *a += b);
@@ -206,7 +206,7 @@ impl CrossSpectra {
         }
     }
 
-    /// Spectra of some columns, each multiplied by its factor; columns that do not exist are ignored.
+    /// Spectra of some columns, each multiplied by the factor of the column; columns that do not exist are ignored.
     pub fn select(&self, columns: &[(usize, f64)]) -> Self {
         let columns: Vec<(usize, f64)> = columns.iter().copied().filter(|(c, _)| *c < self.width).collect();
         let cut = |products: &Vec<f64>| -> Vec<f64> {
@@ -238,8 +238,9 @@ impl CrossSpectra {
     }
 
     /// Covariance of the coefficients b of all columns except the last, which is the target. Row-major, in the squared
-    /// unit of the target over those of the terms. `gain` is the symmetric matrix G of b = G Aᵀ y, row-major; `centred`
-    /// is true if the means of the columns were subtracted. `None` without degrees of freedom beyond the coefficients.
+    /// unit of the target divided by the units of the terms. `gain` is the symmetric matrix G of b = G Aᵀ y, row-major;
+    /// `centred` is true if the means of the columns were subtracted. `None` without degrees of freedom beyond the
+    /// coefficients.
     pub fn covariance(&self, coefficients: &[f64], gain: &[f64], centred: bool) -> Option<Vec<f64>> {
         let p = self.width.checked_sub(1).filter(|p| coefficients.len() == *p && gain.len() == p * p)?;
         let entry = |products: &[f64], i: usize, j: usize| products[place(self.width, i.min(j), i.max(j))];
@@ -299,7 +300,7 @@ impl CrossSpectra {
         Some(product(&product(gain, &middle, p), gain, p))
     }
 
-    /// Bands, from the slowest, of the columns as they are or about their means.
+    /// Bands, from the slowest, of the columns without change or minus their means.
     fn about_means(&self, centred: bool) -> impl Iterator<Item = SpectralBand> + '_ {
         let off = move |(number, band): (&i32, &SpectralBand)| {
             let mut band = band.clone();
@@ -405,8 +406,8 @@ mod tests {
         assert_eq!(found.bands.len(), cut.bands.len());
     }
 
-    /// Root mean square ratio of the coefficient's scatter to its reported standard deviation, for one sinusoidal term;
-    /// `of` returns the noise of each run.
+    /// Root mean square ratio of the scatter of the coefficient to its reported standard deviation, for one sinusoidal
+    /// term; `of` returns the noise of each run.
     fn scatter(of: impl Fn(&mut NormalGenerator) -> Vec<f64>, f: f64) -> f64 {
         let (runs, n) = (300, 1000);
         let term: Vec<f64> = (0..n).map(|k| (f * k as f64).sin()).collect();
@@ -444,7 +445,7 @@ mod tests {
 
     #[test]
     fn law_slow_terms_with_a_drifting_residual_scatter_as_reported() {
-        // Four headings in turn, as in a box, and a fast term.
+        // Terms: the four headings of a box in turn, and a fast term.
         let n = 3000;
         let heading = |k: usize| (k / 750) as f64 * std::f64::consts::FRAC_PI_2;
         let terms: Vec<[f64; 4]> =

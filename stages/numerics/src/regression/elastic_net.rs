@@ -87,11 +87,11 @@ impl ElasticNetOptions {
     }
 
     /// `count` values of α, evenly spaced in their logarithm. They descend from the smallest α for which all
-    /// coefficients are zero, max|Aᵀ y|/(n ρ), to `least` times that.
+    /// coefficients are zero, max|Aᵀ y|/(n ρ), to `least` times that value.
     ///
     /// # Errors
-    /// Fails for a setting out of its range, an l1 ratio of 0, a `least` that is not between 0 and 1, without rows,
-    /// or for an unknown target.
+    /// Fails for a setting out of its valid range, an l1 ratio of 0, a `least` that is not between 0 and 1, without
+    /// rows, or for an unknown target.
     pub fn alphas(
         &self,
         moments: &RegressionMoments,
@@ -115,12 +115,12 @@ impl ElasticNetOptions {
         Ok((0..count).map(|k| largest * least.powf(k as f64 / last)).collect())
     }
 
-    /// Fits for all `alphas`, in their order; descending order is fastest.
+    /// Fits for all `alphas`, in the given order; descending order is fastest.
     ///
     /// # Errors
     ///
-    /// Fails for a setting out of its range, without rows, for an unknown target, or when the maximum number of sweeps
-    /// is reached.
+    /// Fails for a setting out of its valid range, without rows, for an unknown target, or when the maximum number of
+    /// sweeps is reached.
     pub fn path(
         &self,
         moments: &RegressionMoments,
@@ -141,7 +141,7 @@ impl ElasticNetOptions {
     /// Paths of several targets in parallel (rayon), one target per task.
     ///
     /// # Errors
-    /// Fails as [`Self::path`] for any of them.
+    /// Fails as [`Self::path`] for any target.
     pub fn paths(
         &self,
         moments: &RegressionMoments,

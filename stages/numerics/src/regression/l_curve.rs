@@ -1,12 +1,12 @@
 //! Corner of an L-curve, at which more regularisation begins to increase the misfit.
 //!
-//! The curve is the logarithm of the solution norm as a function of that of the misfit; its corner is the point of
-//! largest curvature. [Hansen & O'Leary 1993, "The use of the L-curve in the regularization of discrete ill-posed
-//! problems", SIAM J. Sci. Comput. 14(6)]
+//! The curve is the logarithm of the solution norm as a function of the logarithm of the misfit; the corner is the
+//! point of largest curvature. [Hansen & O'Leary 1993, "The use of the L-curve in the regularization of discrete
+//! ill-posed problems", SIAM J. Sci. Comput. 14(6)]
 
 /// Curvature at the middle of three points that are evenly spaced in the logarithm of the parameter. Positive at a
-/// corner towards the origin; 0 if it is undefined. `misfit` and `size` are norms (not squared) above 0, in ascending
-/// order of the parameter.
+/// corner towards the origin; 0 if the curvature is undefined. `misfit` and `size` are norms (not squared) above 0, in
+/// ascending order of the parameter.
 pub fn log_curvature(misfit: [f64; 3], size: [f64; 3]) -> f64 {
     let of = |values: [f64; 3]| {
         let [a, b, c] = values.map(f64::ln);

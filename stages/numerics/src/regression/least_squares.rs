@@ -47,7 +47,7 @@ pub enum LeastSquaresError {
     Shape {
         /// Name of the argument.
         what: &'static str,
-        /// The number of its entries.
+        /// Number of entries of the argument.
         given: usize,
         /// The number of entries needed.
         expected: usize,
@@ -105,12 +105,12 @@ pub enum LeastSquaresError {
         /// The index of the line.
         line: usize,
     },
-    /// A setting of a model is out of its range.
+    /// A setting of a model is out of its valid range.
     #[error("{what} must be {wanted}, but is {given}")]
     Setting {
         /// The setting.
         what: &'static str,
-        /// Its range.
+        /// Valid range of the setting.
         wanted: &'static str,
         /// The given value.
         given: f64,
@@ -158,7 +158,7 @@ impl QrAccumulator {
     /// Factor of a whole matrix, computed in parallel (rayon).
     ///
     /// The rows are split at fixed positions and the blocks merged in order. The result is the same for any number of
-    /// threads, but differs in the last bits from that of a single [`push`](Self::push).
+    /// threads, but differs in the last bits from the result of a single [`push`](Self::push).
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::Shape`] unless matrix and targets have the same whole number of rows, and with
@@ -202,7 +202,7 @@ impl QrAccumulator {
     }
 
     /// Folds in rows as [`push`](Self::push) does, with a weight of at least 0 for each row's squared residual. The
-    /// means are then also weighted, including those of a fit with an intercept.
+    /// means are then also weighted, including the means of a fit with an intercept.
     ///
     /// # Errors
     /// Fails as [`push`](Self::push), with [`LeastSquaresError::Shape`] if the numbers of weights and rows differ, and
@@ -284,8 +284,8 @@ impl QrAccumulator {
         self.path(lambdas, names, false)
     }
 
-    /// The same as [`solve`](Self::solve) after subtraction of the means of terms and targets: a fit with an
-    /// unpenalised intercept.
+    /// Solves as [`solve`](Self::solve), after subtraction of the means of terms and targets: a fit with an unpenalised
+    /// intercept.
     ///
     /// # Errors
     /// Fails as [`solve`](Self::solve).
@@ -305,7 +305,7 @@ impl QrAccumulator {
         let unexplained = triangle.squares().to_vec();
         let upper = triangle.upper();
         let means: Vec<f64> = upper[1..width].iter().map(|sum| sum / upper[0]).collect();
-        // Without its first row and column, the factor of [1 | A | Y] is that of the centred [A | Y].
+        // Without its first row and column, the factor of [1 | A | Y] is the factor of the centred [A | Y].
         let skipped = usize::from(centred);
         let mut factor = QrTriangle::new(self.terms, self.targets);
         factor.add_squares(&unexplained);
@@ -388,7 +388,7 @@ fn check_lambdas(lambdas: &[f64]) -> Result<(), LeastSquaresError> {
     }
 }
 
-/// Rejects a setting that is not in its range.
+/// Rejects a setting that is not in its valid range.
 pub(crate) fn setting(
     what: &'static str,
     given: f64,

@@ -5,10 +5,10 @@
 //! components, β = U (Pᵀ U)⁻¹ Qᵀ (3.43). scikit-learn's `PLSRegression(scale=True)` is the same for one target and for
 //! several.
 //!
-//! The computation uses the p x p triangular factor. It has the same scores as the rows, and avoids covariances, which
-//! would square the condition number. The inverse of Pᵀ U, which is unit upper triangular, is never formed. Each
-//! component adds r qᵀ to β, where r is u minus the earlier r's along pᵀ u [de Jong 1993, "SIMPLS"], so a single pass
-//! gives the fits for all numbers of components.
+//! The computation uses the p x p triangular factor. The factor has the same scores as the rows, and avoids
+//! covariances, which would square the condition number. The inverse of Pᵀ U, which is unit upper triangular, is never
+//! formed. Each component adds r qᵀ to β, where r is u minus the earlier r's along pᵀ u [de Jong 1993, "SIMPLS"], so a
+//! single pass gives the fits for all numbers of components.
 
 use faer::Mat;
 
@@ -37,7 +37,7 @@ pub struct PlsPath {
 
 /// Joint fits of all `targets` with 1 to `components` components.
 ///
-/// `scaling` is that of the terms; the targets are always divided by their standard deviation (n − 1), which matters
+/// `scaling` applies to the terms; the targets are always divided by their standard deviation (n − 1), which matters
 /// for several targets. Means are subtracted from both. The path is shorter than requested if no covariance remains.
 ///
 /// # Errors
@@ -96,11 +96,13 @@ pub fn fit(
     Ok(path)
 }
 
-/// Leave-one-line-out scores of `target` for 1 to `components` components, from joint fits of `targets`. `target` is
-/// one of `targets`. If the other lines support fewer components, the largest number of these is scored instead.
+/// Leave-one-line-out scores of `target` for 1 to `components` components, from joint fits of `targets`. `target` is an
+/// element of `targets`. If the other lines support fewer components, the fit with the largest possible number of
+/// components is scored instead.
 ///
 /// # Errors
-/// Fails with [`LeastSquaresError::NoSuch`] if `target` is not one of `targets`, and as [`fit`] and [`leave_line_out`].
+/// Fails with [`LeastSquaresError::NoSuch`] if `target` is not an element of `targets`, and as [`fit`] and
+/// [`leave_line_out`].
 pub fn choose_components(
     lines: &[RegressionMoments],
     targets: &[usize],

@@ -5,7 +5,7 @@ use crate::regression::least_squares::{ColumnScaling, LeastSquaresError, LinearF
 /// The number of components to keep.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ComponentCount {
-    /// The first n.
+    /// The first n components.
     Count(usize),
     /// The smallest number that explains this fraction of the variance, above 0 and at most 1.
     Variance(f64),
@@ -95,7 +95,7 @@ impl PrincipalComponents {
         (weights, offsets)
     }
 
-    /// Converts a model of the components to one of the columns.
+    /// Converts a model of the components to a model of the columns.
     pub fn original(&self, fit: &LinearFit) -> LinearFit {
         let (weights, offsets) = self.as_sums();
         let mut coefficients = vec![0.0; self.means.len()];
@@ -195,8 +195,8 @@ mod tests {
         for (one, other) in fit(&by_moments).iter().zip(fit(&by_rows)) {
             near(*one, other, 1e-9 * other.abs());
         }
-        // Ridge regression on whitened components equals least squares on them, with each coefficient shrunk by (n - 1)
-        // / (n - 1 + lambda).
+        // Ridge regression on whitened components equals least squares on the same components, with each coefficient
+        // shrunk by (n - 1) / (n - 1 + lambda).
         let plain =
             crate::regression::truncated_svd::path(&moments.prepare(ColumnScaling::Standardise, true).unwrap(), 0)
                 .unwrap();

@@ -22,12 +22,12 @@ pub struct RecursiveLeastSquares {
 }
 
 impl RecursiveLeastSquares {
-    /// Initial state without rows: `initial` coefficients with standard deviations `sigma`, relative to that of the
-    /// noise.
+    /// Initial state without rows: `initial` coefficients with standard deviations `sigma`, relative to the standard
+    /// deviation of the noise.
     ///
     /// `forgetting` φ: each new row multiplies the weights of the earlier rows by φ, which gives an effective number of
-    /// about 1/(1 − φ) rows. With `keep_prior`, the variance along any direction never exceeds the initial one, even
-    /// after a long time without excitation; the value remains. Without it, the information along that direction
+    /// about 1/(1 − φ) rows. With `keep_prior`, the variance along any direction never exceeds the initial variance,
+    /// even after a long time without excitation; the value remains. Without it, the information along that direction
     /// decays, and the first disturbance changes the value arbitrarily.
     ///
     /// # Errors

@@ -96,8 +96,8 @@ pub struct RobustFit {
 }
 
 impl RobustOptions {
-    /// The fit to all lines. It allocates a weight and a residual per row. A pass runs in parallel (rayon), one line
-    /// per task, with the same result for any number of threads.
+    /// The fit to all lines. The fit allocates a weight and a residual per row. A pass runs in parallel (rayon), one
+    /// line per task, with the same result for any number of threads.
     ///
     /// # Errors
     ///
@@ -209,7 +209,7 @@ fn residuals(lines: &[LineRows<'_>], fit: &LinearFit) -> Vec<Vec<f64>> {
     lines.par_iter().map(of).collect()
 }
 
-/// Median of |r| divided by that of standard normals.
+/// Median of |r| divided by the median of |x| for standard normal x.
 fn mad(left: &[Vec<f64>]) -> f64 {
     let mut sizes: Vec<f64> = left.iter().flatten().map(|r| r.abs()).collect();
     let half = sizes.len() / 2;

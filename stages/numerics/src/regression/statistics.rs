@@ -1,12 +1,13 @@
 //! Means, deviations and the scores derived from them.
 //!
 //! Rows that are not finite are excluded. The number of used rows is always returned. Sums run in row order and in two
-//! passes, the second about the mean of the first. This preserves deviations of picotesla in a field of 50,000 nT.
+//! passes, the second pass about the mean of the first pass. This preserves deviations of picotesla in a field of
+//! 50,000 nT.
 
 /// A statistic and the number of samples from which it is computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SampleStatistic {
-    /// The statistic, in the unit of the samples; NaN if `n` is too small for it.
+    /// The statistic, in the unit of the samples; NaN if `n` is too small for the statistic.
     pub value: f64,
     /// Number of samples used.
     pub n: usize,
@@ -27,7 +28,7 @@ pub struct SeriesMoments {
     pub rms: f64,
 }
 
-/// The moments of `x`, in its unit.
+/// The moments of `x`, in the unit of `x`.
 pub fn summary(x: &[f64]) -> SeriesMoments {
     summarise(x.iter().copied())
 }
@@ -137,7 +138,7 @@ pub fn improvement_ratio(uncompensated: &[f64], compensated: &[f64]) -> SampleSt
 
 /// Signal-to-noise ratio σ(anomaly)/σ(estimate − truth) of a magnetic measurement, over the rows where all are finite.
 /// `anomaly` is the signal part of the truth: the truth minus core field and temporal variation. The gradient of the
-/// core field is excluded from it, because it increases with the length of the line. [Gnadt 2022, (3.46)]
+/// core field is excluded from the signal, because it increases with the length of the line. [Gnadt 2022, (3.46)]
 pub fn signal_to_noise(estimate: &[f64], truth: &[f64], anomaly: &[f64]) -> SampleStatistic {
     let error: Vec<f64> = estimate.iter().zip(truth).map(|(a, b)| a - b).collect();
     ratio_of_deviations(anomaly, &error)
@@ -158,7 +159,7 @@ pub fn less_straight_line(t: &[f64], x: &[f64]) -> Vec<f64> {
     t.iter().zip(x).map(|(t, x)| x - mean_x - slope * (t - mean_t)).collect()
 }
 
-/// Normalised estimation error squared of a horizontal position, e' P⁻¹ e, sample by sample. Its expected value is 2
+/// Normalised estimation error squared of a horizontal position, e' P⁻¹ e, sample by sample. The expected value is 2
 /// for a consistent filter. [Bar-Shalom, Li and Kirubarajan 2001, section 5.4]
 ///
 /// `north_m` and `east_m` are the errors, `sd_n_m` and `sd_e_m` their standard deviations, `cov_ne_m2` their
@@ -192,7 +193,7 @@ mod tests {
     #[test]
     fn law_nees_equals_values_by_hand() {
         assert_eq!(position_nees(&[3.0], &[0.0], &[3.0], &[4.0], &[0.0]), [1.0]);
-        // P = [4 2; 2 4], its inverse [4 -2; -2 4]/12; e = (1, 2): (4 - 8 + 16)/12.
+        // For P = [4 2; 2 4], the inverse is [4 -2; -2 4]/12. For e = (1, 2), the result is (4 - 8 + 16)/12.
         let nees = position_nees(&[1.0], &[2.0], &[2.0], &[2.0], &[2.0]);
         assert!((nees[0] - 1.0).abs() < 1e-15, "{nees:?}");
     }
@@ -210,8 +211,8 @@ mod tests {
     #[test]
     fn law_a_small_deviation_on_a_large_field_is_kept() {
         let x: Vec<f64> = (0..100_000).map(|k| 50_000.0 + 1e-6 * f64::from(k % 2)).collect();
-        // Half of the samples are one millionth higher: σ = 0.5e-6 except for n − 1. The spacing of doubles near 50,000
-        // is 7e-12, so the error is 1e-5 of the result.
+        // Half of the samples are higher by 1e-6, so σ is 0.5e-6 up to the factor from the divisor n − 1. The spacing
+        // of doubles near 50,000 is 7e-12, so the error is 1e-5 of the result.
         assert!((std(&x).value / 0.5e-6 - 1.0).abs() < 2e-5, "{:e}", std(&x).value);
     }
 

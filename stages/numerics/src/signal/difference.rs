@@ -1,7 +1,7 @@
 //! Differences of a series per sample, which replace the time derivative in Tolles-Lawson.
 //!
-//! All schemes are those of MagNav.jl's `fdm`. None divides by the time step, so the unit of the
-//! result is that of the series (per sample).
+//! All schemes are the same as in MagNav.jl's `fdm`. No scheme divides by the time step, so the unit of the result is
+//! that of the series (per sample).
 
 /// Scheme of the difference at a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -11,7 +11,7 @@ pub enum DifferenceScheme {
     Central,
     /// x − x₋₁; the first row repeats the second.
     Backward,
-    /// x₊₁ − x; the last row repeats the previous one.
+    /// x₊₁ − x; the last row repeats the previous row.
     Forward,
     /// (3x − 4x₋₁ + x₋₂)/2, second order; the first two rows are first differences.
     Backward2,

@@ -64,7 +64,7 @@ pub enum FilterError {
         /// The upper corner, Hz.
         high_hz: f64,
     },
-    /// Neither a lower nor an upper corner is given.
+    /// Both the lower and the upper corner are missing.
     #[error("a filter requires a lower corner, an upper corner, or both")]
     NoCorner,
     /// The corners are so close to zero, Nyquist or each other that rounding places the poles on the unit circle.
@@ -107,7 +107,7 @@ pub enum FilterError {
 }
 
 impl FilterError {
-    /// The same error with the row number increased by `rows`.
+    /// Returns the error with the row number increased by `rows`.
     pub(super) fn further_down(self, rows: usize) -> Self {
         match self {
             Self::NotFinite { row, column } => Self::NotFinite { row: row + rows, column },
@@ -121,10 +121,10 @@ impl FilterError {
 /// A band-pass or high-pass of a constant is zero, which would remove a bias column from a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ConstantColumns {
-    /// Filters it like any other column.
+    /// Filters the constant column like any other column.
     #[default]
     Filter,
-    /// Leaves it unchanged, as MagNav.jl does for the columns of a matrix.
+    /// Leaves the constant column unchanged, as MagNav.jl does for the columns of a matrix.
     Keep,
 }
 
@@ -165,7 +165,7 @@ impl ZeroPhaseFilter {
         self.padding
     }
 
-    /// The minimum number of samples that can be filtered: one more than the padding.
+    /// The minimum number of samples that can be filtered: the padding plus 1.
     pub fn least_rows(&self) -> usize {
         self.padding() + 1
     }

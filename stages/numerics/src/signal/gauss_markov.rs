@@ -25,14 +25,14 @@ impl GaussMarkov {
         2.0 * self.sigma * self.sigma / self.tau_s
     }
 
-    /// One realisation at the times `tt_s` (ascending, even or not), from standard normals. The process is stationary
-    /// from the first sample and exact for any step.
+    /// One realisation at the times `tt_s` (ascending, even or not), from standard normal numbers. The process is
+    /// stationary from the first sample and exact for any step.
     pub fn realisation(&self, tt_s: &[f64], normal: impl FnMut() -> f64) -> Vec<f64> {
         self.recursion(tt_s, normal, |dt_s| self.step_variance(dt_s))
     }
 
-    /// One realisation with first-order driving noise, 2σ²Δt/τ per step, as in MagNav.jl's `fogm`; its variance is too
-    /// large by the relative amount Δt/τ.
+    /// One realisation with first-order driving noise, 2σ²Δt/τ per step, as in MagNav.jl's `fogm`; the variance of the
+    /// result is too large by the relative amount Δt/τ.
     pub fn realisation_compatible(&self, tt_s: &[f64], normal: impl FnMut() -> f64) -> Vec<f64> {
         self.recursion(tt_s, normal, |dt_s| self.noise_density() * dt_s)
     }
@@ -67,8 +67,8 @@ mod tests {
         let mut normals = NormalGenerator::new(1);
         let x = PROCESS.realisation(&tt, || normals.draw());
         let covariance = |lag: usize| x.iter().zip(&x[lag..]).map(|(a, b)| a * b).sum::<f64>() / (x.len() - lag) as f64;
-        // 400,000 samples, 4 per time constant (about 50,000 independent ones): one standard deviation is 0.6 %; the
-        // limit is 4 standard deviations.
+        // There are 400,000 samples, 4 per time constant, of which about 50,000 are independent. One standard deviation
+        // is 0.6 %; the limit is 4 standard deviations.
         for (lag, expected) in [(0, 9.0), (4, 9.0 / 1.0_f64.exp()), (12, 9.0 / 3.0_f64.exp())] {
             assert!((covariance(lag) - expected).abs() < 0.025 * 9.0, "{lag} {}", covariance(lag));
         }
@@ -85,7 +85,7 @@ mod tests {
 
     #[test]
     fn val_magnav_first_order_recursion() {
-        // fogm(σ, τ, dt, N) of MagNav.jl 1.3.3 with its normals replaced by 1, -1, 2.
+        // fogm(σ, τ, dt, N) of MagNav.jl 1.3.3 with its normally distributed random numbers replaced by 1, -1, 2.
         let mut normals = [1.0, -1.0, 2.0].into_iter();
         let mut next = || normals.next().unwrap_or(f64::NAN);
         let x = PROCESS.realisation_compatible(&[0.0, 0.5, 1.0], &mut next);

@@ -39,7 +39,7 @@ pub enum LagError {
     },
 }
 
-/// A lag between two signals and its uncertainty.
+/// Lag between two signals, and the uncertainty of the lag.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SignalLag {
     /// Lag of the signal relative to the reference, s: signal(t) = reference(t - `lag_s`).
@@ -49,8 +49,8 @@ pub struct SignalLag {
     pub sd_s: f64,
     /// The coefficient of correlation at the peak, -1 to 1.
     pub correlation: f64,
-    /// Ratio of the next highest peak to this one, by absolute value; 0 without another peak. If it is near 1, the lag
-    /// is ambiguous, as for periodic signals.
+    /// Ratio of the next highest peak to the highest peak, in absolute value; 0 without another peak. If the ratio is
+    /// near 1, the lag is ambiguous, as for periodic signals.
     pub next_peak: f64,
     /// Number of pairs of samples.
     pub pairs: usize,
@@ -59,11 +59,11 @@ pub struct SignalLag {
 /// Lag of `signal` relative to `reference`, at most `most_s` in either direction. Both are sampled evenly at `rate_hz`
 /// at the same times. Samples that are not finite are excluded together with their partners.
 ///
-/// The correlation coefficient r is computed from the overlapping pairs, each signal minus its mean over them. Between
-/// lags of whole samples, the peak is that of the polynomial through the five values around the highest one. With
-/// `either_sign` the largest |r| is used, for a signal that may be inverted. The standard error is √((1 - r²)/(n r²
-/// b²)). b² is the curvature of r at the peak divided by r: the mean square rate of the reference over its variance.
-/// [Carter 1987, "Coherence and time delay estimation", Proc. IEEE 75(2)]
+/// The correlation coefficient r is computed from the overlapping pairs, each signal minus its mean over these pairs.
+/// Between lags of whole samples, the peak is the peak of the polynomial through the five values around the highest
+/// value. With `either_sign` the largest |r| is used, for a signal that may be inverted. The standard error is √((1 -
+/// r²)/(n r² b²)). b² is the curvature of r at the peak divided by r: the mean square rate of the reference over its
+/// variance. [Carter 1987, "Coherence and time delay estimation", Proc. IEEE 75(2)]
 ///
 /// # Errors
 /// Fails for signals of different lengths, for a rate or range that is not above 0, for fewer than [`LEAST_PAIRS`]
@@ -95,7 +95,7 @@ pub fn lag_of(
     if all.iter().all(|p| p.r.is_nan()) {
         return Err(LagError::Constant);
     }
-    // If one of the two is constant at a lag, the correlation there is undefined.
+    // If one of the two is constant at a lag, the correlation at this lag is undefined.
     let size: Vec<f64> = all
         .iter()
         .map(|p| {
@@ -138,7 +138,7 @@ fn about_mean(x: &[f64]) -> Vec<f64> {
     x.iter().map(|x| if x.is_finite() { x - mean } else { f64::NAN }).collect()
 }
 
-/// Correlation coefficient of reference(i) with signal(i + lag); NaN if one of them is constant.
+/// Correlation coefficient of reference(i) with signal(i + lag); NaN if a signal is constant.
 fn pearson(reference: &[f64], signal: &[f64], lag: isize) -> LagCorrelation {
     let by = lag.unsigned_abs().min(signal.len());
     let (a, b) = match lag >= 0 {
@@ -159,7 +159,7 @@ fn pearson(reference: &[f64], signal: &[f64], lag: isize) -> LagCorrelation {
     LagCorrelation { r, pairs: n as usize }
 }
 
-/// Position (in steps from the middle one), height and second derivative (per step squared) of the peak of the
+/// Position (in steps from the middle value), height and second derivative (per step squared) of the peak of the
 /// polynomial through five values, the highest in the middle. If that polynomial has no peak nearby, the parabola
 /// through three values is used.
 fn top(y: &[f64; 5]) -> (f64, f64, f64) {
@@ -253,7 +253,7 @@ mod tests {
         assert!(matches!(of(&reference, 299.0), Err(LagError::TooShort { .. })));
         assert!(matches!(of(&reference, 0.0), Err(LagError::Range { .. })));
         assert!(matches!(of(&sampled(|t| waves(t - 0.5)), 0.2), Err(LagError::AtEnd { .. })));
-        // A gap excludes only its own pairs.
+        // A gap excludes only the pairs of samples that contain it.
         let mut gap = sampled(|t| waves(t - 0.06));
         gap[1000..1200].fill(f64::NAN);
         let found = of(&gap, 1.0).unwrap();

@@ -5,8 +5,8 @@ use nalgebra::{Matrix3, Vector3};
 /// `values` smoothed at their times `tt_s` (s, ascending, evenly spaced or not), in the same unit. The result at each
 /// sample is the value of the parabola fitted by least squares to the samples within half of `window_s`. The weights
 /// are (1 - |u|³)³, where u is the distance divided by half of the window. Values on a parabola are unchanged. Samples
-/// are also unchanged for a window of 0, and if there are fewer than three others in the window. [Cleveland 1979; Fan &
-/// Gijbels 1996, chapter 3]
+/// are also unchanged for a window of 0, and if there are fewer than three other samples in the window. [Cleveland
+/// 1979; Fan & Gijbels 1996, chapter 3]
 ///
 /// A value that is not finite makes all results within its window NaN.
 pub fn smoothed(tt_s: &[f64], values: &[f64], window_s: f64) -> Vec<f64> {
@@ -34,7 +34,7 @@ fn parabola(tt_s: &[f64], values: &[f64], window: std::ops::Range<usize>, i: usi
         let terms = Vector3::new(1.0, u, u * u);
         let weight = (1.0 - u.abs().powi(3)).powi(3);
         normal += weight * terms * terms.transpose();
-        // Relative to the sample itself, to preserve small changes of a large value.
+        // Values are relative to the sample itself, to preserve small changes of a large value.
         right += weight * (values[k] - values[i]) * terms;
     }
     // Weights near 0 do not determine a parabola.
@@ -77,7 +77,7 @@ mod tests {
         let (m0, m2, m4) = (moment(0), moment(2), moment(4));
         let kernel = |u: f64| weight(u) * (m4 - m2 * u * u) / (m0 * m4 - m2 * m2);
         let expected: f64 = us.iter().map(|u| kernel(*u).powi(2)).sum();
-        // 19,800 samples, some 1000 of them independent: one standard deviation is 4.5 %.
+        // About 1000 of the 19,800 samples are independent, so one standard deviation is 4.5 %.
         assert!((variance / expected - 1.0).abs() < 0.15, "{variance} {expected}");
     }
 

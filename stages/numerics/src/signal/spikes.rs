@@ -193,8 +193,8 @@ mod tests {
 
     #[test]
     fn unit_the_last_digit_between_two_samples_is_not_a_spike() {
-        // A quiet sensor with a resolution of 0.01 nT at 160 Hz, resampled to the times of another clock: two samples
-        // share a change of the last digit in any proportion.
+        // A quiet sensor with a resolution of 0.01 nT at 160 Hz, resampled to the times of another clock: a change of
+        // the last digit is divided between two samples in any proportion.
         let quiet = |i: usize| 50_000.0 + if i.is_multiple_of(37) { 0.01 } else { 0.0 };
         let mut x: Vec<f64> = (0..4000)
             .map(|i| {

@@ -1,4 +1,4 @@
-//! A flight over the Osborne map with the readings of its INS and magnetometer: shared by the benches.
+//! A flight over the Osborne map with the readings of the INS and the magnetometer, for the benches.
 
 use numerics::{
     earth::core_field::CoreField,

@@ -37,15 +37,15 @@ pub fn core_field() -> Result<CoreField, CoreFieldError> {
     CoreField::at(DECIMAL_YEAR)
 }
 
-/// A line, its columns owned: time, position, velocity, specific force, attitude.
+/// A navigation line that owns the columns: time, position, velocity, specific force, attitude.
 #[derive(Clone)]
 pub struct Line {
     pub columns: [Vec<f64>; 13],
 }
 
 impl Line {
-    /// A flight of `samples` every `dt_s` that crosses the whole map repeatedly, 18 km to the north and south of its
-    /// middle and 12 km to the east and west, at up to 75 m/s; `phase_rad` selects another such flight.
+    /// A flight of `samples` every `dt_s` that crosses the whole map repeatedly, 18 km to the north and south of the
+    /// middle, and 12 km to the east and west, at up to 75 m/s; `phase_rad` selects another such flight.
     pub fn flown(samples: u32, dt_s: f64, phase_rad: f64) -> Result<Self, SeriesError> {
         let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..samples).map(|k| f(dt_s * f64::from(k))).collect() };
         let middle_lat = SOUTH_DEG + STEP_DEG * f64::from(ROWS) / 2.0;

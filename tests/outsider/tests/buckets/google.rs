@@ -1,6 +1,6 @@
 //! Differences of the XML interface of Google Cloud Storage from S3, by its documentation. Conditions and versions are
 //! generations of an object. A generation grows with each write; here it is a time in microseconds. Names are
-//! percent-encoded as a whole. Requests have a bearer token, or none for public buckets.
+//! percent-encoded as a whole. Requests have a bearer token, or no token for public buckets.
 
 use std::{fs, path::Path, time::UNIX_EPOCH};
 

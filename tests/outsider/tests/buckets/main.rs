@@ -1,5 +1,5 @@
 //! Stores, inputs and published sets in buckets of a server that rejects, truncates and delays. The stored bytes are
-//! the same as in folders.
+//! the same as for a store in a folder.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 #[cfg(feature = "cluster")]
@@ -150,8 +150,8 @@ fn user_a_killed_run_resumes() {
     let (expected, units) = lab.local();
     let (cache, mut killed) = (lab.cache(), 0);
     let listed = Arc::new(AtomicBool::new(false));
-    // The kill moves to later and later writes, before or after their execution. Once a version has its manifest but
-    // not its files.
+    // Each repetition kills the run at a later write, before or after the write is executed. In one case, a version has
+    // a manifest but lacks files.
     loop {
         let (sender, answered) = channel();
         let (mut left, fault) = (1 + 2 * killed, if killed % 2 == 0 { Fault::Late } else { Fault::Silent });
@@ -275,7 +275,7 @@ fn user_the_first_published_version_is_not_overwritten() {
     let printed = format!("{}{}", late.out, late.err);
     assert!(printed.contains("another run published `small`") && printed.contains("run the spec again"), "{printed}");
     assert!(fs::read_to_string(lab.server.path(newest)).unwrap().contains("theirs"));
-    // The other writer is gone too, and the computed results are stored.
+    // The other writer has ended as well, and the computed results are stored.
     lab.server.faults(|_| Fault::None);
     lab.server.other().put(newest, &before);
     let again = lab.run(&address("one"), &cache, &["--set", "axes.corner=[0.4]"]);
@@ -300,16 +300,16 @@ fn user_new_flights_below_a_prefix_are_found() {
     let run = || lab.run(&address("one"), &cache, &[]);
     let first = run();
     assert_eq!(first.counts(), (0, 16, 0), "{}", first.err);
-    // The same bytes, written again.
+    // The same bytes are written again.
     put("1.csv", &flight(1, 300));
     assert_eq!(run().counts(), (0, 0, 16));
     put("3.csv", &flight(3, 300));
     assert_eq!(run().counts(), (0, 8, 16));
-    // One flight is longer now, and one is deleted.
+    // One flight becomes longer, and another flight is deleted.
     put("3.csv", &flight(3, 400));
     fs::remove_file(lab.server.path("in/2.csv")).unwrap();
     assert_eq!(run().counts(), (0, 8, 8));
-    // The same from files, with the same keys.
+    // Inputs from files give the same results with the same keys.
     fs::remove_dir_all(lab.path("flights")).unwrap();
     fs::create_dir(lab.path("flights")).unwrap();
     for name in ["1.csv", "3.csv"] {

@@ -83,7 +83,7 @@ pub enum Fault {
     Lost(u16),
     /// Executed with a truncated response.
     Cut,
-    /// Executed with a truncated response whose length matches, as by a proxy.
+    /// The request is executed, and the response is truncated with a matching length, as by a proxy.
     Short,
     /// Not executed and never answered.
     Silent,
@@ -97,7 +97,7 @@ type Decide = Box<dyn FnMut(&Asked) -> Fault + Send>;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     S3,
-    /// Interface of Google Cloud Storage; for its differences see [`google`].
+    /// Interface of Google Cloud Storage; [`google`] lists the differences from S3.
     Google,
 }
 
@@ -239,7 +239,7 @@ async fn answered(shared: Arc<Shared>, request: Request<Incoming>) -> Result<Res
         Fault::None | Fault::Lost(_) | Fault::Cut | Fault::Short | Fault::Late => {}
     }
     let whole = Request::from_parts(parts, s3s::Body::from(body));
-    // A request that has arrived completely is processed to its end, even if the client is gone.
+    // A request that has arrived completely is processed to its end, even if the client has disconnected.
     let (own, of) = (shared.clone(), asked.clone());
     let (status, headers, data) = tokio::spawn(async move { done(&own, &of, whole).await }).await.unwrap();
     let in_two = |data: &Bytes| asked.method == Method::GET && status.is_success() && data.len() > 1;
@@ -309,7 +309,7 @@ fn refused(status: u16) -> Response<Answer> {
     response
 }
 
-/// Complete body; `None` if it is truncated.
+/// Complete body; `None` if the request is truncated.
 async fn read(body: impl Body<Data = Bytes>) -> Option<Bytes> {
     let (mut body, mut all) = (pin!(body), vec![]);
     while let Some(frame) = poll_fn(|cx| body.as_mut().poll_frame(cx)).await {

@@ -6,13 +6,13 @@ use schemas::{convert, flight, is_unit, plausible::limits, usual_spelling};
 
 use super::{TopicSample, quoted, sample::ColumnSample};
 
-/// Suggested mapping of a column, or of three components.
+/// Suggested mapping of a column, or of a vector with three components.
 pub struct ColumnGuess {
     /// The name in the flight table; for a skipped column, its name in the file.
     pub ours: String,
     /// The names in the file.
     pub theirs: Vec<String>,
-    /// Text of the column in the mapping; empty if it is skipped.
+    /// Text of the column in the mapping; empty for a skipped column.
     pub toml: String,
     /// Reason for the guess.
     pub why: String,
@@ -84,7 +84,7 @@ fn triples(topic: &TopicSample) -> Vec<([&ColumnSample; 3], Vec<String>)> {
             if let (Some(y), Some(z)) = (with(letters[1]), with(letters[2])) {
                 let mut shared = words.clone();
                 shared.remove(at);
-                // Four entries are a quaternion.
+                // A list of four entries is a quaternion.
                 if letters[0] != "0" || with("3").is_none() {
                     out.push(([x, y, z], shared));
                 }

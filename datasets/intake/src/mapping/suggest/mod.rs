@@ -21,7 +21,7 @@ pub(super) struct TopicSample {
     pub rows: u64,
     /// Its columns.
     pub columns: Vec<ColumnSample>,
-    /// Its clock, if it has one.
+    /// The clock of the topic, if recognised.
     pub clock: Option<ClockGuess>,
 }
 

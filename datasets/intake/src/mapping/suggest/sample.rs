@@ -14,13 +14,13 @@ const ROWS: usize = 200_000;
 pub struct ColumnSample {
     /// Its name in the file.
     pub name: String,
-    /// The unit that the file gives; empty without one.
+    /// The unit that the file gives; empty if the file gives no unit.
     pub unit: String,
-    /// The first text, of a column of text.
+    /// The first value of a text column.
     pub text: Option<String>,
     /// Its numbers; empty for a column of text.
     pub values: Vec<f64>,
-    /// Whether they are whole numbers.
+    /// Whether the numbers are whole.
     pub whole: bool,
 }
 
@@ -47,7 +47,7 @@ impl ColumnSample {
         (!all.is_empty()).then(|| median(&mut all))
     }
 
-    /// The words of its name, in lower case: `MagX` and `mag_x` are `mag` and `x`.
+    /// The words of the column's name, in lower case: `MagX` and `mag_x` are `mag` and `x`.
     pub fn words(&self) -> Vec<String> {
         let mut words: Vec<String> = vec![String::new()];
         let mut before = ' ';

@@ -112,7 +112,7 @@ fn law_in_a_steady_turn_the_rate_is_that_of_the_rotating_horizontal_field() {
         );
         let body_nt = true_track.attitude(i).transpose() * ned_nt;
         let found = true_track.rate_in_body(i, &Vector3::zeros(), &body_nt);
-        // Rounding of 4e4 nT at 0.1 rad/s.
+        // Rounding error of the eddy-current terms in a field of 4e4 nT that rotates at 0.1 rad/s.
         assert!((found - expected).norm() < 1e-9, "{i}: {found} {expected}");
     }
 }
@@ -151,7 +151,7 @@ fn left_nt(rate_hz: f64) -> (f64, f64) {
     let a = matrix(&Flux { x, y, z, bt: None }, &terms, DEFAULT_SCALE_NT).unwrap();
     let both = column(line, "mag_2_uc").iter().zip(column(line, "mag_1_c"));
     let eddy: Vec<f64> = both.map(|(read, truth)| read - truth).collect();
-    // Differences at the ends are one-sided.
+    // The differences at the first and the last sample are one-sided.
     let inner = 1..eddy.len() - 1;
     let (a, eddy) = (&a[inner.start * terms.len()..inner.end * terms.len()], &eddy[inner]);
     let solved = QrAccumulator::from_matrix(a, terms.len(), &[eddy]).unwrap().solve(&[1e-12], &terms.names()).unwrap();

@@ -27,14 +27,14 @@ fn law_currents_switch_between_their_levels() {
     let intervals = switched((8.0, 4.0), 0.0, 2e4, &mut RandomStream::new(5, &["test"]));
     assert!(intervals.windows(2).all(|w| w[0][1] < w[1][0]));
     let on = intervals.iter().map(|[from, until]| until.min(2e4) - from.max(0.0)).sum::<f64>() / 2e4;
-    // 1667 cycles: four standard errors of 0.008 for the share of 1/3.
+    // There are 1667 cycles. The tolerance of the share of 1/3 is four standard errors of 0.008.
     assert!((on - 1.0 / 3.0).abs() < 0.032, "{on}");
     let starts_on = |k: &usize| {
         let mut random = RandomStream::new(5, &["start", &k.to_string()]);
         switched((8.0, 4.0), 0.0, 0.0, &mut random).first().is_some_and(|[from, _]| *from < 0.0)
     };
     let first = (0..300).filter(starts_on).count() as f64 / 300.0;
-    // Four standard errors of 0.027.
+    // The tolerance is four standard errors of 0.027.
     assert!((first - 1.0 / 3.0).abs() < 0.11, "{first}");
 }
 

@@ -2,14 +2,14 @@
 
 use super::*;
 
-/// The first line, without the map's anomaly, which is slow. `aircraft` holds the aircraft's tables, with
-/// `[components]` as the last.
+/// The first line, without the map's anomaly, which is slow. `aircraft` holds the aircraft's tables, the last of which
+/// is `[components]`.
 fn line_of(top: &str, aircraft: &str) -> RecordBatch {
     let switch = if aircraft.contains("[components]") { "" } else { "\n[components]" };
     lines_of(top, &format!("{aircraft}{switch}\nanomaly = false\n"), SURVEY)[0].clone()
 }
 
-/// The components that are zero until a spec sets their size.
+/// The components of the field that are zero unless a spec sets their magnitude.
 const CAUSES: [&str; 18] = [
     "hysteresis",
     "current_lag",
@@ -58,7 +58,7 @@ noise_nt = 1.0
 lag_s = 0.15
 ";
 
-/// The same tables with all of these keys.
+/// Tables of the aircraft, with all of these keys.
 fn with_everything() -> String {
     let on_current = "noise_a = 0.1\nscale = 1.2\ndelay_s = 0.3\nresponse_s = 0.4\nlimit = 3.0\nresolution_a = 0.5\n\
                       stuck_at = 2.0\neddy_share = 0.4\neddy_tau_s = 0.5\nremanence = 0.1";
@@ -219,7 +219,8 @@ fn law_fluxgates_have_the_declared_nonlinearity_and_temperature_scale() {
             warmed.push(per_degc(0) * 1e6);
         }
     }
-    // 150 ppm of 100,000 nT; four standard errors of 4 % for 300 draws.
+    // The error is 150 ppm of 100,000 nT. The tolerance is four standard errors; the standard error of 300 draws is 4
+    // %.
     assert!((sd(&bent) / 15.0 - 1.0).abs() < 0.16, "{}", sd(&bent));
     assert!((sd(&warmed) / 70.0 - 1.0).abs() < 0.16, "{}", sd(&warmed));
 }
@@ -241,7 +242,8 @@ fn law_the_hysteresis_of_the_airframe_follows_rayleighs_law() {
         let u = x[i] / 5e4;
         let (middle, half) = (20.0 * level * u, 10.0 * (level * level - u * u).max(0.0));
         assert!((part[0][i] - middle).abs() < half + 0.2, "{i}: {} is not in the loop at {u}", part[0][i]);
-        // Along z the iron is on the first loading or, past a maximum, between the first loading and its tip.
+        // Along z the iron is on the first loading or, past a maximum, between the first loading and the tip of the
+        // loop.
         let u = z[i].abs() / 5e4;
         deepest = deepest.max(u);
         let beyond = part[2][i].abs() - 20.0 * u * u;

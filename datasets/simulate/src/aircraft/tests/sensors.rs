@@ -70,7 +70,7 @@ fn law_a_scalar_loses_its_signal_in_dead_zones_and_dropouts() {
     let long = SURVEY.replace("duration_s = 120.0", "duration_s = 3000.0");
     let dropped = &lines_of("rate_hz = 2.0", &sensor("dropouts = { mean_s = 20.0, for_s = 5.0 }"), &long)[0];
     let share = all(dropped) as f64 / dropped.num_rows() as f64;
-    // 120 dropouts: four standard errors of 0.025 for the share of a fifth.
+    // There are 120 dropouts. The tolerance of the share of a fifth is four standard errors of 0.025.
     assert!((share - 0.2).abs() < 0.1, "{share}");
 }
 
@@ -96,7 +96,7 @@ fn law_readings_are_multiples_of_the_resolution_and_spikes_are_rare() {
     // A uniform error of a step: step / sqrt(12), within 5 % for 1200 samples.
     assert!((sd(rounding) - 0.25 / 12f64.sqrt()).abs() < 0.004, "{}", sd(rounding));
     let spikes = column(line, "part_spikes_mag_2_uc").iter().filter(|x| **x != 0.0).count();
-    // Expected value 30, with four standard errors.
+    // The expected value is 30; the tolerance is four standard errors.
     assert!((8..=52).contains(&spikes), "{spikes}");
 }
 

@@ -33,7 +33,7 @@ pub enum TermFamily {
 pub struct TermGroup {
     /// Its name.
     pub name: &'static str,
-    /// Aliases, most of them MagNav.jl's.
+    /// Aliases, most of which are the names in MagNav.jl.
     pub aliases: &'static [&'static str],
     /// Its family.
     pub family: TermFamily,
@@ -91,7 +91,7 @@ impl TermSelection {
     ///
     /// # Errors
     /// Fails with [`AMatrixError::Unknown`] for an unknown name, with [`AMatrixError::SameFamily`] for two groups of
-    /// one family, and with [`AMatrixError::Empty`] without names.
+    /// the same family, and with [`AMatrixError::Empty`] without names.
     pub fn new<S: AsRef<str>>(names: &[S]) -> Result<Self, AMatrixError> {
         let mut groups: Vec<&'static TermGroup> = Vec::new();
         for name in names {

@@ -64,8 +64,8 @@ fn val_coefficients_equal_magnav() {
         let magnav = &columns(text)["row0"];
         let scale = magnav.iter().fold(0.0f64, |scale, b| scale.max(b.abs()));
         for (term, (ours, magnav)) in path.solutions[0].coefficients[0].iter().zip(magnav).enumerate() {
-            // MagNav.jl solves the normal equations. The tolerance is their condition number with this ridge (up to
-            // 1e5) times the rounding of the filtered columns.
+            // MagNav.jl solves the normal equations. The tolerance is the condition number of the columns with this
+            // ridge (up to 1e5) times the rounding error of the filtered columns.
             assert!((ours - magnav).abs() < 1e-7 * scale, "{groups:?} {term}: {ours} against {magnav}");
         }
     }
@@ -129,7 +129,7 @@ fn unit_a_difference_never_crosses_a_gap() {
     assert_eq!(holed[31 * width..], cut(31..80));
     let (missing, bias) = holed[30 * width..31 * width].split_at(width - 1);
     assert!(missing.iter().all(|v| v.is_nan()) && bias == [1.0]);
-    // Runs from the caller break differences in the same way; rows outside them are missing.
+    // Runs from the caller break differences in the same way; rows outside the runs are missing.
     let whole = [flight().0[0].clone(), y, z];
     let in_runs = matrix_in_runs(&field(&whole), &terms, 50_000.0, &[0..30, 31..80]).unwrap();
     assert_eq!(in_runs.len(), 80 * width);

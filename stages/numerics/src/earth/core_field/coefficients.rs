@@ -7,7 +7,7 @@ use thiserror::Error;
 
 /// Degree and order of IGRF, the highest of the models.
 pub(super) const DEGREE: usize = 13;
-/// Length of a coefficient vector: cosine and sine of all orders up to two degrees past the model.
+/// Length of a coefficient vector: cosine and sine of all orders up to two degrees above the model.
 pub(super) const TERMS: usize = (DEGREE + 3) * (DEGREE + 4);
 /// The reference radius of the Gauss coefficients, in metres.
 pub(super) const REFERENCE_RADIUS_M: f64 = 6_371_200.0;
@@ -152,7 +152,7 @@ pub enum CoreFieldError {
         low: f64,
         /// The upper limit.
         high: f64,
-        /// The unit of all three.
+        /// The unit of the value and its limits.
         unit: &'static str,
         /// The index of the position, from 0, in the given order.
         row: usize,
@@ -244,7 +244,7 @@ fn place(degree: f64, signed_order: f64) -> Option<(usize, f64)> {
     Some((2 * index(n, m) + usize::from(signed_order < 0.0), schmidt_factor(n, m)))
 }
 
-/// Factor from a Legendre function to a Schmidt semi-normalised one: sqrt(2 (n-m)! / (n+m)!), 1 for order zero.
+/// Factor from a Legendre function to a Schmidt semi-normalised function: sqrt(2 (n-m)! / (n+m)!), 1 for order zero.
 fn schmidt_factor(n: usize, m: usize) -> f64 {
     if m == 0 {
         return 1.0;

@@ -11,7 +11,8 @@ fn val_igrf14_values_of_ppigrf() {
         let field = CoreField::at(v[0]).unwrap();
         let ned = field.field_ned_nt(v[2], v[3], v[1] * 1e3);
         for (computed, expected) in ned.iter().zip(&v[4..7]) {
-            // The reference is printed to 0.001 nT; its conversion from geodetic coordinates differs by 0.002 nT.
+            // The reference is printed to 0.001 nT; the conversion of the reference from geodetic coordinates differs
+            // by 0.002 nT.
             assert!((computed - expected).abs() < 0.003, "{ned:?} {line}");
         }
         assert!((field.magnitude_nt(v[2], v[3], v[1] * 1e3) - v[8]).abs() < 0.003, "{line}");
@@ -47,8 +48,8 @@ fn ref_wmm_test_values() {
     // Printed to 0.1 nT.
     let worst = worst_of_wmm(include_str!("../../../reference/core_field/wmm2020_test_values.csv"));
     assert!(worst.iter().all(|w| *w < 0.051), "{worst:?}");
-    // Printed to 1e-6 nT. The official north component is not exact (see the reference's README). Its error affects the
-    // other components by a thousandth, and the magnitude by up to the full error.
+    // Printed to 1e-6 nT. The official north component is not exact (see the reference's README). The rounding error of
+    // the down component affects the other components by a thousandth, and the magnitude by up to the full error.
     let worst = worst_of_wmm(include_str!("../../../reference/core_field/wmm2025_test_values.csv"));
     let printed = [8e-4, 0.51e-6, 3e-6, 8e-4, 1.1e-6, 0.51e-6, 0.6e-6];
     assert!(worst.iter().zip(printed).all(|(w, p)| *w < p), "{worst:?}");
@@ -78,7 +79,7 @@ fn jac_gradient_of_the_magnitude() {
         assert!((at.d_lat_nt_per_rad - d_lat).abs() < 1e-5 * 6e4, "{at:?} {d_lat}");
         assert!((at.d_lon_nt_per_rad - d_lon).abs() < 1e-5 * 6e4, "{at:?} {d_lon}");
         assert!((at.d_alt_nt_per_m - d_alt).abs() < 1e-5 * 0.03, "{at:?} {d_alt}");
-        // The same sum, rounded before or after the rotation into the local frame.
+        // The two results are the same sum, rounded before or after the rotation into the local frame.
         assert!((at.value_nt - field.magnitude_nt(lat, lon, alt)).abs() < 1e-10);
     }
 }
@@ -171,7 +172,7 @@ fn law_a_track_equals_single_evaluations() {
                 continue;
             }
             let one = CoreField::new(model, year[k]).unwrap().field_ned_nt(lat[k], lon[k], alt[k]);
-            // The same sum in another order.
+            // The two results are the same sum in a different order.
             assert!(got.iter().zip(&one).all(|(a, b)| (a - b).abs() < 1e-9), "{got:?} {one:?}");
         }
         let late = CoreFieldTrack::new(model).field(&[0.0], &[0.0], &[0.0], &[2031.0]);

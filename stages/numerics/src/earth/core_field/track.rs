@@ -10,7 +10,7 @@ use crate::earth::geodesy::ecef_m;
 
 /// Positions per batch.
 const LANES: usize = 4;
-/// The field is a gradient, one degree higher than the potential.
+/// The field is the gradient of the potential, so its degree is higher by one.
 const DEGREE: usize = super::HIGHEST_DEGREE - 1;
 
 type PositionLanes = [f64; LANES];
@@ -132,8 +132,8 @@ impl CoreFieldTrack {
     }
 }
 
-/// Coordinates of a position with their limits. The models apply from the ground up to heights where the external field
-/// is no longer small compared with the core field.
+/// Coordinates of a position, and the valid range of each. The models apply from the ground up to heights where the
+/// external field is no longer small compared with the core field.
 const PLACES: [(GeodeticCoordinate, f64, f64, &str); 3] = [
     (GeodeticCoordinate::Latitude, -90.0, 90.0, "deg"),
     (GeodeticCoordinate::Longitude, -180.0, 360.0, "deg"),

@@ -3,8 +3,8 @@
 use crate::maps::plane_grid::PlaneGrid;
 use rayon::prelude::*;
 
-/// The distance in metres from each node to the nearest unknown one; infinite where all are known. The border of the
-/// grid is not an edge. Computes the exact Euclidean distance in linear time. [Felzenszwalb and Huttenlocher 2012,
+/// The distance in metres from each node to the nearest unknown node; infinite if all nodes are known. The border of
+/// the grid is not an edge. Computes the exact Euclidean distance in linear time. [Felzenszwalb and Huttenlocher 2012,
 /// Theory of Computing 8]
 pub(super) fn distance_to_unknown(values: &[f64], target: &PlaneGrid) -> Vec<f64> {
     let (rows, width) = (target.rows(), target.columns());

@@ -8,8 +8,8 @@ use rayon::prelude::*;
 const SAME: f64 = 1e-6;
 
 /// Values of `map` at the nodes of `target`, by the natural bicubic spline; NaN off the map and in a cell with an
-/// unknown node. A target node on a node of the map has its value unchanged; one on a grid line of the map requires
-/// only the two nodes on that line.
+/// unknown node. A target node at a node of the map has the value of that node. A target node on a grid line of the map
+/// requires only the two nodes on that line.
 pub(super) fn resampled(map: &PlaneGrid, target: &PlaneGrid) -> Vec<f64> {
     let places = |axis: &EvenAxis, of: &EvenAxis| -> Vec<Option<AxisPosition>> {
         (0..of.len).map(|node| AxisPosition::on(axis, of.at(node as f64))).collect()

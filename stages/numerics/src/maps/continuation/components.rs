@@ -1,4 +1,4 @@
-//! Components of the anomalous field, computed from its component along the core field.
+//! Components of the crustal field, computed from the component along the core field.
 
 use realfft::num_complex::Complex;
 
@@ -21,8 +21,8 @@ pub struct AnomalyComponents {
     pub north: PlaneGrid,
     /// Upward component.
     pub up: PlaneGrid,
-    /// Whether waves across the core field were damped because it is nearly horizontal. A total-field map does not
-    /// contain these waves.
+    /// Whether waves across the core field were damped because the core field is nearly horizontal. A total-field map
+    /// does not contain these waves.
     pub damped: bool,
 }
 

@@ -76,10 +76,10 @@ pub fn level_to_drape(
 /// Map on a level, computed from the map on a drape.
 ///
 /// The chessboard method treats the draped map as level and continues it to evenly spaced heights. It then interpolates
-/// each node at the difference between the level and the node's own height [Cordell 1985; MagNav.jl's
+/// each node at the difference between the level and the height of the node [Cordell 1985; MagNav.jl's
 /// `map_chessboard`]. This is inexact where the drape slopes. With `refinements`, the result on a level below all
-/// heights is therefore continued back up to the drape, where the field is known. The difference there is added by the
-/// same method. A node more than `down_max_m` below its own height is NaN.
+/// heights is therefore continued back up to the drape, where the field is known. The difference at the nodes is added
+/// by the same method. A node whose height is more than `down_max_m` above the level is NaN.
 ///
 /// # Errors
 /// Fails as [`level_to_drape`].
@@ -131,7 +131,7 @@ impl DrapeOptions {
         self.step_m.unwrap_or(0.5 * grid.east_m.step.min(grid.north_m.step))
     }
 
-    /// The map continued at each node by its own height in metres, at most `down_max_m` downward.
+    /// The map continued at each node by the height of that node in metres, at most `down_max_m` downward.
     fn at_heights(&self, grid: &PlaneGrid, above_m: &[f64]) -> Result<PlaneGrid, ContinuationError> {
         let (lowest, highest) = bounds(above_m);
         let levels =

@@ -8,7 +8,7 @@ use super::{ContinuationError, continued, rms};
 /// Minimum number of nodes on a side; with fewer, no nodes remain between the crops.
 const LEAST: usize = 16;
 
-/// Error along one edge, caused by the unknown field past it.
+/// Error along one edge, caused by the unknown field beyond this edge.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SideError {
     /// The rms error in nT by the number of nodes from the edge; the last value applies to all nodes further inside.
@@ -71,8 +71,8 @@ pub fn edge_error(
     Ok(EdgeError { sides, cropped, map, rms_nt })
 }
 
-/// The same padding, at least a third of each side wide, with the other assumption about the level of the distant
-/// field.
+/// The same padding, but at least a third of each side wide and with the other assumption about the level of the
+/// distant field.
 fn other_level(grid: &PlaneGrid, padding: &Padding) -> Padding {
     let trend = if padding.trend == TrendRemoval::None { TrendRemoval::EdgeMean } else { TrendRemoval::None };
     let width = PaddingWidth::Nodes([grid.rows(), grid.columns()].map(|side| (side / 3).min(MOST_PADDING)));
@@ -116,7 +116,7 @@ fn crop(grid: &PlaneGrid, [rows, columns]: [usize; 2]) -> PlaneGrid {
     PlaneGrid { east_m, north_m, values }
 }
 
-/// Nearest side of a node, by metres, and its distance in nodes.
+/// Side of the map nearest to a node (in metres), and the distance to this side in nodes.
 fn nearest(grid: &PlaneGrid, row: usize, column: usize) -> (usize, usize) {
     let nodes = [column, grid.columns() - 1 - column, row, grid.rows() - 1 - row];
     let metres = |side: usize| nodes[side] as f64 * if side < 2 { grid.east_m.step } else { grid.north_m.step };

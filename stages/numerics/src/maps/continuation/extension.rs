@@ -15,12 +15,13 @@ pub enum EdgeExtension {
     ///
     /// Compared on fields of dipoles in and around a map, continued upward by 2 to 10 spacings. The alternatives were
     /// zeros, linear and cosine bridges, even and odd images with tapers and cross-fades, and the extension of least
-    /// curvature. This one was closest to the closed form in most cases and never far from the best.
+    /// curvature. This extension was closest to the closed form in most cases, and never much worse than the best
+    /// extension.
     Falling {
         /// The number of nodes over which the detail fades.
         detail_nodes: usize,
     },
-    /// A straight line from the last value of each row, and then of each column, wrapped around to its first, as in
+    /// A straight line from the last value of each row, and then of each column, around to the first value, as in
     /// MagNav.jl's `map_expand`.
     WrapAround,
     /// The trend alone: with [`TrendRemoval::None`] zeros, as the default of `xrft.pad`.
@@ -58,7 +59,8 @@ pub struct Padding {
     pub edge: EdgeExtension,
     /// The trend that is removed first.
     pub trend: TrendRemoval,
-    /// Maximum number of nodes of the padded map; the default padding is narrowed to it. 2²⁸ nodes are 2 GiB.
+    /// Maximum number of nodes of the padded map; the default padding is reduced to meet this limit. 2²⁸ nodes are 2
+    /// GiB.
     pub most_nodes: usize,
     /// Whether both padded sides are even, which makes the transform faster.
     pub even: bool,
@@ -132,7 +134,7 @@ fn default_width(len: usize, step: f64, distance_m: f64) -> usize {
 pub struct AxisLayout {
     /// The nodes of the map.
     pub len: usize,
-    /// The nodes of padding before the first.
+    /// Number of padding nodes before the first node of the map.
     pub before: usize,
     /// All nodes, a product of 2, 3, 5 and 7.
     pub padded: usize,
@@ -148,7 +150,7 @@ impl AxisLayout {
         Self { len, before: (padded - len) / 2, padded }
     }
 
-    /// The nodes of padding after the last.
+    /// Number of padding nodes after the last node of the map.
     pub fn after(&self) -> usize {
         self.padded - self.len - self.before
     }
@@ -190,7 +192,8 @@ struct PaddingNode {
     weights: [f64; 2],
 }
 
-/// Padding of one side as a linear map from its nodes. It applies to values and, along the other axis, to spectra.
+/// Padding of one side as a linear map from its nodes. The linear map applies to values and, along the other axis, to
+/// spectra.
 #[derive(Debug)]
 pub(super) struct AxisExtension {
     layout: AxisLayout,
@@ -236,8 +239,8 @@ fn wrapped(distance: usize, gap: usize, last: usize, upper: bool) -> PaddingNode
     PaddingNode { nodes, weights: [1.0 - far, far] }
 }
 
-/// Node weights: `s` times the edge value plus `s t` times (edge − image). Both s and t are half cosines of the
-/// distance.
+/// Node weights: `s` times the edge value plus `s t` times (edge − image). Both s and t are half periods of a cosine of
+/// the distance.
 fn falling(distance: usize, width: usize, detail: usize, last: usize, upper: bool) -> PaddingNode {
     let half_cosine = |over: usize| {
         let part = (distance as f64 / over.max(1) as f64).min(1.0);

@@ -7,14 +7,14 @@ use super::spectrum::MapSpectrum;
 use super::transform::MapTransform;
 use crate::regression::l_curve::log_curvature;
 
-/// Number of rings of wavenumbers; they are narrow enough for a constant factor within one ring.
+/// Number of rings of wavenumbers; the rings are narrow enough for a constant factor within each ring.
 const RINGS: usize = 4096;
 /// Number of blocks in which the rows are summed, independent of the number of threads.
 const PARTS: usize = 16;
 /// Points of the curve.
 const POINTS: usize = 241;
 
-/// A point of the curve: one α.
+/// A point of the curve, for one value of α.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LCurvePoint {
     /// α, in m².

@@ -20,12 +20,12 @@ struct BinMeanSquares {
 }
 
 impl RadialPower {
-    /// Root mean square error, in nT, of the map continued downward by `down_m` metres with this α. It contains the
-    /// amplified noise of the nodes and the field that the damping removes. The noise has a standard deviation of
+    /// Root mean square error, in nT, of the map continued downward by `down_m` metres with this α. The error contains
+    /// the amplified noise of the nodes and the field that the damping removes. The noise has a standard deviation of
     /// `noise_nt` and is independent from node to node.
     ///
     /// Without `noise_nt` the noise is estimated from the shortest waves of the map, including any field in them. Waves
-    /// of the field below the noise level are extrapolated from the resolved ones by ln P = a − 2 k d, the spectrum of
+    /// of the field below the noise level are extrapolated from the resolved waves by ln P = a − 2 k d, the spectrum of
     /// sources at a depth d. [Spector & Grant 1970, Geophysics 35] Edge errors are not included; see
     /// [`super::edge_error()`].
     pub fn downward_error_nt(&self, down_m: f64, alpha_m2: f64, noise_nt: Option<f64>) -> f64 {

@@ -10,7 +10,7 @@ const BINS: usize = 96;
 /// Side, in nodes, of the central part that represents a larger map.
 const MOST_NODES: usize = 2048;
 
-/// Mean square of a map, minus its mean and trend, by wavenumber.
+/// Mean square of a map minus its mean and trend, as a function of the wavenumber.
 #[derive(Clone, Debug)]
 pub struct RadialPower {
     /// The bins that contain a wave, by wavenumber.
@@ -32,7 +32,7 @@ pub(super) struct WavenumberBin {
 }
 
 impl RadialPower {
-    /// Spectrum of a map. Unknown nodes (NaN) are replaced by the mean of the known ones, and the total is scaled to
+    /// Spectrum of a map. Unknown nodes (NaN) are replaced by the mean of the known nodes, and the total is scaled to
     /// the known nodes.
     ///
     /// # Errors
@@ -53,7 +53,7 @@ impl RadialPower {
             bins[at].1 += square;
             bins[at].2 += 1.0;
         }
-        // The padding contains part of the power, so the total is scaled to that of the known nodes.
+        // The padding contains part of the power, so the total is scaled to the power of the known nodes.
         let trend = spectrum.trend;
         let columns = map.columns();
         let flat = |(i, x): (usize, &f64)| x - trend.at(i / columns, i % columns);
@@ -80,7 +80,7 @@ impl RadialPower {
     }
 }
 
-/// The map, or the middle of a large one.
+/// The map, or the middle part of a large map.
 fn middle(map: &PlaneGrid) -> PlaneGrid {
     let (rows, columns) = (map.rows(), map.columns());
     if rows.max(columns) <= MOST_NODES {

@@ -11,8 +11,8 @@ use super::trend::TrendPlane;
 
 /// The spectrum of a padded map.
 ///
-/// It uses the memory of one padded map. Computing a result temporarily uses twice the map's size. Results are
-/// bit-identical on any number of threads.
+/// The spectrum uses the memory of one padded map. Computing a result temporarily uses twice the map's size. Results
+/// are bit-identical on any number of threads.
 pub struct MapSpectrum {
     pub(super) transform: MapTransform,
     east_m: EvenAxis,
@@ -39,7 +39,7 @@ impl MapSpectrum {
         Ok(Self { transform, east_m: grid.east_m, north_m: grid.north_m, trend, values })
     }
 
-    /// Position of the map in the padded one.
+    /// Position of the map in the padded map.
     pub fn layout(&self) -> PaddedLayout {
         self.transform.layout
     }
@@ -54,7 +54,8 @@ impl MapSpectrum {
         self.answer(WavenumberFactor::General(&factor), &trend)
     }
 
-    /// The same for a real factor that depends only on the magnitude of the wavenumber, in half the time.
+    /// The same as the function above, for a real factor that depends only on the magnitude of the wavenumber, in half
+    /// the time.
     pub fn filtered_radially(&self, factor: impl Fn(f64) -> f64 + Sync) -> PlaneGrid {
         let trend = self.trend.times(factor(0.0));
         self.answer(WavenumberFactor::Radial(&factor), &trend)
@@ -79,7 +80,7 @@ impl MapSpectrum {
     }
 }
 
-/// Single result without a stored spectrum; it uses twice the map's size.
+/// Single result without a stored spectrum; it uses twice the memory of the map.
 pub(super) fn filtered_once(
     grid: &PlaneGrid,
     distance_m: f64,

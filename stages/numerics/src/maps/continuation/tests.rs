@@ -8,7 +8,7 @@ mod laws;
 
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
-/// Map from a formula in row and column, both counted from 1.
+/// Map whose values are a function of row and column, both counted from 1.
 fn formula(rows: usize, columns: usize, steps: [f64; 2], value: impl Fn(f64, f64) -> f64) -> PlaneGrid {
     let values = (0..rows * columns).map(|i| value((i / columns + 1) as f64, (i % columns + 1) as f64)).collect();
     let axis = |len, step| EvenAxis { first: 1000.0, step, len };

@@ -2,7 +2,7 @@
 //!
 //! Only the rows of the map itself are transformed. The padding of the columns is a linear map. It is therefore
 //! computed from the spectra of the rows, column by column, while a group of columns is in the cache. One buffer of
-//! real numbers, with at most two extra per row, holds half the spectrum; the other half is its conjugate.
+//! real numbers, with at most two additional numbers per row, holds half the spectrum; the other half is its conjugate.
 
 use std::sync::Arc;
 
@@ -151,7 +151,7 @@ impl MapTransform {
         self.rows_inverse(buffer, trend)
     }
 
-    /// The same as [`Self::spectrum`] and [`Self::filtered`] in one pass over the columns, for one factor.
+    /// Combines [`Self::spectrum`] and [`Self::filtered`] in one pass over the columns, for one factor.
     pub(super) fn filtered_once(
         &self,
         grid: &PlaneGrid,
@@ -220,7 +220,7 @@ impl MapTransform {
         std::f64::consts::TAU * index as f64 / (self.layout.columns.padded as f64 * self.steps_m[0])
     }
 
-    /// The wavenumber of a row up to the middle one, in rad/m.
+    /// The wavenumber of a row up to the middle row, in rad/m.
     pub(super) fn k_north(&self, row: usize) -> f64 {
         std::f64::consts::TAU * row as f64 / (self.layout.rows.padded as f64 * self.steps_m[1])
     }

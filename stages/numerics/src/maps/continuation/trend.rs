@@ -4,7 +4,7 @@ use crate::maps::plane_grid::PlaneGrid;
 
 use super::extension::TrendRemoval;
 
-/// Plane given by a level and its slopes per row and column.
+/// Plane, given by a level and the slopes per row and per column.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct TrendPlane {
     level: f64,

@@ -42,12 +42,12 @@ pub enum Regularisation {
     Alpha(f64),
 }
 
-/// A map continued downward, with its damping and error.
+/// A map continued downward, with the damping and the expected error.
 #[derive(Clone, Debug)]
 pub struct DownwardContinuation {
     /// The map below.
     pub map: PlaneGrid,
-    /// Its α, in m².
+    /// Damping parameter α, in m².
     pub alpha_m2: f64,
     /// L-curve, also if α is given.
     pub curve: LCurve,
@@ -58,10 +58,10 @@ pub struct DownwardContinuation {
 /// Map continued downward by `down_m` metres, at least 0.
 ///
 /// α minimises Σ e^(k h) |e^(−k h) U − F|² + α Σ |k U|²: the misfit of the lower map U to the map F plus its roughness.
-/// The L-curve plots the rms of the misfit against the rms of the gradient for many α. Its corner is the point of
-/// maximum curvature: less damping adds noise, and more damping removes signal [Hansen 1992, SIAM Review 34]. MagNav.jl
-/// instead uses the largest change between maps of successive α as the corner, which depends on a single node and
-/// requires a map for each α. Here the whole curve is computed from the power of the spectrum.
+/// The L-curve plots the rms of the misfit against the rms of the gradient for many α. The corner of the L-curve is the
+/// point of maximum curvature: less damping adds noise, and more damping removes signal [Hansen 1992, SIAM Review 34].
+/// MagNav.jl instead uses the largest change between maps of successive α as the corner, which depends on a single node
+/// and requires a map for each α. Here the whole curve is computed from the power of the spectrum.
 ///
 /// # Errors
 /// Fails as [`MapSpectrum::new`], and with [`ContinuationError::Height`] for a distance below 0 or

@@ -1,4 +1,4 @@
-//! Known nodes that can be neighbours of an unknown one.
+//! Known nodes that can be neighbours of an unknown node.
 
 use crate::maps::plane_grid::PlaneGrid;
 use rayon::prelude::*;
@@ -17,7 +17,7 @@ fn reach(neighbours: usize, east_m: f64, north_m: f64) -> usize {
     if neighbours <= 3 && near_square { 1 } else { neighbours }
 }
 
-/// Known nodes that can be among the `neighbours` nearest of an unknown one, in grid order.
+/// Known nodes that can be among the `neighbours` nearest of an unknown node, in grid order.
 pub(super) fn edge_nodes(grid: &PlaneGrid, neighbours: usize) -> Vec<usize> {
     let (rows, width) = (grid.rows(), grid.columns());
     let reach = reach(neighbours, grid.east_m.step, grid.north_m.step);

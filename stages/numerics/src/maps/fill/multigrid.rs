@@ -7,8 +7,8 @@
 
 use rayon::prelude::*;
 
-/// Damping factor of the point-wise corrections: the four of a cycle damp all components that the next level cannot
-/// represent.
+/// Damping factor of the point-wise corrections: the four corrections of a cycle damp all components that the next
+/// level cannot represent.
 const DAMPING: f64 = 0.8;
 /// Number of nodes below which a level is not coarsened further.
 const COARSEST: usize = 64;
@@ -50,14 +50,14 @@ impl MultigridFrame {
     }
 }
 
-/// Couplings between the nodes of a multigrid level. Known nodes have none.
+/// Couplings between the nodes of a multigrid level. Known nodes have no couplings.
 pub(super) struct MultigridLevel {
     pub(super) frame: MultigridFrame,
     /// The coupling of each node with its eastern neighbour.
     east: Vec<f32>,
     /// The coupling of each node with its northern neighbour.
     north: Vec<f32>,
-    /// The sum of the couplings of a node to known ones.
+    /// The sum of the couplings of a node to known nodes.
     fixed: Vec<f32>,
 }
 
@@ -264,7 +264,7 @@ mod tests {
         level.apply(&a, &mut image);
         cycle.solve(&level, &image, &mut ama);
         let off: Vec<f64> = ama.iter().zip(&a).map(|(one, other)| one - other).collect();
-        // One cycle removes more than half of an error, measured in the energy norm of the operator.
+        // One multigrid cycle removes more than half of the error, measured in the energy norm of the operator.
         let (mut left, mut before) = (off.clone(), a.clone());
         level.apply(&off, &mut left);
         level.apply(&a, &mut before);

@@ -24,7 +24,7 @@ pub struct NearestFill {
     pub neighbours: usize,
     /// Averaging of the nodes.
     pub weights: NeighbourWeights,
-    /// Maximum distance in metres to the nearest known node; beyond it a node remains unknown.
+    /// Maximum distance in metres to the nearest known node; beyond this distance a node remains unknown.
     pub max_distance_m: Option<f64>,
 }
 
@@ -40,7 +40,7 @@ impl Default for NearestFill {
 /// used. Results are bit-identical for any number of threads.
 ///
 /// # Errors
-/// Fails if the map is invalid or has no known node, or if a parameter is out of its range.
+/// Fails if the map is invalid or has no known node, or if a parameter is out of its valid range.
 pub fn nearest(grid: &PlaneGrid, options: &NearestFill) -> Result<PlaneGrid, FillError> {
     check(grid)?;
     let neighbours = NonZeroUsize::new(options.neighbours).ok_or(FillError::NoNeighbours)?;
@@ -79,7 +79,7 @@ struct NearestNodeSearch<'a> {
     tree: ImmutableKdTree<f64, 2>,
     /// The number of neighbours in a mean.
     take: usize,
-    /// `take` plus one, to detect a tie.
+    /// Number of neighbours to find: `take` plus 1, to detect equal distances.
     ask: NonZeroUsize,
     /// Ratio of the northward to the eastward step.
     aspect: f64,
@@ -126,7 +126,7 @@ impl<'a> NearestNodeSearch<'a> {
         // Distances from the tree are rounded. The order is based on distances that do not depend on the position
         // within the grid.
         const ROUNDING: f64 = 1e-9;
-        // The previous nodes are at most their previous distance plus the step away.
+        // The distance to each of the previous nodes is at most the previous distance plus the step.
         let enough =
             found.nodes.last().filter(|_| found.nodes.len() == self.take).map_or(f64::INFINITY, |(last, _)| {
                 (last.sqrt() + column.abs_diff(found.column) as f64).powi(2) * (1.0 + ROUNDING)

@@ -15,13 +15,13 @@ const RIM: usize = 2;
 pub struct SmoothFill {
     /// Whether the surface also continues the slope at the edge of the gap.
     ///
-    /// If false, it is harmonic (Laplace's equation): never above or below the known values around the gap, with a kink
-    /// at the edge. If true, it is the surface of minimum curvature (the biharmonic equation): no kink, but it can
-    /// overshoot in a gap wider than the anomalies around it. [Briggs 1974]
+    /// If false, the surface is harmonic (Laplace's equation): never above or below the known values around the gap,
+    /// with a kink at the edge. If true, the result is the surface of minimum curvature (the biharmonic equation): no
+    /// kink, but it can overshoot in a gap wider than the anomalies around it. [Briggs 1974]
     pub keep_slope: bool,
-    /// The error at which the iteration stops, as a fraction of the range of the known values. It is the change that
-    /// one further multigrid cycle would make. For a surface of minimum curvature the remaining error may be some four
-    /// times larger.
+    /// The error at which the iteration stops, as a fraction of the range of the known values. The estimate is the
+    /// change that one further multigrid cycle would make. For a surface of minimum curvature the remaining error may
+    /// be some four times larger.
     pub tolerance: f64,
     /// The maximum number of iterations.
     pub max_iterations: usize,
@@ -45,17 +45,17 @@ pub struct SmoothFillReport {
     pub error: f64,
 }
 
-/// Replaces the unknown nodes by a smooth surface through the known ones, which do not change. The border of the map is
-/// free: the surface has zero slope across it.
+/// Replaces the unknown nodes by a smooth surface through the known nodes, which do not change. The border of the map
+/// is free: the surface has zero slope across it.
 ///
 /// Conjugate gradients with a multigrid cycle as preconditioner. A harmonic surface needs some fifteen iterations for
 /// any width of the gap. For minimum curvature the number grows with the width of the gap: some 60 for 80 nodes and
-/// 1000 for 600. It is therefore suitable for gaps up to some hundred nodes wide. Memory is some 70 bytes a node of the
-/// rectangle around the gaps. Results are bit-identical for any number of threads.
+/// 1000 for 600. The method is therefore suitable for gaps up to about a hundred nodes wide. Memory is some 70 bytes a
+/// node of the rectangle around the gaps. Results are bit-identical for any number of threads.
 ///
 /// # Errors
-/// Fails if the map is invalid or has no known node, if a parameter is out of its range, or if the tolerance is not
-/// reached.
+/// Fails if the map is invalid or has no known node, if a parameter is out of its valid range, or if the tolerance is
+/// not reached.
 pub fn smooth(grid: &PlaneGrid, options: &SmoothFill) -> Result<(PlaneGrid, SmoothFillReport), FillError> {
     check(grid)?;
     let tolerance = options.tolerance;
@@ -81,7 +81,7 @@ pub fn smooth(grid: &PlaneGrid, options: &SmoothFill) -> Result<(PlaneGrid, Smoo
     Ok((grid.with(values), SmoothFillReport { filled, ..report }))
 }
 
-/// The rows and columns that contain all gaps and their rim.
+/// The rows and columns that contain all gaps and the known nodes around them.
 struct GapWindow {
     rows: Range<usize>,
     columns: Range<usize>,

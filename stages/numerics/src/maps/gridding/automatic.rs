@@ -13,8 +13,9 @@ const PROBES: usize = 4000;
 /// The cosine of 30 degrees.
 const PARALLEL: f64 = 0.866;
 
-/// Median distance in metres from a point to the nearest line parallel to its own: within 30 degrees of its heading,
-/// and sideways rather than ahead. For a single line, the square root of the mean area per point.
+/// Median distance in metres from a point to the nearest line parallel to the point's own line: the headings differ by
+/// less than 30 degrees, and the other line is sideways rather than ahead. For a single line, the square root of the
+/// mean area per point.
 pub fn line_spacing_m(points: SurveyPoints) -> f64 {
     let count = points.len();
     let near = PointCellIndex::new(&points.easting_m[..count], &points.northing_m[..count]);
@@ -40,7 +41,7 @@ pub fn line_spacing_m(points: SurveyPoints) -> f64 {
     spacing.max(1.0)
 }
 
-/// Unit vectors from each line's first point to its last.
+/// Unit vectors from the first to the last point of each line.
 fn headings(points: SurveyPoints) -> BTreeMap<usize, [f64; 2]> {
     let of = |run: std::ops::Range<usize>| {
         let (a, b) = (run.start, run.end - 1);
@@ -62,7 +63,7 @@ pub fn block_m(spacing_m: f64) -> f64 {
 /// The shallowest layer is two blocks deep, which keeps the detail along a line. Each further layer is twice as deep,
 /// up to a quarter of the survey's extent. Sources are 0.7 depths apart: the field of a finer arrangement would be
 /// attenuated by 99 % at the measurements. A layer shallower than the distance between lines extends one depth beyond
-/// the measurements, so that deeper layers fill the gap between lines. The others extend two depths.
+/// the measurements, so that deeper layers fill the gap between lines. The other layers extend two depths.
 pub fn layers(block_m: f64, spacing_m: f64, extent_m: f64) -> Vec<SourceLayer> {
     let shallowest = (2.0 * block_m).max(1.0);
     let depths = (0..24).map(|k| shallowest * f64::from(1 << k));

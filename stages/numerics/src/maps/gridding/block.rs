@@ -1,10 +1,10 @@
-//! Reduction of points to one per block, so that a densely flown line has no more weight than a sparse one.
+//! Reduction of the points in each block to one point, so that densely and sparsely sampled lines have equal weight.
 
 use super::nearest::range;
 use crate::regression::statistics::median;
 use rayon::prelude::*;
 
-/// Method that reduces the values of a block to one.
+/// Method that reduces the values of a block to one value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlockReduction {
     /// The median, which is robust to outliers.
@@ -28,10 +28,10 @@ pub struct SurveyBlocks {
     pub points: Vec<usize>,
 }
 
-/// Reduces points to the median or mean of their position, height and value in square blocks of `block_m`. Blocks start
-/// at the south-west corner of the points. Blocks are ordered from south to north and from west to east.
+/// Reduces the points in each square block of `block_m` to the median or mean of position, height and value. Blocks
+/// start at the south-west corner of the points. Blocks are ordered from south to north and from west to east.
 ///
-/// All coordinates are metres and, like the values, finite; with `block_m` zero each point is its own block.
+/// All coordinates are metres and, like the values, finite; if `block_m` is zero, each point is a separate block.
 pub fn reduce_blocks(points: [&[f64]; 4], block_m: f64, how: BlockReduction) -> SurveyBlocks {
     let [easting_m, northing_m, ..] = points;
     let first = [range(easting_m)[0], range(northing_m)[0]];

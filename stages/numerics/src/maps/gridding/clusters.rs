@@ -2,7 +2,7 @@
 
 use super::nearest::range;
 
-/// Chebyshev points along the two horizontal axes and along the vertical one.
+/// Numbers of Chebyshev points along the two horizontal axes and along the vertical axis.
 pub(super) const ACROSS: usize = 4;
 pub(super) const UPWARD: usize = 2;
 /// Chebyshev points of a box.

@@ -15,7 +15,7 @@ const AROUND: usize = 24;
 pub struct LineFolds {
     /// The number of folds of lines.
     pub count: usize,
-    /// Folds to omit, one at a time; with all of them, every point has an error.
+    /// Folds to omit, one at a time; if all folds are omitted in turn, every point has an error.
     pub left_out: Vec<usize>,
 }
 
@@ -40,7 +40,7 @@ pub struct DifferenceStatistics {
 }
 
 impl DifferenceStatistics {
-    /// Statistic of the finite differences. NaN if there are none.
+    /// Statistic of the finite differences. NaN if there are no errors.
     pub fn from_differences(differences: &[f64]) -> Self {
         let mut sizes: Vec<f64> = differences.iter().map(|d| d.abs()).filter(|d| d.is_finite()).collect();
         sizes.sort_unstable_by(f64::total_cmp);
@@ -56,7 +56,7 @@ impl DifferenceStatistics {
 pub struct CrossValidation {
     /// Measured minus predicted at every point, nT; NaN for points of other lines or without a prediction.
     pub difference_nt: Vec<f64>,
-    /// Their statistics.
+    /// Statistics of the errors.
     pub spread: DifferenceStatistics,
 }
 
@@ -91,7 +91,7 @@ pub fn cross_validate(
     Ok(CrossValidation { difference_nt, spread })
 }
 
-/// Expected error at each node: the root mean square of the differences nearest to it, weighted by proximity.
+/// Expected error at each node: the root mean square of the differences nearest to the node, weighted by proximity.
 pub fn expected_error(points: SurveyPoints, difference_nt: &[f64], axes: [EvenAxis; 2], block_m: f64) -> PlaneGrid {
     let [east_m, north_m] = axes;
     let known: Vec<usize> =

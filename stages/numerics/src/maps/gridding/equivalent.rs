@@ -1,11 +1,11 @@
 //! Equivalent sources: a field that satisfies Laplace's equation above its sources and fits the measurements.
 //!
 //! Sources are vertical dipoles on even nodes beneath the measurements, in layers from deep to shallow. Each layer is
-//! fitted to the residuals of the deeper ones, by damped least squares. Deep sources thus explain long wavelengths and
-//! extend them smoothly across the gaps between lines; shallow ones keep the detail along the lines. It is the gradient
-//! boosting of Soler & Uieda (2021), "Gradient-boosted equivalent sources", with layers of the whole survey instead of
-//! windows. Conjugate gradients solve the normal equations, with products computed by the far-field sums of
-//! `far_field`. Memory therefore grows linearly with the number of points, not quadratically.
+//! fitted to the residuals of the deeper layers, by damped least squares. Deep sources thus explain long wavelengths
+//! and extend them smoothly across the gaps between lines; shallow sources keep the detail along the lines. The method
+//! is the gradient boosting of Soler & Uieda (2021), "Gradient-boosted equivalent sources", with layers of the whole
+//! survey instead of windows. Conjugate gradients solve the normal equations, with products computed by the far-field
+//! sums of `far_field`. Memory therefore grows linearly with the number of points, not quadratically.
 
 use super::block::{BlockReduction, reduce_blocks};
 use super::clusters::{ClusterTree, PointPositions};
@@ -18,7 +18,7 @@ use super::windows::SchwarzPreconditioner;
 use super::{GriddingError, GriddingProgress, check_columns};
 use rayon::prelude::*;
 
-/// Number of nearest measurements around a source; the source lies beneath the lowest of them.
+/// Number of nearest measurements around a source; the source lies beneath the lowest of these measurements.
 const AROUND: usize = 8;
 
 /// Search radius, in depths, for the nearest measurement in each quadrant; a source also lies beneath these.
@@ -39,11 +39,11 @@ const THIN: f64 = 0.25;
 pub struct FieldGradients {
     /// The field, nT.
     pub value_nt: Vec<f64>,
-    /// Its derivative towards east, nT/m.
+    /// Derivative of the field towards east, nT/m.
     pub by_east: Vec<f64>,
-    /// Its derivative towards north, nT/m.
+    /// Derivative of the field towards north, nT/m.
     pub by_north: Vec<f64>,
-    /// Its derivative upward, nT/m.
+    /// Derivative of the field upward, nT/m.
     pub by_up: Vec<f64>,
 }
 
@@ -72,7 +72,7 @@ impl EquivalentSources {
     }
 
     /// Places sources beneath `value_nt` measured at eastings, northings and heights in metres, for a fit by
-    /// [`Self::solve`]. Before the fit, their field is only the plane of the values.
+    /// [`Self::solve`]. Before the fit, the field of the sources is only the plane of the values.
     ///
     /// # Errors
     ///
@@ -125,8 +125,8 @@ impl EquivalentSources {
     /// position.
     ///
     /// # Errors
-    /// Fails at the first position where it is undefined, with the lowest height that is valid at all positions. Also
-    /// fails for columns of different lengths and for values that are not finite.
+    /// Fails at the first position where the field is undefined, with the lowest height that is valid at all positions.
+    /// Also fails for columns of different lengths and for values that are not finite.
     pub fn check_above(&self, at_m: [&[f64]; 3]) -> Result<(), GriddingError> {
         check_columns(&at_m)?;
         self.check_points(&relative(at_m, self.origin_m))
@@ -261,7 +261,7 @@ impl FittedSourceLayer {
         iterations
     }
 
-    /// Whether each target is at least half the layer's depth above the source nearest to it.
+    /// Whether each target is at least half the layer's depth above the source nearest to the target.
     fn above(&self, targets: &PointPositions) -> Vec<bool> {
         let least = self.least_m(targets);
         (0..targets.len()).map(|i| least.get(i).is_none_or(|least| *least <= targets.up[i])).collect()
@@ -320,7 +320,7 @@ fn middle(values: &[f64]) -> f64 {
     (0.5 * (a + b)).round()
 }
 
-/// Lowest of the nearest measurements in each quadrant: neighbouring lines may be flown lower than the nearest one.
+/// Lowest of the nearest measurements in each quadrant: neighbouring lines may be lower than the nearest line.
 fn lowest_beside(points: &PointPositions, near: &PointCellIndex, [e, n]: [f64; 2], reach_m: f64) -> f64 {
     let quadrant = |i: usize| [points.east[i] >= e, points.north[i] >= n];
     let found = [[true, true], [true, false], [false, true], [false, false]]

@@ -9,9 +9,9 @@ const LEAST_REACH_M: f64 = 1000.0;
 type PlaneCell = [i64; 2];
 
 /// Indices, ascending, of points that are far from all others. Such points form groups of fewer than a hundredth of the
-/// points, or are single, and more than half the survey's reach around them is empty. The reach is the diagonal of the
-/// rectangle between the 10th and 90th percentiles of the coordinates, at least 1 km. Coordinates are metres on one
-/// plane; points with a coordinate that is not finite are never far.
+/// points, or are single, and the empty distance around them exceeds half of the survey's extent. The reach is the
+/// diagonal of the rectangle between the 10th and 90th percentiles of the coordinates, at least 1 km. Coordinates are
+/// metres on one plane; points with a coordinate that is not finite are never far.
 ///
 /// Groups are connected sets of occupied square cells with a side of half the reach.
 pub fn far_points(east_m: &[f64], north_m: &[f64]) -> Vec<usize> {
@@ -77,7 +77,7 @@ mod tests {
     fn unit_a_survey_has_no_far_points_and_two_areas_are_one_survey() {
         let [mut east, mut north] = survey();
         assert!(far_points(&east, &north).is_empty());
-        // A second area with 2 % of the points 300 km away, and a line to it.
+        // A second area at a distance of 300 km with 2 % of the points, and a line to this area.
         east.extend((0..400).map(|k| 8e5 + 10.0 * f64::from(k)));
         north.extend([6e5; 400]);
         assert!(far_points(&east, &north).is_empty());
@@ -99,7 +99,7 @@ mod tests {
         east[3000..3100].iter_mut().for_each(|x| *x += 2e5);
         let expected: Vec<usize> = [77, 500, 900].into_iter().chain(3000..3100).collect();
         assert_eq!(far_points(&east, &north), expected);
-        // Few points: up to a tenth of them may be wrong.
+        // Among a few points, up to a tenth may have wrong positions.
         let few: Vec<f64> = (0..20).map(|k| if k == 7 { 6e6 } else { 100.0 * f64::from(k) }).collect();
         assert_eq!(far_points(&few, &[0.0; 20]), [7]);
     }

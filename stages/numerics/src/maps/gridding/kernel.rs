@@ -8,7 +8,7 @@ pub(super) struct PointSources<'a> {
 }
 
 /// Adds to `out` at each target the sum of strength · h / r³ over the sources. `h` is `sign` times the height of the
-/// target above the source, and r is their distance.
+/// target above the source, and r is the distance between source and target.
 pub(super) fn add_values(targets: [&[f64]; 3], sources: PointSources, sign: f64, out: &mut [f64]) {
     pulp::Arch::new().dispatch(
         #[inline(always)]

@@ -47,7 +47,7 @@ pub(super) struct FittedSourceLayer {
 pub struct SourceLayerReport {
     /// The layer.
     pub layer: SourceLayer,
-    /// Number of its sources.
+    /// Number of sources of the layer.
     pub sources: usize,
     /// Number of iterations.
     pub iterations: usize,

@@ -12,7 +12,7 @@ use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 /// Grids values in nT at eastings and northings in metres onto the nodes of two axes; data outside the nodes' cells
 /// are ignored.
 ///
-/// Several data in a node's cell are replaced by their mean at their mean position.
+/// Several data in a node's cell are replaced by their mean value at their mean position.
 pub fn minimum_curvature(
     at_m: [&[f64]; 2],
     value_nt: &[f64],

@@ -21,8 +21,8 @@ pub struct RelaxationOptions {
 pub struct RelaxationReport {
     /// Passes over the grid.
     pub passes: usize,
-    /// Expected change of a node in all further passes, nT, from the convergence rate. It exceeds the tolerance if the
-    /// maximum number of passes was reached.
+    /// Expected change of a node in all further passes, nT, from the convergence rate. The change exceeds the tolerance
+    /// if the maximum number of passes was reached.
     pub left_nt: f64,
 }
 
@@ -35,10 +35,10 @@ const OVER: f64 = 1.6;
 /// Passes between two convergence checks.
 const STRETCH: usize = 16;
 
-/// Distance to its node, in spacings, below which a datum fixes the node.
+/// Distance between a datum and its node, in spacings, below which the datum fixes the node.
 const ON_NODE: f64 = 0.05;
 
-/// A datum, with its nearest node and its offset from it in nodes.
+/// A datum, with the nearest node and the offset from this node, in nodes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GridDatum {
     column: usize,
@@ -60,7 +60,7 @@ impl GridDatum {
 enum NodeUpdate {
     Free,
     Held,
-    /// Value `fixed` + Σ weight · neighbour - `bend` · (the remaining curvature of its neighbours).
+    /// Value `fixed` + Σ weight · neighbour - `bend` · (the remaining curvature of the neighbours).
     Drawn {
         corner: [i64; 2],
         weights: [f64; 4],
@@ -225,8 +225,7 @@ fn step(at: usize, by: i64) -> usize {
     at.saturating_add_signed(by as isize)
 }
 
-/// Update of a node by its datum; the expansion of the curvature uses the four neighbours on the side away from the
-/// datum.
+/// Update of a node by its datum; the series of the curvature uses the four neighbours on the side away from the datum.
 fn rule(datum: &GridDatum, tension: f64) -> NodeUpdate {
     let [dx, dy] = datum.offset.map(f64::abs);
     if dx.max(dy) < ON_NODE {

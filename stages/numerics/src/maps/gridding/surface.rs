@@ -145,7 +145,7 @@ impl FittedSurface {
     }
 
     /// Values at the positions of points. For minimum curvature: at any height, NaN off the grid. For equivalent
-    /// sources: NaN at points so far below neighbouring ones that they are not above the sources.
+    /// sources: NaN at points that are so far below neighbouring points that they are not above the sources.
     ///
     /// # Errors
     /// Fails, for equivalent sources, for columns of different lengths and for values that are not finite.
@@ -209,7 +209,7 @@ fn nodes([east_m, north_m]: [EvenAxis; 2]) -> [Vec<f64>; 2] {
     [east, north]
 }
 
-/// Indices, ascending, of blocks whose residual is far larger than that of their neighbours.
+/// Indices, ascending, of blocks whose residual is far larger than the residuals of their neighbours.
 fn misfits(blocks: &SurveyBlocks, rest: &[f64], options: &GriddingOptions) -> Vec<usize> {
     if options.misfit_sigmas <= 0.0 || options.misfit_sigmas.is_nan() {
         return Vec::new();

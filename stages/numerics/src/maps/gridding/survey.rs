@@ -130,13 +130,13 @@ pub struct CleaningOutcome {
     pub far: Vec<usize>,
     /// Points at the same position as the line's previous point.
     pub duplicates: Vec<usize>,
-    /// Outliers along their line.
+    /// Points that are outliers along their line.
     pub outliers: Vec<usize>,
     /// Points of lines that are too short.
     pub of_short_lines: Vec<usize>,
 }
 
-/// Sorts the points of a survey into kept and excluded ones.
+/// Sorts the points of a survey into kept and excluded points.
 pub fn clean(points: SurveyPoints, options: &CleaningOptions) -> CleaningOutcome {
     let mut cleaned = CleaningOutcome::default();
     if options.without_far {
@@ -194,7 +194,7 @@ fn spikes(points: SurveyPoints, line: &[usize], options: &CleaningOptions) -> Ve
     found
 }
 
-/// The distance of each point's value from the straight line between its neighbours'; zero at the ends.
+/// The distance of each point's value from the straight line between the values of its neighbours; zero at the ends.
 fn off_neighbours(points: SurveyPoints, line: &[usize]) -> Vec<f64> {
     let mut away = vec![0.0; line.len()];
     for (k, three) in line.windows(3).enumerate() {

@@ -87,7 +87,7 @@ fn inside(clusters: &ClusterTree, [east, north]: [[f64; 2]; 2]) -> Vec<usize> {
     found
 }
 
-/// Cholesky factor of KᵀK + damping; empty, which represents the unit matrix, if none exists.
+/// Cholesky factor of KᵀK + damping; empty, which represents the unit matrix, if no factor exists.
 fn factor(sources: PointPositions, data: PointPositions, depth_m: f64, damping: f64) -> Vec<f32> {
     let scale = depth_m * depth_m;
     let kernel = Mat::from_fn(data.len(), sources.len(), |i, j| {

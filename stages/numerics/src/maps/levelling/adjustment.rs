@@ -1,12 +1,12 @@
 //! The adjustment of lines by their crossovers.
 //!
 //! A difference at a crossover is the level error of both lines, plus noise that grows with the gradient
-//! ([`CrossoverNoise`]). The corrections are the most likely ones given the crossovers of a survey. The corrections of
-//! the lines, and those of the ties about a common shift, are modelled as draws from a distribution. Its width is
-//! estimated from the scatter of the corrections beyond their own standard errors (the method of moments of DerSimonian
-//! and Laird 1986). Without such scatter the width is zero and the group is not corrected, so that the noise at the
-//! crossovers of a level survey does not become stripes. A line that is individually out of level is corrected
-//! independently of the others.
+//! ([`CrossoverNoise`]). The corrections are the most likely values, given the crossovers of a survey. The corrections
+//! of the lines, and the corrections of the ties about a common shift, are modelled as draws from a distribution. The
+//! width of the distribution is estimated from the scatter of the corrections beyond their own standard errors (the
+//! method of moments of DerSimonian and Laird 1986). Without such scatter the width is zero and the group is not
+//! corrected, so that the noise at the crossovers of a level survey does not become stripes. A line that is
+//! individually out of level is corrected independently of the others.
 
 use super::noise::CrossoverNoise;
 use super::{Crossover, LevellingGauge, LevellingOptions};
@@ -23,7 +23,7 @@ const BY_CHANCE: f64 = 0.05;
 const BEYOND: f64 = 1.645;
 /// Minimum ratio of crossovers to coefficients for initially unconstrained corrections.
 const ENOUGH: usize = 2;
-/// Minimum number of crossovers of a line that is individually out of level: one or two may be wrong.
+/// Minimum number of crossovers of a line that is individually out of level: one or two crossovers may be wrong.
 const LEAST_CROSSOVERS: usize = 3;
 
 /// Sparse least-squares equations of the line corrections, one per crossover.
@@ -33,7 +33,7 @@ pub(super) struct CrossoverAdjustment<'a> {
     /// First and last point of each line, and its index among the lines.
     lines: BTreeMap<usize, (usize, usize, usize)>,
     terms: usize,
-    /// Factors of the coefficients: those of the lines, line by line, followed by the shift of all ties.
+    /// Factors of the coefficients: the coefficients of the lines, line by line, then the shift of all ties.
     rows: Vec<Vec<(usize, f64)>>,
     right: Vec<f64>,
     is_tie: Vec<bool>,
@@ -43,7 +43,7 @@ pub(super) struct CrossoverAdjustment<'a> {
 /// Estimated line corrections and their distribution.
 #[derive(Clone, Debug)]
 pub(super) struct AdjustmentSolution {
-    /// Coefficients by line, in nT; the common shift of the ties is in their constants.
+    /// Coefficients by line, in nT; the constants of the ties include their common shift.
     pub coefficients: Vec<f64>,
     /// Statistics of the crossovers.
     pub noise: CrossoverNoise,
@@ -88,8 +88,8 @@ impl<'a> CrossoverAdjustment<'a> {
         made
     }
 
-    /// Position along its line, -1 to 1, of the point that is the fraction `part` of the way from `point` to the next,
-    /// and the index of the line.
+    /// A point lies at the fraction `part` of the way from `point` to the next point. Returns the position of this
+    /// point along the line, from -1 to 1, and the index of the line.
     fn place(&self, point: usize, part: f64) -> (f64, usize) {
         let (first, last, line) =
             self.points.line.get(point).and_then(|line| self.lines.get(line)).copied().unwrap_or((0, 0, 0));
@@ -113,7 +113,7 @@ impl<'a> CrossoverAdjustment<'a> {
         side(0).chain(side(1)).collect()
     }
 
-    /// Correction, nT, at the fraction `part` of the way from a point to the next.
+    /// Correction, nT, at the fraction `part` of the way from a point to the next point.
     pub fn correction(&self, solution: &AdjustmentSolution, point: usize, part: f64) -> f64 {
         let (along, line) = self.place(point, part);
         legendre(along, self.terms).iter().zip(self.of_place(solution, line)).map(|(p, c)| p * c).sum()
@@ -152,7 +152,7 @@ impl<'a> CrossoverAdjustment<'a> {
             return found;
         }
         // The iteration starts with free corrections if there are enough crossovers to separate them from noise, and
-        // otherwise with none.
+        // otherwise without corrections.
         let free = !self.options.tested || self.rows.len() >= ENOUGH * self.shift();
         let mut spent = 1.0;
         if free {
@@ -172,7 +172,7 @@ impl<'a> CrossoverAdjustment<'a> {
         self.levelled(found)
     }
 
-    /// Corrections from some of the crossovers, with the noise and widths of all.
+    /// Corrections from some of the crossovers, with the noise and widths from all crossovers.
     pub fn solve_with(&self, whole: &AdjustmentSolution, used: impl Fn(usize) -> bool) -> AdjustmentSolution {
         let coefficients = if self.rows.is_empty() { whole.coefficients.clone() } else { self.weighted(whole, used) };
         self.levelled(AdjustmentSolution { coefficients, ..whole.clone() })
@@ -188,7 +188,7 @@ impl<'a> CrossoverAdjustment<'a> {
         for (tie, spread) in [false, true].into_iter().zip(&mut found.spread_nt) {
             let members = group(tie);
             let of = |k: &usize, order: usize| (own[*k].value_nt[order], own[*k].error_nt[order]);
-            // Lines that are individually out of level must not contribute to the width with which they are tested.
+            // Lines that are individually out of level must not contribute to the width that is used to test them.
             let usual: Vec<f64> =
                 (0..self.terms).map(|order| robust_width(members.iter().map(|k| of(k, order)))).collect();
             for &k in &members {

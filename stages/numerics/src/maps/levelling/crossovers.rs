@@ -9,7 +9,7 @@ pub struct CrossoverOptions {
     /// Distance between two points of a line, metres, above which the gap between them is not interpolated; `None` is
     /// twenty times the median distance between points.
     pub gap_m: Option<f64>,
-    /// Minimum angle of a crossing, degrees; the position of shallower ones is uncertain.
+    /// Minimum angle of a crossing, degrees; the position of shallower crossings is uncertain.
     pub least_angle_deg: f64,
     /// Maximum difference in height of two crossing lines, metres.
     pub most_height_m: f64,
@@ -36,11 +36,11 @@ pub struct Crossover {
     pub parts: [f64; 2],
     /// Easting and northing, metres.
     pub at_m: [f64; 2],
-    /// Heights of the two lines there, metres.
+    /// Heights of the two lines at the crossing, metres.
     pub height_m: [f64; 2],
-    /// Values of the two lines there, nT.
+    /// Values of the two lines at the crossing, nT.
     pub value_nt: [f64; 2],
-    /// Magnitude of the field's horizontal gradient there, from its slopes along both lines, nT/m.
+    /// Magnitude of the horizontal gradient of the field at the crossing, from the slopes along both lines, nT/m.
     pub gradient_nt_per_m: f64,
 }
 
@@ -48,7 +48,7 @@ pub struct Crossover {
 const BESIDE: usize = 3;
 
 impl Crossover {
-    /// The first line's value minus the second's, nT.
+    /// Value of the first line minus value of the second line, nT.
     pub fn difference_nt(&self) -> f64 {
         self.value_nt[0] - self.value_nt[1]
     }

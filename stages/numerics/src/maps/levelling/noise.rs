@@ -10,8 +10,8 @@ const MEAN_SIZE: f64 = 1.253_314_137_315_5;
 /// The largest difference that is used in the estimate, in standard deviations.
 const FAR: f64 = 4.0;
 
-/// Noise of the difference of two level lines at a crossing. It consists of the error of the values and of the position
-/// error, which a gradient converts into a difference.
+/// Noise of the difference of two level lines at a crossing. The noise consists of the error of the values and of the
+/// position error, which a gradient converts into a difference.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CrossoverNoise {
     /// Standard deviation of a difference where the field is flat, nT.
@@ -51,8 +51,8 @@ impl CrossoverNoise {
         Self { sigma_nt: (scale * sigma_nt).max(RESOLUTION_NT), position_m: scale * position_m }
     }
 
-    /// The standard deviation of the difference at a crossing, nT. It includes the effect of different heights in the
-    /// vertical gradient, which on average is as large as the horizontal one.
+    /// The standard deviation of the difference at a crossing, nT. The term includes the effect of different heights in
+    /// the vertical gradient, which on average is as large as the horizontal gradient.
     pub fn difference_sigma_nt(&self, crossover: &Crossover) -> f64 {
         let above_m = crossover.height_m[0] - crossover.height_m[1];
         self.sigma_nt.hypot(self.position_m.hypot(above_m) * crossover.gradient_nt_per_m)

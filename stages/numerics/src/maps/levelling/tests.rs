@@ -27,7 +27,7 @@ fn survey(error: impl Fn(usize, f64) -> f64) -> OwnedSurveyPoints {
     points
 }
 
-/// Errors of the lines; ties have none.
+/// Errors of the lines; the ties have no errors.
 fn offset(line: usize) -> f64 {
     if line < 100 { 7.0 * ((3 * line + 1) as f64).sin() } else { 0.0 }
 }
@@ -43,7 +43,7 @@ fn law_crossings_have_interpolated_positions_and_values() {
         assert!(
             (c.at_m[0] - (500.0 + 1000.0 * tie as f64)).abs() < 1e-9 && (c.at_m[1] - 200.0 * line as f64).abs() < 1e-9
         );
-        // The field is linear, so interpolation is exact and the difference equals that of the line errors.
+        // The field is linear, so interpolation is exact and the difference equals the difference of the line errors.
         assert!((c.difference_nt() - (offset(c.lines[0]) - offset(c.lines[1]))).abs() < 1e-9);
     }
     assert_eq!(tie_lines(points.borrow()), [100, 101, 102, 103]);
@@ -63,7 +63,8 @@ fn law_known_offsets_are_recovered() {
     assert!(levelled.before.figure_of_merit_crossings > 3.0 && levelled.after.figure_of_merit_crossings < 1e-4);
     assert!(levelled.left_out.unwrap().figure_of_merit_crossings < 1e-4);
     assert!((levelled.correction_nt[150] - offset(1)).abs() < 1e-4);
-    // Zero mean of the ties, or the steadier group, which is the ties: the same result.
+    // The reference is the zero mean of the ties, or the group with the smaller scatter. The ties have the smaller
+    // scatter, so both give the same result.
     for gauge in [LevellingGauge::TiesMean, LevellingGauge::Steadiest] {
         let mean = level_lines(
             points.borrow(),
@@ -110,7 +111,7 @@ fn law_a_wrong_crossover_has_little_effect() {
         levelled.lines.iter().fold(0.0f64, |m, l| m.max((l.coefficients_nt[0] - offset(l.line)).abs()))
     };
     assert!(worst(f64::INFINITY) > 100.0);
-    // It also increases the estimated noise: one error of 500 nT among forty.
+    // The outlier, one error of 500 nT among forty crossovers, also increases the estimated noise.
     assert!(worst(1.345) < 0.5, "{}", worst(1.345));
 }
 
@@ -157,7 +158,7 @@ fn noise(k: usize) -> f64 {
 }
 
 /// Differences at crossings that increase with the gradient, as caused by position errors. The ties of the survey are
-/// `ties_nt` above the lines, and the level errors of the lines are `out` times their offsets.
+/// `ties_nt` above the lines, and the level errors of the lines are `out` times the offsets of the lines.
 fn uncertain(ties_nt: f64, out: f64) -> (OwnedSurveyPoints, Vec<Crossover>) {
     let points = survey(|line, _| if line < 100 { out * offset(line) } else { ties_nt });
     let mut found = find_crossovers(points.borrow(), &CrossoverOptions::default());
@@ -195,7 +196,8 @@ fn unit_lines_out_of_level_are_corrected_despite_uncertain_crossovers() {
     let left: Vec<f64> =
         levelled.lines.iter().filter(|l| !l.tie).map(|l| l.coefficients_nt[0] - 2.0 * offset(l.line)).collect();
     let rms = (left.iter().map(|d| d * d).sum::<f64>() / left.len() as f64).sqrt();
-    // Offsets of 10 nT rms; each line has four crossovers, one of which is in a flat field, with an error of 1 nT.
+    // The offsets are 10 nT rms. Each line has four crossovers; one crossover is in a flat field and has an error of 1
+    // nT.
     assert!(rms < 2.0, "{rms} {left:?}");
 }
 

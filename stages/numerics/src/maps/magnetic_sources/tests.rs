@@ -16,7 +16,8 @@ fn norm(v: EastNorthUp) -> f64 {
     dot(v, v).sqrt()
 }
 
-/// The derivatives of each component along each axis, by central differences of fourth order over `h` metres.
+/// The derivatives of each component along each axis, from central differences of fourth order with a step of `h`
+/// metres.
 fn gradient(field: impl Fn(EastNorthUp) -> EastNorthUp, at: EastNorthUp, h: f64) -> [EastNorthUp; 3] {
     [0, 1, 2].map(|axis| {
         let shifted = |steps: f64| {
@@ -38,7 +39,7 @@ fn val_dipole_and_prism_equal_harmonica() {
     assert_eq!(table["east_m"].len(), 32);
     for (row, east_m) in table["east_m"].iter().enumerate() {
         let point = [*east_m, table["north_m"][row], table["up_m"][row]];
-        // Both are sums of some ten terms of up to 1e4 nT in double precision.
+        // Both results are sums of about ten terms of up to 1e4 nT in double precision.
         let dipole = vector("dipole", row);
         assert_near(DIPOLE.field_nt(point), dipole, 1e-12 * norm(dipole), &format!("dipole at {point:?}"));
         assert_near(PRISM.field_nt(point), vector("prism", row), 1e-9, &format!("prism at {point:?}"));
@@ -103,7 +104,7 @@ fn law_parts_of_a_prism_sum_to_the_field_of_the_whole() {
     (west.high_m[0], east.low_m[0]) = (split, split);
     for point in [[40.0, 30.0, 10.0], [split, 400.0, -200.0], [-20.0, 70.0, -300.0]] {
         let parts = field_of_all_nt(&[MagneticBody::Prism(west), MagneticBody::Prism(east)], point);
-        // Inside, the field of 1e3 nT is a sum of logarithms and angles of both parts; outside it is smaller.
+        // Inside, the field of 1e3 nT is a sum of logarithms and angles of both parts; outside, the field is smaller.
         assert_near(parts, PRISM.field_nt(point), 1e-9, &format!("{point:?}"));
     }
 }

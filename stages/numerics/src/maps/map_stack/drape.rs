@@ -21,11 +21,11 @@ pub struct DrapeMap {
 
 impl DrapeMap {
     /// Map with the height of each node, in metres, and the vertical derivative of the field there, in nT/m, both by
-    /// rows and known at all known nodes. They are interpolated in the same way as the map.
+    /// rows and known at all known nodes. Heights and derivatives are interpolated in the same way as the map.
     ///
     /// # Errors
     /// Fails with [`MapGridError::CompanionSize`] if the number of heights or derivatives differs from the number of
-    /// nodes, and with [`MapGridError::CompanionValue`] for one that is not finite at a known node.
+    /// nodes, and with [`MapGridError::CompanionValue`] for a height or derivative that is not finite at a known node.
     pub fn new(
         grid: &GeographicGrid,
         height_m: &[f64],

@@ -8,8 +8,8 @@ use crate::maps::map_surface::{FieldColumns, LookupPositions, MapGridError, MapS
 /// A map, or a stack of maps, on the grid of a projection
 /// ([`GeographicGrid::of_nodes`](super::GeographicGrid::of_nodes)).
 ///
-/// A position is projected and the value interpolated between the nodes. The derivatives of the projection, with its
-/// scale and meridian convergence, convert the slopes to latitude and longitude.
+/// A position is projected and the value interpolated between the nodes. The derivatives of the projection, which
+/// include the scale and the meridian convergence, convert the slopes to latitude and longitude.
 #[derive(Clone, Debug)]
 pub struct ProjectedMap {
     projection: GridProjection,
@@ -42,7 +42,7 @@ impl ProjectedMap {
         }
     }
 
-    /// The anomaly and its gradient at a position in degrees and metres; `None` where the map has none.
+    /// The anomaly and its gradient at a position in degrees and metres; `None` where the map has no value.
     pub fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         let place = self.projection.at(lat_deg, lon_deg)?;
         let on_nodes = match &self.nodes {

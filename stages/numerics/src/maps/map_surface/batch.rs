@@ -51,8 +51,8 @@ impl FieldColumns {
     }
 }
 
-/// Number of positions whose nodes are prefetched before the first of them is used. It is large enough to keep the
-/// memory busy, and small enough for the cache lines to fit the innermost cache.
+/// Number of positions whose nodes are prefetched before the first of them is used. The number is large enough to keep
+/// the memory busy, and small enough for the cache lines to fit the innermost cache.
 const BLOCK: usize = 64;
 
 const NOWHERE: FieldValue =
@@ -74,7 +74,7 @@ impl LookupPositions<'_> {
     }
 }
 
-/// Field look-up by cell and height, for batches; heights are 0 if the positions have none.
+/// Field look-up by cell and height, for batches; heights are 0 if the positions have no heights.
 pub(crate) trait FieldLookup {
     /// The cell of a position in degrees.
     fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<CellPosition>;
@@ -97,8 +97,8 @@ pub(crate) fn look_up_many(
     Ok(())
 }
 
-/// A batch, compiled for the vector width of each processor. The arithmetic and its order are the same on all of them,
-/// so the results are bit-identical to single look-ups.
+/// A batch, compiled for the vector width of each processor. The operations and their order are the same for all vector
+/// widths, so the results are bit-identical to single look-ups.
 struct LookupBatch<'a, M> {
     map: &'a M,
     places: LookupPositions<'a>,

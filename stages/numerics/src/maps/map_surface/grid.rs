@@ -54,7 +54,7 @@ pub enum MapGridError {
         node: usize,
         /// The coordinate.
         value_deg: f64,
-        /// Its value with even steps.
+        /// Value of the node for even steps.
         even_deg: f64,
         /// The difference, in steps.
         off_by_steps: f64,
@@ -188,7 +188,7 @@ impl GeographicAxis {
         Ok(Self { first_deg: *first, step_deg, steps_per_deg, len: nodes_deg.len(), round_deg: 360.0 })
     }
 
-    /// Longitudes as a full turn, with the first meridian repeated at the end; `None` if they leave a gap.
+    /// Longitudes as a full turn, with the first meridian repeated at the end; `None` if the longitudes leave a gap.
     fn closed(&self) -> Option<Self> {
         let nodes = (self.round_deg / self.step_deg).round();
         let span_deg = self.step_deg * nodes;
@@ -246,7 +246,7 @@ impl GeographicAxis {
         Some((cell, (steps - cell as f64).clamp(0.0, 1.0)))
     }
 
-    /// The same as `locate`, after a full turn if necessary.
+    /// Calls `locate`, after a change by a full turn if necessary.
     #[inline(always)]
     pub(super) fn locate_turning(&self, deg: f64) -> Option<(usize, f64)> {
         let round_deg = self.round_deg;
@@ -278,8 +278,8 @@ pub struct GeographicGrid {
 }
 
 impl GeographicGrid {
-    /// Grid from its axes in degrees and its values by rows: all longitudes of the first latitude, then of the next.
-    /// Longitudes around the whole earth are closed: the first meridian is also the last.
+    /// Grid from its axes in degrees and its values by rows: all longitudes of the first latitude, then all longitudes
+    /// of the next latitude. Longitudes around the whole earth are closed: the first meridian is also the last.
     ///
     /// # Errors
     /// Fails for an axis with fewer than two nodes, for nodes that are not finite, do not ascend or have uneven steps,
@@ -297,7 +297,7 @@ impl GeographicGrid {
         Ok(Self { lon: closed, values: grid.closed_values(), closed: true, ..grid })
     }
 
-    /// Values of a closed grid by rows; a repeated first meridian takes the known one of its two values.
+    /// Values of a closed grid by rows; a repeated first meridian takes the known value of its two columns.
     fn closed_values(&self) -> Vec<f64> {
         let distinct = self.lon.closed().map_or(self.lon.len, |closed| closed.len - 1);
         let row = |row: &[f64]| {
@@ -371,7 +371,7 @@ impl GeographicGrid {
     ///
     /// # Errors
     /// Fails with [`MapGridError::Size`] if the number of values differs from the number of nodes, and with
-    /// [`MapGridError::Infinite`] for an infinite one.
+    /// [`MapGridError::Infinite`] for an infinite value.
     pub fn with_values(&self, values: Vec<f64>) -> Result<Self, MapGridError> {
         let (latitudes, longitudes) = (self.lat.len, self.lon.len);
         if values.len() != latitudes * longitudes {

@@ -45,7 +45,7 @@ impl UnknownCells {
     }
 }
 
-/// Node values with every hole filled from its edge inwards. In each round, an unknown node next to known ones takes
+/// Node values with every hole filled from its edge inwards. In each round, an unknown node next to known nodes takes
 /// the mean of its (up to eight) known neighbours. Filled values are never returned; they only keep the spline smooth
 /// next to a hole.
 pub(super) fn filled(shape: GridShape, values: &[f64]) -> Vec<f64> {

@@ -1,8 +1,8 @@
 //! Interpolating quadratic B-spline with even steps and pieces centred on the nodes (MagNav.jl's `quad`).
 //!
-//! Within half a step of node `i` it is `c[i-1] w₀(t) + c[i] w₁(t) + c[i+1] w₂(t)`, with t counted from the node. It
-//! passes through the nodes if `c[i-1] + 6 c[i] + c[i+1] = 8 f[i]`. Past both ends it is linear, with `c[i] = f[i]`
-//! there.
+//! Within half a step of node `i` it is `c[i-1] w₀(t) + c[i] w₁(t) + c[i+1] w₂(t)`, with t counted from the node. The
+//! spline passes through the nodes if `c[i-1] + 6 c[i] + c[i+1] = 8 f[i]`. Beyond both ends the spline is linear, with
+//! `c[i] = f[i]` there.
 
 /// Converts every column of a row-major table from node values to coefficients along the rows' direction.
 pub(super) fn solve_along_rows(table: &mut [f64], columns: usize) {

@@ -7,7 +7,7 @@ use super::quadratic;
 use crate::signal::natural_cubic;
 use rayon::prelude::*;
 
-/// Cell of the grid and the position in it, as fractions of a step northward and eastward.
+/// Cell of the grid, and the position in the cell, as fractions of a step northward and eastward.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CellPosition {
     pub(crate) row: usize,
@@ -32,7 +32,7 @@ pub(super) struct SurfaceHessian {
     pub(super) columns: f64,
 }
 
-/// Grid of interleaved quantities; if the first is unknown, all are.
+/// Grid of interleaved quantities. If the first quantity is unknown at a node, all are unknown there.
 #[derive(Clone, Debug)]
 pub(crate) struct GridInterpolant<const QUANTITIES: usize> {
     interpolation: MapInterpolation,

@@ -17,7 +17,7 @@ use super::{AdaptiveMagnetometer, AdaptiveNoise, AdaptiveParameters, Magnetomete
 pub struct AidedAdaptiveOutput {
     /// Estimate of the line. Innovations of the scalar field are as in [`AdaptiveOutput`](super::AdaptiveOutput).
     pub line: AidedOutput,
-    /// Estimated noise of each magnetometer, in their order.
+    /// Estimated noise of each magnetometer, in the order of the magnetometers.
     pub magnetometers: Vec<MagnetometerNoise>,
     /// Share of the covariance decrease by the scalar field that is restored as process noise after each sample.
     pub given_back: Vec<f64>,
@@ -26,9 +26,9 @@ pub struct AidedAdaptiveOutput {
 /// [`run`](super::run) with further measurements, whose noise is fixed. Only the noise of the magnetometers is
 /// estimated.
 ///
-/// H P Hᵀ of an innovation includes the map error if it is a state, so the map error is not attributed to the white
-/// noise. A sample where the map is too flat contributes to the noise estimate, and corrects only the temporal
-/// variation and the map error.
+/// H P Hᵀ of an innovation includes the map error if the map error is a state, so the map error is not attributed to
+/// the white noise. A sample where the map is too flat contributes to the noise estimate, and corrects only the
+/// temporal variation and the map error.
 ///
 /// # Errors
 /// Fails as [`run`](super::run) and [`Aids::check`].

@@ -16,8 +16,8 @@ pub(super) struct NoiseEstimator<'a> {
     /// First assumed variance, in nT², used as the reference of relative variances.
     first_nt2: Option<f64>,
     gate_nis: Option<f64>,
-    /// Last squared innovations, divided by the reference of their time. In the matched form, H P Hᵀ is subtracted from
-    /// each. In the residual form, each is the expected squared noise a posteriori.
+    /// Last squared innovations, divided by the reference variance at their time. In the matched form, H P Hᵀ is
+    /// subtracted from each. In the residual form, each is the expected squared noise a posteriori.
     window: SlidingSum,
     /// Innovation of this sample before its update.
     open: Option<PendingInnovation>,
@@ -34,7 +34,7 @@ struct PendingInnovation {
     used: bool,
 }
 
-/// Weighted means of the innovations of a sample: of all and of the used ones.
+/// Weighted means of the innovations of a sample: of all innovations and of the used innovations.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct InnovationFusion {
     all: InnovationSums,
@@ -63,8 +63,8 @@ impl InnovationFusion {
         self.used.weight > 0.0
     }
 
-    /// Mean innovation, in nT, and variance of its noise, in nT², over the used innovations, or over all if none is
-    /// used.
+    /// Mean innovation, in nT, and the variance of its noise, in nT², over the used innovations, or over all
+    /// innovations if none is used.
     pub(super) fn mean(&self) -> (f64, f64) {
         let InnovationSums { weight, residual } = if self.is_used() { self.used } else { self.all };
         (residual / weight, 1.0 / weight)
@@ -137,7 +137,7 @@ impl<'a> NoiseEstimator<'a> {
     }
 
     /// Updates the noise estimate after the correction of a row in the residual form, with the expected squared noise
-    /// given all measurements of the row. An unused innovation is treated as if it were the only one.
+    /// given all measurements of the row. An unused innovation is treated as the only innovation of its sample.
     pub(super) fn settle(&mut self, predicted_nt2: f64, fusion: &InnovationFusion) {
         let Some(PendingInnovation { residual_nt, noise_nt2, unit, used }) = self.open.take() else { return };
         let (mean_nt, mean_nt2) = if used { fusion.mean() } else { (residual_nt, noise_nt2) };

@@ -7,8 +7,8 @@ use crate::navigation::pinson::{LAT, LON, S, STATES};
 use crate::random::NormalGenerator;
 use nalgebra::{DMatrix, DVector, SMatrix};
 
-/// States after 20 samples by MagNav.jl 1.3.3's `ekf` with R = (1, 10), in its order of states: the golden line with
-/// the defaults of `create_model(0.1, lat[1])`.
+/// States after 20 samples by MagNav.jl 1.3.3's `ekf` with R = (1, 10), with the states in the order of MagNav.jl, for
+/// the golden line with the defaults of `create_model(0.1, lat[1])`.
 const MAGNAV_ADAPTIVE_X20: [f64; STATES] = [
     6.298_970_292_468_436_5e-9,
     -1.754_113_562_169_849_8e-9,
@@ -179,8 +179,8 @@ fn law_it_corrects_wrong_assumed_noise() {
             adaptive.drms_m(),
             adaptive.mean_nees()
         );
-        // A noise estimate that is correct within 20 % increases the error by a few percent. The first samples and the
-        // randomness of 20 flights account for the rest.
+        // A noise estimate that is correct within 20 % increases the error by a few percent. The remaining difference
+        // is due to the first samples and the random variation of 20 flights.
         assert!(adaptive.drms_m() < 1.2 * right.drms_m() && adaptive.mean_nees() < 1.6, "{sigma}");
         if place != 1 {
             let honest = (fixed.mean_nees() / right.mean_nees()).ln().abs();
@@ -268,8 +268,9 @@ fn by_windows(form: AdaptiveForm) -> ([f64; 2], [Tally; 2]) {
 #[test]
 fn law_short_windows_without_bounds_are_overconfident_except_in_the_residual_form() {
     let (weights, tallies) = by_windows(AdaptiveForm::Matched);
-    // For a window of 50 the mean of 1/χ² is 50/48; H P Hᵀ of a few nT² increases it. 8 flights have 370 independent
-    // windows, whose variance is 4 % each. For a window of 10 the mean is 10/8 before this increase.
+    // For a window of 50 the mean of 1/χ² is 50/48; H P Hᵀ of a few nT² increases the estimate. The 8 flights have 370
+    // independent windows, and the variance of the estimate in each window is 4 %. For a window of 10 the mean is 10/8
+    // before this increase.
     assert!((1.0..1.12).contains(&weights[1]) && weights[0] > 1.25, "{weights:?}");
     assert!(tallies[0].mean_nees() > 2.0 * tallies[1].mean_nees());
     // The residual form subtracts nothing, so 10/8 is the whole effect.
@@ -283,7 +284,8 @@ fn law_the_factor_of_a_changing_noise_is_estimated() {
     let (small, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let ins = small.series();
     let line = small.line(&ins, &map, InsErrorModel::default());
-    // Alternately quiet and noisy: three times the assumed noise, without prediction error.
+    // The measurement is alternately quiet and noisy, with three times the assumed noise, and the prediction has no
+    // error.
     let sigma: Vec<f64> = (0..20).map(|row| if row % 10 < 5 { 2.0 } else { 50.0 }).collect();
     let measured: Vec<f64> = sigma.iter().map(|sigma| 3.0 * sigma).collect();
     let magnetometer = AdaptiveMagnetometer {
@@ -323,7 +325,8 @@ fn law_process_noise_is_estimated_without_divergence() {
             let output = run(&parameters, &line, &[AdaptiveMagnetometer::from_line(&line, 0.8, 1.2)]).unwrap();
             assert!(output.given_back.iter().all(|share| (0.0..=1.0).contains(share)));
             tallies[place].add(&flight, &output.navigation);
-            // Never less certain than without measurements; the two positions differ by at most 1 % of a radian.
+            // The variance never exceeds the variance without measurements. The two positions differ by at most 1 % of
+            // a radian.
             let sds = output.navigation.sd_n_m.iter().zip(&free.sd_n_m);
             sds.for_each(|(found, free)| assert!(*found <= 1.01 * free, "{found} {free}"));
         }
@@ -332,7 +335,8 @@ fn law_process_noise_is_estimated_without_divergence() {
     for (name, tally) in [("fixed", fixed), ("q", q), ("both", both)] {
         println!("{name}: DRMS {:.1} m, NEES {:.2}", tally.drms_m(), tally.mean_nees());
     }
-    // The draws are the same. The innovations show the drift only once it is as large as the noise.
+    // Both runs use the same random numbers. The innovations show the drift only when the drift is as large as the
+    // noise.
     assert!(q.drms_m() < fixed.drms_m() && q.mean_nees() < 0.9 * fixed.mean_nees());
     assert!(both.drms_m() < fixed.drms_m() && both.mean_nees() < 0.9 * fixed.mean_nees());
 }
@@ -381,7 +385,7 @@ fn law_lasting_noise_reopens_the_gate() {
     let parameters = AdaptiveParameters { gate_nis: Some(10.83), ..AdaptiveParameters::default() };
     let output = run(&parameters, &line, &[AdaptiveMagnetometer::from_line(&line, 0.3, 90.0)]).unwrap();
     let gated = output.navigation.report.gated;
-    // The variance must increase 180-fold, by at most 10/50 per sample.
+    // The variance must increase 180-fold, and each sample increases it by at most the fraction 10/50.
     assert!((5..150).contains(&gated), "{gated}");
     let last = output.magnetometers[0].sigma_nt[899];
     assert!((25.0..60.0).contains(&last), "{last}");
@@ -416,7 +420,7 @@ fn unit_the_window_sum_equals_the_sum_of_its_numbers() {
             window.push(*number);
             let held = &numbers[(at + 1).saturating_sub(capacity)..=at];
             let (expected, size) = (held.iter().sum::<f64>(), held.iter().map(|x| x.abs()).sum::<f64>());
-            // Removed numbers leave no rounding error in the window, regardless of their magnitude.
+            // Numbers that have left the window leave no rounding error in the sum, for any magnitude.
             assert!((window.sum() - expected).abs() <= 1e-15 * size && window.len() == held.len(), "{capacity} {at}");
         }
     }
@@ -491,7 +495,8 @@ fn law_the_residual_form_estimates_the_noise_at_an_uncertain_position() {
             "{start_m} m at the start: NEES {matched:.2} and noise {matched_nt:.2} nT matched, {residual:.2} and \
              {residual_nt:.2} nT by residuals"
         );
-        // Chi-square of 60 degrees over 60 within its 99.9 % band, and 10 % for the estimation error.
+        // Chi-square with 60 degrees of freedom, divided by 60, within its 99.9 % band, plus 10 % for the estimation
+        // error.
         assert!((0.45..1.9).contains(&residual) && (residual_nt / 5.0 - 1.0).abs() < 0.1, "{residual} {residual_nt}");
         assert_eq!(matched > 3.0 * residual, matched_is_off, "{matched} {residual}");
     }

@@ -1,7 +1,7 @@
 //! Sum of the last numbers of a series.
 
-/// Last numbers of a series, and their sum. The sum uses no subtraction, so removed numbers leave no rounding error.
-/// The average cost per number is constant.
+/// Last numbers of a series, and the sum of these numbers. The sum uses no subtraction, so removed numbers leave no
+/// rounding error. The average cost per number is constant.
 pub(super) struct SlidingSum {
     /// Ring buffer: entries before `next` belong to the present round, the others to the previous round.
     numbers: Vec<f64>,

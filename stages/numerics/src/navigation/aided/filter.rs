@@ -22,9 +22,9 @@ struct AidedFieldMeasurement {
     temporal: f64,
     /// Entries of H for the tilt.
     tilt: [f64; 3],
-    /// Index of a further state and its entry of H.
+    /// Index of a further state, and the entry of H for this state.
     further: (usize, f64),
-    /// Index of the lag and its entry of H.
+    /// Index of the lag state, and the entry of H for this state.
     latency: (usize, f64),
     /// Index of the first of the two errors of the map's slope, and their entries of H.
     slope: Option<(usize, [f64; 2])>,
@@ -124,7 +124,7 @@ pub(crate) struct AidedFilter<'a> {
     pub(crate) spare: Vec<f64>,
     pub(crate) output: AidedOutput,
     /// Whether the INS is the truth and the filter computes the covariance about it. No measurement then changes the
-    /// state. An innovation is measurement minus truth, over the variance of its noise and slow errors.
+    /// state. An innovation is measurement minus truth, and its NIS uses the variance of noise and slow errors.
     bound: bool,
 }
 
@@ -226,7 +226,7 @@ impl<'a> AidedFilter<'a> {
         MeasurementOutcome::Used(innovation)
     }
 
-    /// Field at the predicted position of a row. Outputs its horizontal slope, in nT/m.
+    /// Field at the predicted position of a row. Outputs the horizontal slope of the field, in nT/m.
     pub(crate) fn look(&mut self, row: usize) -> Option<(FieldValue, f64)> {
         let at = moved(self.position(), self.delayed(row));
         let centre = self.field.at_error(self.line.ins, row, at);

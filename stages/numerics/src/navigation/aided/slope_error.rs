@@ -4,10 +4,12 @@ use super::{AidedOutput, AidedParameters, Aids, MapSlope, run};
 use crate::navigation::likelihood::deviance;
 use crate::navigation::line::NavigationLine;
 
-/// Fractions of the map's slope tried first, and the factor to their neighbours tried next.
+/// Fractions of the map's slope that are tried first, and the factor from the best fraction to the fractions that are
+/// tried next.
 const PARTS: [f64; 6] = [0.0, 1.0 / 64.0, 1.0 / 16.0, 0.25, 1.0, 4.0];
 const FINER: f64 = 2.0;
-/// Smallest ratio of used samples of two compared runs; a diverged filter leaves the map.
+/// Smallest ratio of the numbers of used samples of two compared runs. A run with fewer used samples has diverged and
+/// left the map.
 const LEAST_PART: f64 = 0.9;
 
 /// Likelihood of the innovations of a run.

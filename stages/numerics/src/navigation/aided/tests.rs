@@ -154,7 +154,7 @@ struct Dense<'a> {
     p: DMatrix<f64>,
 }
 
-/// Further states: difference, height, map, three biases, three crustal fields.
+/// Further states: magnetometer difference, height, map error, three biases, and three components of the crustal field.
 const FURTHER: usize = 9;
 const DIM: usize = STATES + FURTHER;
 

@@ -48,9 +48,9 @@ impl Aid {
 #[derive(Clone, Debug)]
 pub(crate) struct LinearisedAid {
     pub(crate) of: Aid,
-    /// Measurement minus the prediction without H x, in its unit.
+    /// Measurement minus the prediction without H x, in the unit of the measurement.
     value: f64,
-    /// Variance of its white noise.
+    /// Variance of the white noise of the measurement.
     pub(crate) variance: f64,
     ins: StateVector,
     /// Index and entry of the bias.
@@ -192,7 +192,7 @@ impl SampleInnovations {
         }
     }
 
-    /// Whether neither difference nor vector was measured.
+    /// Whether difference and vector are both missing.
     pub(crate) fn is_none(&self) -> bool {
         self.difference.nis.is_nan() && self.vector.2 == 0
     }

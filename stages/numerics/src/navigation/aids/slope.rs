@@ -50,7 +50,7 @@ impl SlopeError<'_> {
     }
 }
 
-/// Slope of a map along a line, by the INS.
+/// Slope of a map along the INS positions of a line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MapSlope {
     /// Root mean square of the horizontal slope, in nT/m; 0 if the line is off the map.

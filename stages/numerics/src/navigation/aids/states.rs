@@ -1,4 +1,4 @@
-//! Positions of the states of the further measurements among those of a filter.
+//! Positions of the states of the further measurements in the state vector of a filter.
 
 use crate::navigation::gaussian::StateLayout;
 use crate::navigation::pinson::S;
@@ -71,7 +71,7 @@ impl AidStates {
         self.map_error.map_or((S, 0.0), |state| (state, 1.0))
     }
 
-    /// Variance of a state before the line, if it is one of these.
+    /// Variance of a state before the line, if the state is one of these.
     pub(crate) fn variance(&self, state: usize) -> Option<f64> {
         let place = state.checked_sub(self.first)?;
         self.errors.get(place).map(|error| error.sigma * error.sigma)

@@ -7,8 +7,8 @@ use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::navigation::pinson::{STATES, StateMatrix};
 use nalgebra::{DMatrix, SMatrix};
 
-/// Diagonal of the covariance after 20 samples by MagNav.jl 1.3.3's `crlb`, in its order of states. The golden line is
-/// the truth, with the defaults of `create_model(0.1, lat[1])` and the variance 9.
+/// Diagonal of the covariance after 20 samples by `crlb` of MagNav.jl 1.3.3, with the states in the order of MagNav.jl.
+/// The golden line is the truth, with the defaults of `create_model(0.1, lat[1])` and the variance 9.
 const MAGNAV_CRLB_P20: [f64; STATES] = [
     2.191_559_314_363_993_2e-13,
     3.773_709_818_813_917_5e-13,
@@ -115,7 +115,7 @@ fn law_over_a_plane_it_equals_the_covariance_of_the_ekf() {
     let (bound, ekf) = (run(&line, &path_of(&ins), true).unwrap(), known(&line, 3.0).unwrap());
     for (row, (bound, ekf)) in bound.p.iter().zip(&ekf.p).enumerate() {
         for (bound, ekf) in bound.as_flattened().iter().zip(ekf.as_flattened()) {
-            // The slopes differ by the rounding of the position within its cell.
+            // The slopes differ by the rounding of the position within the cell.
             assert!((bound - ekf).abs() <= 1e-11 * ekf.abs(), "{row} {bound} {ekf}");
         }
     }
@@ -129,7 +129,7 @@ fn law_the_filters_attain_the_bound() {
     let ukf = ensemble().iter().map(|run| run.flight.square_m2(&run.ukf.navigation, 0)).sum::<f64>() / n;
     println!("DRMS: EKF {:.2}, UKF {:.2}, bound {:.2} m", ekf.sqrt(), ukf.sqrt(), bound.sqrt());
     // No filter is better than the bound, except by chance in 60 flights. Errors are correlated over minutes, so a
-    // flight has about 20 independent ones in each direction, and the root mean square varies by 1/√(2·2·20·60) = 1.5
+    // flight has about 20 independent errors in each direction, and the root mean square varies by 1/√(2·2·20·60) = 1.5
     // %.
     for square in [ekf, ukf] {
         let ratio = (square / bound).sqrt();

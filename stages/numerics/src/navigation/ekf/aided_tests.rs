@@ -28,7 +28,7 @@ fn parameters() -> EkfParameters {
     EkfParameters { errors: InsErrorModel::from_sources(sources), keep_covariance: true, ..EkfParameters::default() }
 }
 
-/// Positions `north_m` of the INS until a row; none from that row on.
+/// Positions `north_m` metres north of the INS until a row; no positions from that row on.
 fn fixes(until: usize, north_m: f64) -> PositionFixes {
     let north_deg = EarthModel::Wgs84.north_m_to_lat_rad(north_m, 45_f64.to_radians(), 300.0).to_degrees();
     let until = |value: f64| (0..ROWS).map(|row| if row < until { value } else { f64::NAN }).collect();
@@ -61,7 +61,7 @@ fn law_a_fix_is_the_weighted_mean_with_the_ins_and_the_ins_drifts_without_fixes(
         // The degree of longitude refers to the estimate, 30 m further north.
         assert!((sd_m - (fix + prior).powf(-0.5)).abs() < 1e-4, "{sd_m}");
     }
-    // Ten minutes of fixes average to well below one fix, and the error grows again afterwards.
+    // Ten minutes of fixes reduce the error to well below the error of one fix, and the error grows again afterwards.
     assert!(aided.sd_n_m[120] < 1.5 && aided.sd_n_m[ROWS - 1] > 3.0 * aided.sd_n_m[120]);
     let drift = run_with(None, &none, None);
     assert!(aided.sd_n_m[ROWS - 1] < 0.1 * drift.sd_n_m[ROWS - 1]);

@@ -54,7 +54,8 @@ impl<'a> EkfLane<'a> {
         self.fault.map_or(Ok(self.output), Err)
     }
 
-    /// Measurement of a row and the field predicted there; `None`, and counted, if either is missing.
+    /// Measurement of a row and the field predicted there; `None` if measurement or field is missing; the sample is
+    /// then counted.
     fn expected(&mut self, ins: &InsSeries<'_>, row: usize, error: [f64; 3]) -> Option<(f64, FieldValue)> {
         let measured_nt = self.point.measurement_nt[row] - self.offset_nt;
         let variance_nt2 = self.variance_nt2(row);
@@ -69,7 +70,7 @@ impl<'a> EkfLane<'a> {
         field.map(|field| (measured_nt, field))
     }
 
-    /// Variance of the measurement of a row, in nT²; NaN if its standard deviation is not above 0.
+    /// Variance of the measurement of a row, in nT²; NaN if the standard deviation is not above 0.
     #[inline(always)]
     fn variance_nt2(&self, row: usize) -> f64 {
         let sigma_nt = self.point.sigma_nt.map_or(self.point.parameters.measurement_sigma_nt, |sigma_nt| sigma_nt[row]);
@@ -126,7 +127,7 @@ impl<'a, S: Simd> EkfPack<'a, S> {
         self.measure(simd, ins, 0);
     }
 
-    /// Processes the samples from `first` on, each after a step.
+    /// Processes the samples from `first` on, each after a time update.
     #[inline(always)]
     pub(super) fn advance(&mut self, simd: S, ins: &InsSeries<'_>, first: usize, steps: &[LaneStep]) {
         if self.filters.iter().all(|filter| filter.fault.is_some()) {
@@ -257,7 +258,7 @@ impl<'a, S: Simd> EkfPack<'a, S> {
             d_alt: from_lanes(simd, |at| slope(at, |field| field.d_alt_nt_per_m)),
         };
         let ph = h.covariances(simd, &self.p);
-        // A lane without a measurement is not corrected; its variance only must not be zero.
+        // A lane without a measurement is not corrected; only the variance of the lane must not be zero.
         let mut noise_nt2 = [1.0; MOST_LANES];
         for (at, (filter, field)) in self.filters.iter_mut().zip(&fields).enumerate() {
             let Some((_, field)) = field else { continue };

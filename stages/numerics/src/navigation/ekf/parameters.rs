@@ -14,8 +14,8 @@ pub struct EkfParameters {
     /// field at the INS position) is subtracted from every measurement; 0 subtracts nothing. Compensation and maps do
     /// not determine a constant, which may far exceed the range of S.
     pub offset_window_s: f64,
-    /// Largest NIS of a measurement; larger ones are rejected and counted. `None` uses every measurement. 10.83 rejects
-    /// one valid measurement in a thousand.
+    /// Largest NIS of a measurement; measurements with larger NIS are rejected and counted. `None` uses every
+    /// measurement. 10.83 rejects one valid measurement in a thousand.
     pub gate_nis: Option<f64>,
     /// Adds the variance from the curvature of the map over the position uncertainty to the measurement noise.
     pub second_order: bool,

@@ -8,7 +8,7 @@ use crate::navigation::pinson::{ALT, LAT, LON, MAGNAV_POSITION, S, STATES, State
 use crate::navigation::transition::NoiseDiscretisation;
 use nalgebra::SMatrix;
 
-/// Line that owns its columns.
+/// Navigation line that owns the columns.
 #[derive(Clone)]
 struct Line {
     columns: [Vec<f64>; 13],
@@ -81,7 +81,7 @@ fn val_magnav_filter_in_the_compatible_form() {
         }
     }
     for (_, row, theirs) in golden_entries("ekf_resid") {
-        // MagNav.jl's residuals are at positions with the same rounding error: 1e-7 of 1 nT.
+        // The positions of MagNav.jl's residuals have the same rounding error, which is 1e-7 of 1 nT in the residual.
         let ours = output.residual_nt[row];
         assert!((ours - theirs).abs() < 1e-6, "{row} {ours} {theirs}");
     }
@@ -109,8 +109,8 @@ fn law_covariances_are_symmetric_and_positive() {
             let correlation = SMatrix::<f64, STATES, STATES>::from_fn(|row, column| {
                 p[row][column] / (p[row][row] * p[column][column]).sqrt()
             });
-            // Correlations near one have a rounding error of 1e-16 each. A measurement of 0.001 nT makes some of them
-            // one to ten digits.
+            // Correlations near one have a rounding error of 1e-16 each. After a measurement with a noise of 0.001 nT,
+            // some correlations equal 1 to ten digits.
             let smallest = correlation.symmetric_eigenvalues().min();
             assert!(smallest > -1e-13, "{smallest:e}");
         }
@@ -245,7 +245,7 @@ fn law_uneven_time_equals_missing_samples() {
     for row in [3, 4, 5, 9, 15] {
         thinned.measurement_nt[row] = f64::NAN;
     }
-    // Constant INS quantities, so that two short steps are one long one.
+    // Constant INS quantities, so that two short steps equal one long step.
     for column in [1, 2, 7, 8, 10] {
         let first = thinned.columns[column][0];
         thinned.columns[column].fill(first);

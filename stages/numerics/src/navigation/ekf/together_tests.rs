@@ -6,7 +6,7 @@ use crate::navigation::transition::NoiseDiscretisation;
 
 const ROWS: usize = 230;
 
-/// 23 s of a turning flight with two gaps in its time.
+/// 23 s of a turning flight with two gaps in the times.
 fn columns() -> [Vec<f64>; 13] {
     let of = |f: &dyn Fn(f64) -> f64| (0..ROWS).map(|k| f(k as f64)).collect::<Vec<f64>>();
     let late = |k: f64| if k > 150.0 { 9.0 } else { 0.0 } + if k > 90.0 { 0.4 } else { 0.0 };

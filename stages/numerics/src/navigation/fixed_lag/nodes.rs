@@ -73,7 +73,7 @@ pub(super) struct NodeMeasurement {
     /// Mean decay factors of the node's temporal variation and of its Gauss-Markov error.
     temporal: f64,
     error: f64,
-    /// Index of the map error state, and its decay factor.
+    /// Index of the map error state, and the decay factor of this state.
     map_error: (usize, f64),
     regressors: Vec<f64>,
 }
@@ -209,12 +209,12 @@ impl<'a> LineNodeBuilder<'a> {
         Self { map_error: states.map_error, aided: aids.is_any(), ..self }
     }
 
-    /// Time of the next node, s; `None` after the last.
+    /// Time of the next node, s; `None` after the last node.
     pub fn next_s(&self) -> Option<f64> {
         self.line.ins.tt_s.get(self.next).copied()
     }
 
-    /// Next node, with the samples before `end_s`, but at least one; `None` after the last.
+    /// Next node, with the samples before `end_s`, but at least one; `None` after the last node.
     pub fn take(&mut self, end_s: f64) -> Option<FixedLagNode> {
         let first_s = self.next_s()?;
         let tt_s = self.line.ins.tt_s;

@@ -1,4 +1,4 @@
-//! Parameters of the smoother, and the report on its windows.
+//! Parameters of the smoother, and the report on the windows.
 
 use params::{Rule, params};
 
@@ -60,8 +60,8 @@ pub struct WindowReport {
     pub last_step_m: f64,
     /// Twice the cost at the solution; without robust loss, a chi-square with one degree of freedom per measurement.
     pub chi_square: f64,
-    /// Squared distance of the solution at the window's start from its prior, normalised by the prior's covariance. It
-    /// is smaller than a chi-square of `states` degrees.
+    /// Squared distance of the solution at the window's start from its prior, normalised by the prior's covariance. The
+    /// expected value is smaller than for chi-square with `states` degrees of freedom.
     pub prior_chi_square: f64,
     /// Number of states.
     pub states: usize,

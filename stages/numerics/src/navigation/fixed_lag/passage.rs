@@ -28,7 +28,7 @@ pub(super) struct NodeEstimate {
     pub(super) usage: FixedLagUsage,
 }
 
-/// Filter ahead of the windows, linearised at its own prediction.
+/// Filter ahead of the windows, linearised at the prediction of the filter.
 pub(super) struct FrontFilter<'a> {
     parameters: &'a FixedLagParameters,
     layout: &'a StateLayout,
@@ -52,8 +52,8 @@ impl<'a> FrontFilter<'a> {
         Self { parameters, layout, line, aids, field: line.predicted(), now: prior, gain, spare: vec![] }
     }
 
-    /// Uses the measurements of a node, which is the first of the line or the next one. Drops the node's measurements
-    /// for which the map is too flat.
+    /// Uses the measurements of a node, which is the first node of the line or the next node. Drops the node's
+    /// measurements for which the map is too flat.
     pub(super) fn take(&mut self, node: &mut FixedLagNode) -> NodeEstimate {
         if node.rows.start > 0 {
             self.now.propagate(self.layout, &node.step, &mut self.spare);
@@ -139,7 +139,7 @@ pub(super) struct FixedLagRun<'a> {
     nodes: LineNodeBuilder<'a>,
     front: FrontFilter<'a>,
     window: SmoothingWindow<'a>,
-    /// Estimates that are not yet final. The last ones belong to the nodes of the window.
+    /// Estimates that are not yet final. The last estimates belong to the nodes of the window.
     pending: VecDeque<NodeEstimate>,
     output: FixedLagOutput,
 }
@@ -228,9 +228,9 @@ impl<'a> FixedLagRun<'a> {
         Ok(())
     }
 
-    /// Replaces the filtered states of these nodes by the smoothed ones.
+    /// Replaces the filtered states of these nodes by the smoothed states.
     fn smooth(&mut self, range: Range<usize>) {
-        // The window's last node is the last pending one.
+        // The last node of the window has the last pending estimate.
         let (pending, nodes) = (self.pending.len(), self.window.nodes.len());
         let (window, estimates, layout) = (&self.window, &mut self.pending, self.layout);
         window.covariances(range.clone(), |node, p| {

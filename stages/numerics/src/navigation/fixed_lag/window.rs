@@ -16,7 +16,8 @@ use crate::navigation::loss::TrajectoryLoss;
 /// Maximum number of halvings of a step.
 const MOST_HALVINGS: u32 = 8;
 
-/// Path through the nodes: x = m − P λ at the first, x ← Φ x − Q λ at the others, with the adjoint λ of the path.
+/// Path through the nodes: x = m − P λ at the first node, x ← Φ x − Q λ at the other nodes, with the adjoint λ of the
+/// path.
 #[derive(Clone, Debug, Default)]
 struct WindowPath {
     x: Vec<f64>,
@@ -38,7 +39,7 @@ struct WindowLinearisation {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AdjointTrace {
     pub(super) of: MeasurementSource,
-    /// Innovation over its variance, and that variance.
+    /// Innovation divided by its variance, and the variance.
     scaled: f64,
     variance: f64,
     /// Factor of a robust loss on the variance.
@@ -82,7 +83,7 @@ pub(super) struct SmoothingWindow<'a> {
     about: WindowLinearisation,
     /// Linearisation about the trial path; between windows about the path.
     trial_about: WindowLinearisation,
-    /// Index of the first trace of each node; one more at the end.
+    /// Index of the first trace of each node; and one more index at the end.
     starts: Vec<usize>,
     traces: Vec<AdjointTrace>,
     gains: Vec<f64>,
@@ -142,7 +143,7 @@ impl<'a> SmoothingWindow<'a> {
         self.iterate(&new, wanted, before)
     }
 
-    /// Solves for the states of all nodes, first linearised about `x`, regardless of its cost.
+    /// Solves for the states of all nodes, first linearised about `x`, regardless of the cost of `x`.
     pub fn solve_from(&mut self, x: Vec<f64>, wanted: &[bool]) -> WindowReport {
         self.path = WindowPath { adjoint: vec![0.0; x.len()], x, distance: 0.0 };
         self.evaluate(0);
@@ -186,7 +187,7 @@ impl<'a> SmoothingWindow<'a> {
                 break;
             }
             if report.converged {
-                // The last pass is kept, with its fields.
+                // The last pass is kept, with the predicted fields.
                 std::mem::swap(&mut self.about, &mut self.trial_about);
                 before = after;
             } else {
@@ -258,7 +259,8 @@ impl<'a> SmoothingWindow<'a> {
         &self.traces[self.starts[node]..self.starts[node + 1]]
     }
 
-    /// Half the squared distance of a path from prior and process: ½ λᵀ P λ of the first node, ½ λᵀ Q λ of the others.
+    /// Half the squared distance of a path from prior and process: ½ λᵀ P λ of the first node, ½ λᵀ Q λ of the other
+    /// nodes.
     fn distance(&self, path: &WindowPath) -> f64 {
         let dim = self.dim();
         let mut noise = vec![0.0; dim];
@@ -492,7 +494,7 @@ impl<'a> SmoothingWindow<'a> {
     }
 }
 
-/// Moves to the midpoint between itself and another vector.
+/// Replaces the vector by the midpoint between this vector and another vector.
 fn halve(to: &mut [f64], other: &[f64]) {
     to.iter_mut().zip(other).for_each(|(to, other)| *to = 0.5 * (*to + other));
 }

@@ -51,7 +51,7 @@ pub(crate) fn propagate_information(
     for row in spare.chunks_exact_mut(dim) {
         propagate_adjoint(layout, step, row);
     }
-    // Makes both triangles equal.
+    // Makes the two triangles of the matrix equal.
     for row in 0..dim {
         for column in 0..dim {
             information[row * dim + column] = 0.5 * (spare[row * dim + column] + spare[column * dim + row]);

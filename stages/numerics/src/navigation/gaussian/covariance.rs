@@ -1,4 +1,4 @@
-//! Covariance of the 18 states and any number of further ones, whose transition is diagonal.
+//! Covariance of the 18 states and any number of further states, whose transition is diagonal.
 
 use crate::navigation::pinson::{STATES, StateMatrix};
 
@@ -13,7 +13,7 @@ const LANES: usize = 8;
 /// (I − K H) P (I − K H)ᵀ + K R Kᵀ = P + K vᵀ + v Kᵀ,      v = s K/2 − u
 /// ```
 ///
-/// An error of K enters by its square. Both products commute, so an entry and its mirror image are the same sum.
+/// An error of K enters with its square. Both products commute, so an entry and its mirror image are the same sum.
 /// Recursions on covariances do not change when states are scaled (bit-identical for powers of two), so using rad and
 /// nT together loses no digits. The ratio of H P Hᵀ to R loses digits and is limited by [`WIDEST`].
 #[derive(Clone, Debug, Default)]
@@ -182,8 +182,8 @@ impl Covariance {
         }
     }
 
-    /// P₁₂ ← Φ P₁₂ D of the 18 states with the others, whose transition is D, and its mirror image. `spare` is a
-    /// buffer.
+    /// P₁₂ ← Φ P₁₂ D of the 18 states with the other states, whose transition is D, and the mirror image of P₁₂.
+    /// `spare` is a buffer.
     #[inline(always)]
     pub(crate) fn propagate_cross(&mut self, phi: &StateMatrix, decay: &[f64], spare: &mut Vec<f64>) {
         let (stride, others) = (self.stride, self.states - STATES);
@@ -209,8 +209,8 @@ impl Covariance {
         }
     }
 
-    /// P₂₂ ← D P₂₂ D of the states beyond the 18, each entry by the product of its decays. Decays of 1 do not change
-    /// it.
+    /// P₂₂ ← D P₂₂ D of the states beyond the 18, each entry times the product of the decays of its two states. Decays
+    /// of 1 do not change P₂₂.
     #[inline(always)]
     pub(crate) fn decay_together(&mut self, decay: &[f64]) {
         if decay.iter().any(|decay| *decay != 1.0) {
@@ -222,7 +222,8 @@ impl Covariance {
         }
     }
 
-    /// P₂₂ ← D P₂₂ D, one state after the other. Its last bits differ from [`Covariance::decay_together`].
+    /// P₂₂ ← D P₂₂ D, one state after the other. The last bits of the result differ from
+    /// [`Covariance::decay_together`].
     pub(crate) fn decay_each(&mut self, decay: &[f64]) {
         for (at, decay) in (STATES..).zip(decay) {
             self.entries[at * self.stride + STATES..(at + 1) * self.stride]

@@ -14,7 +14,7 @@ pub(crate) type StateVectorLanes<S> = [<S as Simd>::f64s; STATES];
 pub(crate) type StateMatrixLanes<S> = [StateVectorLanes<S>; STATES];
 
 const COUPLED_STATES: usize = COUPLED.len();
-/// Index of the longitude among the coupled states. No other state depends on it.
+/// Index of the longitude among the coupled states. No other state depends on this state.
 const LON_PLACE: usize = 1;
 
 /// Nonzero entries of a transition matrix.
@@ -42,7 +42,7 @@ impl TransitionEntries {
     }
 }
 
-/// One lane of a register.
+/// Value in one lane of a register.
 #[inline(always)]
 pub(crate) fn lane<S: Simd>(values: &S::f64s, lane: usize) -> f64 {
     bytemuck::cast_slice::<S::f64s, f64>(std::slice::from_ref(values)).get(lane).copied().unwrap_or(f64::NAN)
@@ -85,7 +85,7 @@ fn add_column<S: Simd, const PLACES: usize>(
     }
 }
 
-/// Decay factors of all Gauss-Markov states, in their order; that of the temporal variation by lane.
+/// Decay factors of all Gauss-Markov states, in their order; the factor of the temporal variation by lane.
 #[inline(always)]
 fn decays<S: Simd>(simd: S, phi: &TransitionEntries, fogm_decay: S::f64s) -> [S::f64s; GAUSS_MARKOV.len()] {
     let mut decays = [fogm_decay; GAUSS_MARKOV.len()];

@@ -1,4 +1,5 @@
-//! Measurement of a nonlinear field: the most probable state after it, and its regression over sigma points.
+//! Measurement of a nonlinear field: the most probable state after the measurement, and the regression of the field
+//! over sigma points.
 
 use crate::earth::field_value::FieldValue;
 use crate::navigation::pinson::StateMatrix;
@@ -11,7 +12,7 @@ const MOST_HALVINGS: u32 = 10;
 /// Parameters of the search for the most probable state.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ScalarSearch {
-    /// Maximum number of linearisations, at least 1. With one, the full step is taken unconditionally.
+    /// Maximum number of linearisations, at least 1. With one iteration, the full step is taken unconditionally.
     pub(crate) iterations: usize,
     /// Change of position, in m, below which the search ends.
     pub(crate) tolerance_m: f64,
@@ -58,8 +59,8 @@ impl ScalarProblem {
         Self { x: measured_states(&estimate.x), p, value_nt, variance_nt2 }
     }
 
-    /// Problem with these measured states and their covariance: latitude, longitude, height, and the part of the
-    /// measurement that does not come from the field.
+    /// Problem with these measured states and the covariance of these states: latitude, longitude, height, and the part
+    /// of the measurement that does not come from the field.
     pub(crate) fn new(x: [f64; 4], p: [[f64; 4]; 4], value_nt: f64, variance_nt2: f64) -> Self {
         Self { x, p, value_nt, variance_nt2 }
     }
@@ -91,7 +92,7 @@ impl ScalarProblem {
         optimum
     }
 
-    /// Optimum at an iterate before any step from it.
+    /// Optimum at an iterate, before a step from this iterate.
     #[inline(always)]
     fn linearised(&self, at: &Iterate) -> Optimum {
         Optimum {
@@ -176,12 +177,12 @@ pub(crate) struct FieldRegression {
     pub(crate) mean_nt: f64,
     /// Change with latitude, longitude (nT/rad) and height (nT/m).
     pub(crate) slope: [f64; NONLINEAR],
-    /// Variance of its nonlinear part, in nT².
+    /// Variance of the nonlinear part of the field, in nT².
     pub(crate) remainder_nt2: f64,
 }
 
 impl FieldRegression {
-    /// First order of a field at its position.
+    /// First-order expansion of a field at a position.
     #[inline(always)]
     pub(crate) fn at(field: &FieldValue) -> Self {
         let slope = [field.d_lat_nt_per_rad, field.d_lon_nt_per_rad, field.d_alt_nt_per_m];
@@ -209,7 +210,7 @@ impl SigmaPoints {
     }
 
     /// Regression of a field with the value `centre_nt` at the position, and `value_at` at an offset from it (rad, rad,
-    /// m); `None` if that returns `None`. `p` is a covariance whose first states are the position.
+    /// m); `None` if `value_at` returns `None`. `p` is a covariance whose first states are the position.
     #[inline(always)]
     pub(crate) fn regression(
         &self,

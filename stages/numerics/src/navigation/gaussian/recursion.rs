@@ -15,7 +15,7 @@ pub(crate) trait FilterRecursion {
     /// Output of the estimates.
     fn output(&mut self) -> &mut NavigationOutput;
 
-    /// Changes the estimate before the step from it.
+    /// Changes the estimate before the next time update.
     #[inline(always)]
     fn before_step(&mut self, _: &mut StateEstimate) {}
 

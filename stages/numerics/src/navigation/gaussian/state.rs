@@ -1,4 +1,4 @@
-//! State estimates: mean and covariance of the 18 states, and of further ones.
+//! State estimates: mean and covariance of the 18 states, and of further states.
 
 use std::ops::Range;
 
@@ -22,7 +22,7 @@ pub(crate) struct StateEstimate {
 }
 
 impl StateEstimate {
-    /// Zero error, and the initial covariance at the first sample of an INS.
+    /// Zero error of an INS at the first sample, with the initial covariance.
     pub(crate) fn start_of(errors: &InsErrorModel, ins: &InsSeries<'_>) -> Self {
         Self { x: [0.0; STATES], p: errors.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]) }
     }

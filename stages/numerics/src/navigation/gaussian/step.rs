@@ -36,7 +36,7 @@ pub(crate) struct LaneStep {
     /// Length, in s.
     pub dt_s: f64,
     pub phi: TransitionEntries,
-    /// Process noise of the step if it is integrated, without that of the temporal variation.
+    /// Process noise of the step if the noise is integrated, without the noise of the temporal variation.
     pub noise: Option<Box<StateMatrix>>,
 }
 
@@ -52,8 +52,8 @@ impl StepModel {
     }
 
     /// Part of a process model that filters in lanes share. The temporal variation is excluded: it drives no other
-    /// state and decays independently, so every filter has its own. The process noise is shared only if it is
-    /// integrated over a step.
+    /// state and decays independently, so every filter has separate noise for this state. The process noise is shared
+    /// only if the noise is integrated over a step.
     pub fn shared(errors: &InsErrorModel) -> Self {
         let mut model = Self::from_error_model(errors);
         model.times.fogm_s = f64::INFINITY;

@@ -25,7 +25,7 @@ fn estimate() -> StateEstimate {
     StateEstimate { x: std::array::from_fn(|_| normals.draw()), p }
 }
 
-/// Largest difference of two covariances, in standard deviations of the first.
+/// Largest difference between two covariances, in standard deviations of the first covariance.
 fn difference(a: &DenseStateMatrix, b: &DenseStateMatrix) -> f64 {
     let relative = |row: usize, column: usize| {
         (a[(row, column)] - b[(row, column)]).abs() / (a[(row, row)] * a[(column, column)]).sqrt()
@@ -96,7 +96,7 @@ fn law_the_corrected_covariance_equals_josephs_form() {
     }
     let p = dense(&estimate.p);
     let ph = h.covariance(&estimate.p);
-    // Any gain: the form holds for every gain, not only the optimal one.
+    // An arbitrary gain: the form holds for every gain, not only for the optimal gain.
     let gain: StateVector = std::array::from_fn(|state| 0.1 * (state as f64).cos());
     let dense_gain = DenseStateVector::from_fn(|state, _| gain[state]);
     let rest = DenseStateMatrix::identity() - dense_gain * row.transpose();

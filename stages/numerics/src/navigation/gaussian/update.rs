@@ -79,7 +79,7 @@ pub(crate) fn inner(a: &StateVector, b: &StateVector) -> f64 {
     (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
-/// Copies the triangle above the diagonal to the one below.
+/// Copies the triangle above the diagonal to the triangle below.
 #[inline(always)]
 pub(crate) fn mirror(p: &mut StateMatrix) {
     for row in 1..STATES {
@@ -179,14 +179,14 @@ impl StateEstimate {
     }
 }
 
-/// Row of H of one measurement: 18 entries, its own error, an error common to several measurements, and its
-/// coefficients.
+/// Row of H of one measurement: 18 entries, the error of the measurement, an error common to several measurements, and
+/// the coefficients.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AugmentedSensitivity<'a> {
     pub ins: &'a StateVector,
-    /// Index of the error, and its entry.
+    /// Index of the error, and the entry for the error.
     pub error: (usize, f64),
-    /// Index of the common error, and its entry.
+    /// Index of the common error, and the entry for the common error.
     pub common: (usize, f64),
     /// Index of the first coefficient.
     pub first: usize,

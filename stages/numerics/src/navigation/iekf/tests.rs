@@ -80,11 +80,11 @@ fn law_on_a_plane_more_iterations_change_nothing_and_the_last_state_is_least_squ
         batch
     });
     let found = (&output.line.x[last], &output.line.p[last]);
-    // The dense solution loses four of its sixteen digits to the condition number of its matrix.
+    // The dense solution loses four of sixteen digits because of the condition number of the matrix.
     assert_close(found.0, found.1, (&batch.x[last], &batch.p[last]), 1e-6, "last");
 }
 
-/// Field that depends on north only, a wave of 2.5 km, and one measurement of it.
+/// Field that depends on north only, a wave of 2.5 km, and one measurement of this field.
 fn wave(north: f64, _: f64) -> f64 {
     200.0 * (north / 400.0).sin()
 }
@@ -107,12 +107,13 @@ fn law_one_update_gives_the_most_probable_state() {
             if j(a) < j(b) { high = b } else { low = a }
         }
         let north = (output.line.lat_deg[0] - scene.columns[1][0]) * m_per_deg().0;
-        // With a remaining residual and curvature, the iteration converges linearly, to a few times its last step.
+        // With a remaining residual and curvature, the iteration converges linearly; the error is a few times the last
+        // step.
         assert!((north - low).abs() < 1e-2, "{offset_m} {north} {low}");
     }
 }
 
-/// Map value at `north_m` metres north of a scene's first sample.
+/// Map value at `north_m` metres north of the first sample of a scene.
 fn north_of(scene: &AnalyticScene, north_m: f64) -> f64 {
     let lat_deg = scene.columns[1][0] + north_m / m_per_deg().0;
     scene.map.at(lat_deg, scene.columns[2][0], 500.0).unwrap().value_nt
@@ -145,8 +146,8 @@ fn law_on_a_curved_map_with_a_large_error_it_is_more_accurate_than_the_extended_
     }
     let (ours, theirs) = (ours.map(f64::sqrt), theirs.map(f64::sqrt));
     println!("rms north of samples 0 and 19: iterated {ours:.1?} m, extended {theirs:.1?} m");
-    // 1.1 nT on 0.25 nT/m are 4.5 m; linearised 150 m away, the field has an error of 6 nT and its slope an error of a
-    // third.
+    // 1.1 nT at a slope of 0.25 nT/m correspond to 4.5 m. With linearisation 150 m away, the field has an error of 6
+    // nT, and the slope has an error of a third.
     assert!(ours[0] < 0.4 * theirs[0] && ours[1] < theirs[1], "{ours:?} {theirs:?}");
 }
 

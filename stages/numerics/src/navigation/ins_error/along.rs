@@ -57,8 +57,8 @@ fn step(phi: &StateMatrix, error: &StateVector, noise: &StateVector) -> StateVec
     plus_half(&propagate_state(phi, &plus_half(error)))
 }
 
-/// Many realisations of the errors along one trajectory, propagated together in steps of a second (or of the
-/// trajectory, if those are longer).
+/// Many realisations of the errors along one trajectory, propagated together in steps of a second (or in the steps of
+/// the trajectory, if these are longer).
 ///
 /// All members share each transition matrix, and a member has the same noise as [`errors_along`] with the same draws. A
 /// selected member can therefore be recomputed at the trajectory's own rate; its realisation differs only within a
@@ -88,7 +88,7 @@ impl InsErrorEnsemble {
         &self.errors
     }
 
-    /// Propagates the members along a trajectory. `normal` draws the next normal of a member's
+    /// Propagates the members along a trajectory. `normal` draws the next standard normal number of a member's
     /// [`NormalStreams::block`]. The positions enter [`InsErrorEnsemble::drms_m`] only if `counts` is set.
     ///
     /// # Errors
@@ -134,8 +134,8 @@ impl InsErrorEnsemble {
         self.squares_m2.iter().map(|squares| (squares / self.samples.max(1) as f64).sqrt()).collect()
     }
 
-    /// Member with the `rank`-th largest DRMS, counted from 1; of equal ones, the first. `None` if there are fewer
-    /// members.
+    /// Member with the `rank`-th largest DRMS, counted from 1; of several equal members, the first. `None` if there are
+    /// fewer members.
     pub fn ranked(&self, rank: usize) -> Option<usize> {
         let drms = self.drms_m();
         let mut order: Vec<usize> = (0..drms.len()).collect();

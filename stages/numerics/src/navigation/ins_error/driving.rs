@@ -1,7 +1,7 @@
 //! Driving noise of the INS errors, drawn so that the realisation does not depend on the sample rate.
 //!
 //! The noise of a block of steps (one second) is drawn first; the share of each step is then drawn as the increment of
-//! a Brownian bridge. The resulting noise is white. Steps of a second and steps of 4 ms give the same realisation.
+//! a Brownian bridge. The resulting noise is white. Steps of 1 s and steps of 4 ms give the same realisation.
 
 use super::InsErrorModel;
 use crate::navigation::pinson::{A_HAT, STATES, StateVector, VN};
@@ -9,7 +9,7 @@ use crate::navigation::pinson::{A_HAT, STATES, StateVector, VN};
 /// Length of a block, in s. A longer step is one block.
 const BLOCK_S: f64 = 1.0;
 
-/// Two streams of standard normals, which determine a realisation.
+/// Two streams of standard normal numbers, which determine a realisation.
 pub struct NormalStreams<'a> {
     /// Draws for the initial error and the noise of each block.
     pub block: &'a mut dyn FnMut() -> f64,
@@ -17,7 +17,7 @@ pub struct NormalStreams<'a> {
     pub within: &'a mut dyn FnMut() -> f64,
 }
 
-/// Driving noise of an INS from its densities.
+/// Driving noise of an INS, from the spectral densities.
 pub(super) struct DrivingNoise {
     /// Square roots of the spectral densities, per square root of a second.
     sigmas: StateVector,
@@ -42,7 +42,8 @@ impl DrivingNoise {
         noise
     }
 
-    /// Noise of the steps of one block: 14 draws for the block, and 14 for each step if there are several.
+    /// Noise of the steps of one block: 14 draws for the block, and 14 draws for each step if the block has several
+    /// steps.
     pub(super) fn steps(&self, steps_s: &[f64], draws: &mut NormalStreams<'_>) -> Vec<StateVector> {
         let duration_s: f64 = steps_s.iter().sum();
         let whole = self.block(duration_s, draws.block);
@@ -60,7 +61,7 @@ impl DrivingNoise {
     }
 }
 
-/// Blocks of a time column: the first and last row of each. The last row of a block is the first of the next.
+/// Blocks of a time column, each given by its first and last row. The last row of a block is the first of the next.
 pub(super) fn blocks(tt_s: &[f64]) -> impl Iterator<Item = (usize, usize)> + '_ {
     let mut first = 0;
     std::iter::from_fn(move || {

@@ -12,7 +12,7 @@ use crate::navigation::pinson::TILT_D;
 use crate::navigation::transition::step_covariance;
 use crate::random::NormalGenerator;
 
-/// Level flight at 60 m/s on the error model's own sphere at height 0, with a course that varies by `weave_rad` about
+/// Level flight at 60 m/s on the sphere of the error model at height 0, with a course that varies by `weave_rad` about
 /// 30 degrees in two minutes.
 struct Flight {
     columns: [Vec<f64>; 13],
@@ -87,7 +87,7 @@ fn propagated(truth: &InsSeries<'_>, model: &InsErrorModel) -> StateMatrix {
     p
 }
 
-/// Largest difference of two errors, in standard deviations of a covariance.
+/// Largest difference between two errors, in standard deviations from a covariance.
 fn apart(a: &StateVector, b: &StateVector, p: &StateMatrix) -> f64 {
     (0..A_HAT).fold(0.0, |most: f64, state| most.max((a[state] - b[state]).abs() / p[state][state].sqrt()))
 }
@@ -159,8 +159,8 @@ fn law_a_trajectory_in_pieces_gives_the_errors_of_the_whole() {
     assert_eq!(in_pieces, whole);
 }
 
-/// Quantile of chi-square with `freedom` degrees at `z` standard normal deviates, by Wilson and Hilferty: within 0.1 %
-/// for at least a hundred degrees.
+/// Quantile of chi-square with `freedom` degrees at `z` standard normal deviates, by the formula of Wilson and
+/// Hilferty; the error is below 0.1 % for at least a hundred degrees of freedom.
 fn chi_square(freedom: f64, z: f64) -> f64 {
     let spread = 2.0 / (9.0 * freedom);
     freedom * (1.0 - spread + z * spread.sqrt()).powi(3)
@@ -170,7 +170,8 @@ fn chi_square(freedom: f64, z: f64) -> f64 {
 /// Each variance times the number of errors is chi-square with that many degrees; the sum of the nine-dimensional NEES
 /// has nine times as many.
 fn assert_covariance(what: &str, errors: &[StateVector], p: &StateMatrix) {
-    // Two-sided 0.1 % over 10 statistics of each of 6 ensembles, by Bonferroni: 0.001/120 per tail.
+    // By Bonferroni's method, the two-sided probability of 0.1 % is divided among 10 statistics of each of 6 ensembles,
+    // which gives 0.001/120 per tail.
     const Z: f64 = 4.30;
     let n = errors.len() as f64;
     let scaled = |error: &StateVector| SVector::<f64, 9>::from_fn(|k, _| error[k] / p[k][k].sqrt());
@@ -187,7 +188,7 @@ fn assert_covariance(what: &str, errors: &[StateVector], p: &StateMatrix) {
     assert!((chi_square(freedom, -Z)..chi_square(freedom, Z)).contains(&normalised), "{what}: {normalised}");
 }
 
-/// Grades and their test durations, in minutes.
+/// Grades of the INS and the duration of the test for each, in minutes.
 const LOOKED_AT: [(InsGrade, f64); 4] =
     [(InsGrade::Magnav, 60.0), (InsGrade::Navigation, 60.0), (InsGrade::Tactical, 14.0), (InsGrade::Commercial, 1.0)];
 
@@ -217,7 +218,7 @@ fn law_mechanised_realisations_have_the_propagated_covariance() {
     }
 }
 
-/// Start errors of a relative size; 1 is a hundred times those of a good INS.
+/// Initial errors with a relative magnitude. A magnitude of 1 is a hundred times the initial errors of a good INS.
 fn start_error(size: f64) -> StateVector {
     let mut e = [0.0; STATES];
     e[LAT] = 1e-5;
@@ -240,8 +241,8 @@ fn start_error(size: f64) -> StateVector {
     e.map(|e| e * size)
 }
 
-/// Errors after five minutes, by error model and by mechanisation, in common units: metres, and errors that cause a
-/// metre in five minutes.
+/// Errors after five minutes from the error model and from the mechanisation, in common units: position errors in
+/// metres, and other errors in units that cause a position error of one metre in five minutes.
 fn both_after(flight: &Flight, size: f64) -> (SVector<f64, 9>, SVector<f64, 9>) {
     let quiet = InsErrorModel {
         sources: InsErrors {
@@ -302,7 +303,7 @@ fn law_on_the_ellipsoid_the_error_model_has_the_error_of_its_sphere() {
         };
         let ([n, e], [n_mechanised, e_mechanised]) = (run(false), run(true));
         let apart = (n - n_mechanised).hypot(e - e_mechanised) / n.hypot(e);
-        // The sphere's radius has an error of up to 0.6 % and its gravity of 0.2 %.
+        // The sphere's radius has an error of up to 0.6 %, and the gravity has an error of up to 0.2 %.
         assert!(apart < 0.01, "{seed}: {apart}");
     }
 }
@@ -441,7 +442,7 @@ fn val_drift_of_each_grade_against_an_independent_implementation() {
         println!("{name:12} {minutes:3} {mean:10.0} m {low:8.0} to {high:5.0} m {:16.0} m {theirs:?}", of_100[90]);
         if let Some(theirs) = theirs {
             let deviation = (drms.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 399.0).sqrt();
-            // Mean of its 20 runs and of the 400 realisations, within three standard errors.
+            // The means of the 20 runs and of the 400 realisations agree within three standard errors.
             let error = deviation * (1.0 / 20.0 + 1.0 / 400.0_f64).sqrt();
             assert!((mean - theirs).abs() < 3.0 * error, "{name}: {mean} {theirs} {error}");
         }

@@ -11,11 +11,12 @@ use crate::navigation::pinson::{ACC, ALT, LAT, LON, StateVector, TILT_N, VN};
 /// [`InsSeries`] after its times: latitude, longitude (degrees), height (m), velocity (m/s) and specific force (m/s²)
 /// north, east and down, roll, pitch and yaw (degrees).
 ///
-/// The specific force is the true one as measured by the accelerometers x, y, z, with their biases and scale errors
-/// `acc_scale` (truth minus measurement, relative), rotated by the attitude of the INS. Latitude and longitude are
-/// valid and the attitude is a rotation for errors of any size. A position beyond a pole continues on the other side.
+/// The specific force is the true specific force as measured by the accelerometers x, y, z, with their biases and scale
+/// errors `acc_scale` (truth minus measurement, relative), rotated by the attitude of the INS. Latitude and longitude
+/// are valid and the attitude is a rotation for errors of any size. A position beyond a pole continues on the other
+/// side.
 ///
-/// `errors` has one value per sample of a series that passed [`InsSeries::check`]; additional ones are ignored.
+/// `errors` has one value per sample of a series that passed [`InsSeries::check`]; additional values are ignored.
 pub fn faulty_ins(truth: &InsSeries<'_>, errors: &[StateVector], acc_scale: [f64; 3]) -> [Vec<f64>; 12] {
     let mut columns: [Vec<f64>; 12] = Default::default();
     for (row, error) in errors.iter().enumerate().take(truth.len()) {
@@ -61,7 +62,7 @@ mod tests {
     use super::*;
     use crate::navigation::pinson::STATES;
 
-    /// Two samples: level to the north, and banked to the east.
+    /// Two samples: level flight to the north, and banked flight to the east.
     fn truth(columns: &[[f64; 2]; 13]) -> InsSeries<'_> {
         InsSeries::from_columns(columns.each_ref().map(|c| c.as_slice()))
     }
@@ -104,7 +105,7 @@ mod tests {
         assert!((said[0][1] - 89.9999).abs() < 1e-9 && (said[1][1] + 169.9997).abs() < 1e-9, "{said:?}");
         assert_eq!([said[2][0], said[3][0], said[4][0], said[5][0]], [295.0, 59.0, 2.0, -3.0]);
         // The tilt from the INS to the truth rotates from the truth to the INS, as does the specific force. The reading
-        // of the forward accelerometer is reduced by its bias.
+        // of the forward accelerometer is reduced by the bias of this accelerometer.
         assert!((said[11][0].to_radians() - 1e-3).abs() < 1e-9, "{}", said[11][0]);
         let (sin, cos) = 1e-3_f64.sin_cos();
         let expected = [(0.5 - 0.25) * cos - 0.1 * sin, (0.5 - 0.25) * sin + 0.1 * cos, -9.8];

@@ -17,8 +17,8 @@ choice! {
         Tactical = "tactical",
         /// Micro-mechanical sensors. [Lee 2019, Tables 9 and 10]
         ///
-        /// Its gyroscopes drift by half a degree per second, so the position error exceeds a thousand kilometres within
-        /// a quarter of an hour. It is usable for one or two minutes.
+        /// The gyroscopes of this grade drift by half a degree per second, so the position error exceeds a thousand
+        /// kilometres within a quarter of an hour. Such an INS is usable for one or two minutes.
         Commercial = "commercial",
     }
 }

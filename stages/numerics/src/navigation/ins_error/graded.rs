@@ -4,7 +4,7 @@ use params::{ChoiceRegistry, Fault, ParamDoc, ParamReader, Params, params};
 
 use super::{InsErrors, InsGrade};
 
-/// Error sources of an INS. Its grade gives the unset ones.
+/// Error sources of an INS. The grade gives the unset error sources.
 ///
 /// The grade is resolved when read and is not stored: an INS of a grade equals an INS with the same error sources given
 /// individually.
@@ -20,7 +20,7 @@ pub struct InsErrorSpec {
 const OF_START: [&str; 3] = ["init_position_sigma_m", "init_altitude_sigma_m", "init_velocity_sigma_mps"];
 
 params! {
-    /// Additional key besides those of [`InsErrors`].
+    /// Key in addition to the keys of [`InsErrors`].
     struct InsGradeKey;
     /// Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s` of the INS). `magnav`
     /// uses the defaults shown with the keys. `navigation` is a Honeywell HG9900, `tactical` a Honeywell HG1700, and

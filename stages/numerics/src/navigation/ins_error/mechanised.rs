@@ -29,8 +29,8 @@ pub struct MechanisationErrors {
 /// added to error-free readings of the trajectory, and a barometer-aided strapdown mechanisation integrates them. The
 /// error is the exact motion minus the result.
 ///
-/// The exact motion is the error-free mechanisation of the error-free readings. Its position differs from the
-/// trajectory's by the error of the trapezoidal rule, which cancels in the result.
+/// The exact motion is the error-free mechanisation of the error-free readings. The position of the mechanisation
+/// differs from the position of the trajectory by the error of the trapezoidal rule, which cancels in the result.
 ///
 /// # Errors
 /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
@@ -138,7 +138,7 @@ impl MechanisationRun<'_> {
             acc_bias_mps2: mean_triple(ACC),
             gyro_bias_radps: mean_triple(GYRO),
             acc_walk_mps: in_body(triple(noise, VN)),
-            // The tilt of the INS is minus the rotation of its body.
+            // The tilt of the INS is minus the rotation of the INS body axes.
             gyro_walk_rad: -in_body(triple(noise, TILT_N)),
             acc_scale: Vector3::from(self.extras.acc_scale),
             gyro_scale: Vector3::from(self.extras.gyro_scale),

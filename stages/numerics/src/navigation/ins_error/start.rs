@@ -11,9 +11,9 @@ const STEP_S: f64 = 5.0;
 
 /// Covariance of the states at the first sample of `ins`, whose alignment was `age_s` seconds earlier.
 ///
-/// The initial standard deviations of `errors` are those at the alignment. Between the alignment and the first sample
-/// the flight is assumed to be straight and level, with the velocity and heading of the first sample. `ins` has at
-/// least one sample.
+/// The initial standard deviations of `errors` apply at the alignment. Between the alignment and the first sample the
+/// flight is assumed to be straight and level, with the velocity and heading of the first sample. `ins` has at least
+/// one sample.
 pub fn aligned_covariance(errors: &InsErrorModel, ins: &InsSeries<'_>, age_s: f64) -> StateMatrix {
     let errors = InsErrorModel { start: None, ..*errors };
     let first = ins.point(0);
@@ -43,7 +43,7 @@ pub struct StartFix {
     pub lat_lon_deg: [f64; 2],
     /// Height above the ellipsoid, in m.
     pub alt_m: f64,
-    /// Velocity north, east and down, in m/s; `None` keeps that of the INS.
+    /// Velocity north, east and down, in m/s; `None` keeps the velocity of the INS.
     pub vel_ned_mps: Option<[f64; 3]>,
     /// Standard deviations of the fix.
     pub sigmas: StartFixSigmas,
@@ -62,7 +62,7 @@ pub struct StartFixSigmas {
 
 impl StartFix {
     /// Covariance of the states of an INS corrected by the fix. Tilts, biases and the barometer loop have the initial
-    /// standard deviations of `errors`, as does the velocity if the fix has none.
+    /// standard deviations of `errors`, as does the velocity if the fix has no velocity.
     pub fn covariance(&self, errors: &InsErrorModel) -> StateMatrix {
         let mut model = InsErrorModel { start: None, ..*errors };
         model.sources.init_position_sigma_m = self.sigmas.horizontal_m;

@@ -154,8 +154,8 @@ fn law_the_heading_has_its_own_initial_uncertainty() {
     }
     .check();
     assert!(refused.unwrap_err().to_string().starts_with("`init_heading_sigma_deg` must be 0 or above"));
-    // Half a minute north at 60 m/s, then a turn to the east: a yaw error rotates the change of velocity by the same
-    // angle.
+    // Half a minute north at 60 m/s, then a turn to the east: a yaw error rotates the measured change of velocity by
+    // the angle of the error.
     let flight = Flight::new();
     let quiet = InsErrorModel {
         sources: InsErrors {
@@ -177,15 +177,15 @@ fn law_the_heading_has_its_own_initial_uncertainty() {
         ..InsErrorModel::default()
     };
     let mut draws = 0;
-    // One standard deviation of yaw error, zero for all other states.
+    // An error of one standard deviation in yaw, and no error in the other states.
     let one = |state: usize| if state == TILT_D { 1.0 } else { 0.0 };
     let errors = simulate_ins_error(&flight.series(), &quiet, || {
         draws += 1;
         if draws <= STATES { one(draws - 1) } else { 0.0 }
     })
     .unwrap();
-    // After 78 s of 0.02 rad/s the velocity has turned from north to east. It changed by (-60, +60) m/s, of which one
-    // degree is 1.05 m/s in each component.
+    // After 78 s of 0.02 rad/s the velocity has turned from north to east. The velocity changed by (-60, +60) m/s. A
+    // rotation of this change by one degree is 1.05 m/s in each component.
     let row = 39;
     let expected = 60.0 * 1.0_f64.to_radians();
     let got = [errors[row][VN].abs(), errors[row][VN + 1].abs()];

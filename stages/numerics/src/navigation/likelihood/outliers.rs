@@ -6,7 +6,7 @@ use crate::navigation::gaussian::{Sensitivity, StateEstimate};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 
-/// NIS above which a measurement is rejected; one valid measurement in 100,000 exceeds it.
+/// NIS above which a measurement is rejected; one valid measurement in 100,000 exceeds this limit.
 pub const GATE_NIS: f64 = 19.5;
 
 /// Number of consecutive rejections that indicates a wrong prediction instead of wrong measurements.

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::ImuReading;
 
-/// Errors of one step, truth minus measurement, as for all INS errors here.
+/// Errors of one step, truth minus measurement, as for all INS errors in this crate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ImuErrors {
     /// Mean of the accelerometers' biases over the step, in m/s².

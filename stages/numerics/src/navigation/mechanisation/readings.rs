@@ -8,8 +8,8 @@ use crate::earth::attitude::skew;
 /// Readings of ideal sensors along a motion given by velocities and attitudes.
 ///
 /// Each step inverts a mechanisation instead of using a quadrature. A free mechanisation of these readings reproduces
-/// velocities and attitudes up to rounding. Its position equals [`IdealImu::motion`], the trapezoidal integral of the
-/// velocities.
+/// velocities and attitudes up to rounding. The position of the motion equals [`IdealImu::motion`], the trapezoidal
+/// integral of the velocities.
 #[derive(Clone, Debug)]
 pub struct IdealImu {
     earth: NavigationEarth,
@@ -52,10 +52,10 @@ impl IdealImu {
         self.before
     }
 
-    /// Reading whose increments, after the correction of coning and sculling, are the given ones.
+    /// Reading whose increments, after the correction of coning and sculling, equal the given increments.
     fn uncorrected(&self, rotation_rad: &Vector3<f64>, velocity_mps: &Vector3<f64>, dt_s: f64) -> ImuReading {
         let (angle_before, velocity_before) = self.before.stretched_to(dt_s);
-        // The matrices are the identity plus small skew-symmetric ones, which always have an inverse.
+        // The matrices are the identity plus small skew-symmetric matrices, so they always have an inverse.
         let solved = |m: Matrix3<f64>, right: Vector3<f64>| m.try_inverse().map_or(right, |inverse| inverse * right);
         let identity = Matrix3::identity();
         let angle_rad = solved(identity + skew(&angle_before) / 12.0, *rotation_rad);

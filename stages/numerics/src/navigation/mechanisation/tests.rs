@@ -92,7 +92,7 @@ impl Swing {
         Vector3::new(lat_rate * meridian, lon_rate * transverse * lat.cos(), -climb)
     }
 
-    /// Angular rate and specific force in the body frame, from their definitions.
+    /// Angular rate and specific force in the body frame, from the definitions of these quantities.
     fn sensed(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
         let [lat, _, alt] = Self::place(t);
         let (v, c) = (self.velocity(t), Self::attitude(t));
@@ -108,7 +108,7 @@ impl Swing {
         (c.transpose() * (turn + earth_rate + transport), c.transpose() * force)
     }
 
-    /// Integrals over a step, by Simpson's rule with eight pieces.
+    /// Integrals over a step, by Simpson's rule with eight intervals.
     fn reading(&self, t: f64, dt_s: f64) -> ImuReading {
         let (mut angle_rad, mut velocity_mps) = (Vector3::zeros(), Vector3::zeros());
         for k in 0..=16 {
@@ -135,11 +135,12 @@ fn apart(a: &NavigationState, b: &NavigationState) -> [f64; 3] {
     [place, (a.vel_ned_mps - b.vel_ned_mps).norm(), a.body_to_ned.angle_to(&b.body_to_ned)]
 }
 
-/// Difference, after a minute, between the motion and the mechanisation of its integrated rate and force.
+/// Difference after a minute between a motion and the mechanisation of the integrated angular rate and specific force
+/// of this motion.
 fn after_a_minute(earth: NavigationEarth, steps: u32) -> [f64; 3] {
     let swing = Swing { earth };
     let dt_s = 60.0 / f64::from(steps);
-    // The first reading serves as the previous reading of the second one.
+    // The first reading serves as the previous reading for the second reading.
     let mut ins = Mechanisation::new(earth, swing.motion(0.0), 0.0);
     for k in 0..steps {
         let (t, middle) = (dt_s * f64::from(k), dt_s * (f64::from(k) + 0.5));
@@ -199,7 +200,8 @@ fn law_the_mechanisation_of_ideal_readings_reproduces_the_motion() {
         ins.step(&reading, Some(baro_alt_m + 0.5 * readings.motion().alt_m));
     }
     let [place, speed, angle] = apart(ins.motion(), readings.motion());
-    // 6000 rounding errors, and the truncation error after the last repetition of a step: (2 Ω Δt)^4.
+    // The error consists of 6000 rounding errors and of the truncation error after the last repetition of a step, (2 Ω
+    // Δt)^4.
     assert!(place < 1e-6 && speed < 1e-9 && angle < 1e-12, "{place:e} {speed:e} {angle:e}");
     let [place, ..] = apart(readings.motion(), &swing.motion(600.0));
     // Trapezoidal rule over the velocities: v'' Δt²/12 of the oscillations, which average out.
@@ -218,7 +220,7 @@ fn drift_north_m(errors: &ImuErrors, tilt: f64, seconds: usize) -> Vec<f64> {
     resting(NOT_ROTATING, start, seconds).iter().map(one).collect()
 }
 
-/// Largest difference of two series, relative to the magnitude of the second.
+/// Largest difference between two series, relative to the magnitude of the second series.
 fn difference(a: &[f64], b: impl Fn(f64) -> f64) -> f64 {
     let b: Vec<f64> = (1..=a.len()).map(|t| b(t as f64)).collect();
     let size = b.iter().fold(0.0_f64, |size, b| size.max(b.abs()));
@@ -307,7 +309,7 @@ fn law_a_free_vertical_channel_diverges_and_a_barometer_stabilises_it() {
         ins.motion().alt_m
     };
     // b/λ² (cosh λt - 1) upwards with λ² = 2g/R [Titterton & Weston 2004, 12.3.2]; the other gradients of gravity and
-    // of the centrifugal force are 0.5 % of it.
+    // of the centrifugal force are 0.5 % of this gradient.
     let lambda = (2.0 * G / R).sqrt();
     let expected = 1e-3 / lambda.powi(2) * ((lambda * 1200.0).cosh() - 1.0);
     let free = fallen(None);

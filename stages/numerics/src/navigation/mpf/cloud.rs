@@ -13,7 +13,7 @@ use super::draws::ParticleDraws;
 pub(super) const BLOCK: usize = 32;
 /// One value for each particle of a block.
 pub(super) type ParticleLanes = [f64; BLOCK];
-/// The `N` states of a block: the 18 states of the INS, and those of further measurements.
+/// The `N` states of a block: the 18 states of the INS, and the states of further measurements.
 pub(super) type ParticleBlock<const N: usize> = [ParticleLanes; N];
 /// Number of particles whose sums are kept in registers.
 const WIDE: usize = 16;
@@ -31,7 +31,7 @@ pub(super) struct ParticleCloud<const N: usize> {
     pub(super) particles: usize,
     /// States of the particles.
     pub(super) blocks: Vec<ParticleBlock<N>>,
-    /// Logarithms of their weights.
+    /// Logarithms of the weights of the particles.
     pub(super) log_weights: Vec<ParticleLanes>,
     /// Weights, which add up to 1.
     pub(super) weights: Vec<ParticleLanes>,
@@ -150,8 +150,8 @@ impl<const N: usize> ParticleCloud<N> {
         }
     }
 
-    /// Corrects the linear states of every particle by its own gain: x ← x + (P_alt·slope + P u) r. `r` is the residual
-    /// over its variance, and `of_common` is P u with the common part u of H.
+    /// Corrects the linear states of every particle by the gain of the particle: x ← x + (P_alt·slope + P u) r. `r` is
+    /// the residual over its variance, and `of_common` is P u with the common part u of H.
     pub(super) fn correct(
         &mut self,
         p: &ParticleMatrix<N>,

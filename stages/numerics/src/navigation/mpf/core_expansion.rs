@@ -21,7 +21,7 @@ struct CoreExpansionPoint {
     lon_deg: f64,
     alt_m: f64,
     at_place: FieldValue,
-    /// Second derivatives by latitude twice, by latitude and longitude, and by longitude twice, in nT/rad².
+    /// Second derivatives with respect to latitude, to latitude and longitude, and to longitude, in nT/rad².
     second: [f64; 3],
     /// Derivatives of the vertical slope with respect to latitude and longitude, in nT/(m rad).
     slope_d_lat: f64,
@@ -39,7 +39,7 @@ impl CoreExpansion {
         Self { field, place: None }
     }
 
-    /// Moves the expansion point if the middle of the cloud is too far from it.
+    /// Moves the expansion point if the middle of the cloud is too far from this point.
     pub(super) fn follow(&mut self, lat_deg: f64, lon_deg: f64, alt_m: f64) {
         let near = |place: &CoreExpansionPoint| {
             let (north, east) =

@@ -1,12 +1,13 @@
 //! Covariance of the linear states given a particle's position, common to all particles.
 //!
-//! It is stored over all `N` states, the 18 of the INS and those of further measurements, with zeros for the position.
+//! The covariance is stored over all `N` states, which are the 18 states of the INS and the states of further
+//! measurements, with zeros for the position.
 
 use crate::navigation::line::LineStep;
 use crate::navigation::pinson::{ALT, LAT, LON, STATES, StateMatrix};
 use crate::navigation::transition::propagate_covariance;
 
-/// Fraction of its variance below which a pivot is treated as rounding.
+/// Ratio of a pivot to the variance of its state below which the pivot is treated as rounding error.
 const LEAST_PIVOT: f64 = 1e-13;
 
 /// Matrix over the states.
@@ -23,18 +24,18 @@ pub(super) struct GaussMarkovStep {
     pub(super) variance: f64,
 }
 
-/// P h of a row of H, by its entries.
+/// P h of a row h of H, given by its entries.
 pub(super) fn times<const N: usize>(p: &ParticleMatrix<N>, h: &[(usize, f64)]) -> [f64; N] {
     std::array::from_fn(|row| h.iter().map(|(state, entry)| entry * p[row][*state]).sum())
 }
 
-/// h x of a row of H, by its entries.
+/// h x of a row h of H, given by its entries.
 pub(super) fn dot<const N: usize>(h: &[(usize, f64)], x: &[f64; N]) -> f64 {
     h.iter().map(|(state, entry)| entry * x[*state]).sum()
 }
 
 /// Corrects a covariance with a scalar measurement of `h`·x whose noise has this variance, in Joseph's form. With
-/// variance 0, conditions it on the value. A combination with zero variance is not changed.
+/// variance 0, conditions the state on the value. A combination with zero variance is not changed.
 pub(super) fn correct<const N: usize>(p: &mut ParticleMatrix<N>, h: &[(usize, f64)], variance: f64) {
     let ph = times(p, h);
     let total = dot(h, &ph) + variance;
@@ -119,7 +120,8 @@ pub(super) fn predict<const N: usize>(
     condition_on_position(p)
 }
 
-/// Sums over the corrected particles: weight over innovation variance times 1, the slope with height, and its square.
+/// Sums over the corrected particles: weight over innovation variance times 1, times the slope with height, and times
+/// the square of this slope.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct InformationSums {
     pub(super) common: f64,
@@ -130,9 +132,9 @@ pub(super) struct InformationSums {
 /// Mean of the covariances of the particles after a measurement: P − P (Σ w hᵀh/v) P with h = u + slope·e. u is
 /// `common` to all particles, and e is the unit row of the altitude.
 ///
-/// It equals the covariance after a measurement with information J = M (I − P M)⁻¹, with the sum M over u·x and the
-/// altitude. J is split into two scalar measurements so that each can be in Joseph's form. With equal slopes there is
-/// one measurement: the usual update.
+/// The result equals the covariance after a measurement with information J = M (I − P M)⁻¹, with the sum M over u·x and
+/// the altitude. J is split into two scalar measurements so that each can be in Joseph's form. With equal slopes there
+/// is one measurement: the usual update.
 pub(super) fn measure<const N: usize>(p: &mut ParticleMatrix<N>, common: &[(usize, f64)], of: InformationSums) {
     let of_common = times(p, common);
     let (paa, pau, puu) = (p[ALT][ALT], of_common[ALT], dot(common, &of_common));

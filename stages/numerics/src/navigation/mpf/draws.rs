@@ -34,7 +34,7 @@ impl ParticleDraws {
         [uniform(bits.draw()), uniform(bits.draw())]
     }
 
-    /// Two independent standard normals of a particle. [Box & Muller 1958]
+    /// Two independent standard normal numbers of a particle. [Box & Muller 1958]
     #[inline(always)]
     pub(super) fn normals(self, particle: usize) -> [f64; 2] {
         let [a, b] = self.uniforms(particle);

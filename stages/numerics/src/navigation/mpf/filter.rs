@@ -18,7 +18,7 @@ use super::output::{MpfOutput, modes_of};
 use super::parameters::MpfParameters;
 use super::resampling::{ParticleResampler, ParticleResampling};
 
-/// Smallest fraction of effective particles after a measurement; below it the measurement is split.
+/// Smallest fraction of effective particles after a measurement; below this fraction the measurement is split.
 pub(super) const LEAST_LEFT: f64 = 0.1;
 /// Smallest fraction of the remaining information of a measurement that is used in one part.
 const LEAST_PART: f64 = 1.0 / 256.0;
@@ -203,8 +203,8 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
     }
 
     /// Corrects with a predicted measurement in one step. If too few particles would remain effective, splits it into
-    /// several measurements whose inverse variances add up to the original one, with a resampling after each except the
-    /// last.
+    /// several measurements whose inverse variances add up to the original inverse variance, with a resampling after
+    /// each except the last.
     fn update(&mut self, turn: CorrectionSource, row: usize, mut whole: CloudMeasurement, mut on_map: f64) {
         let enough = LEAST_LEFT * self.cloud.particles as f64;
         let mut left = 1.0_f64;
@@ -289,7 +289,7 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
     }
 }
 
-/// Counts an event and its longest run.
+/// Counts an event, and updates the length of its longest run.
 fn count(happens: bool, all: &mut usize, in_a_row: &mut usize, most: &mut usize) {
     if happens {
         *all += 1;

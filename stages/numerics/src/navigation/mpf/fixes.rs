@@ -11,7 +11,7 @@ use super::filter::{CorrectionSource, LEAST_LEFT, MOST_PARTS, MarginalisedPartic
 /// fix of metres.
 const LEAST_PART: f64 = 1e-12;
 
-/// Updated weights of the particles before they replace those of the cloud.
+/// Updated weights of the particles before they replace the weights of the cloud.
 struct TentativeWeights {
     log_weights: Vec<ParticleLanes>,
     weights: Vec<ParticleLanes>,
@@ -54,8 +54,9 @@ impl<const N: usize> MarginalisedParticleFilter<'_, N> {
         correct(&mut self.p, &[(ALT, 1.0)], variance);
     }
 
-    /// Updates the weights with latitude and longitude at once. If too few particles would remain effective, splits
-    /// them into several fixes whose inverse variances add up to the original one, with a resampling between them.
+    /// Updates the weights with latitude and longitude at once. If too few particles would remain effective, splits the
+    /// position into several fixes whose inverse variances add up to the original inverse variance, with a resampling
+    /// between them.
     fn fix_position(&mut self, row: usize, fixes: &[StateFix]) {
         let enough = LEAST_LEFT * self.cloud.particles as f64;
         let mut left = 1.0_f64;

@@ -24,7 +24,7 @@ pub(super) struct ParticleFields<'a> {
     offset_nt: f64,
     core: Option<CoreExpansion>,
     places: [Vec<f64>; 3],
-    /// Fields at the positions, and at the other end of a baseline.
+    /// Fields at the positions of the particles, and at the other end of a baseline.
     fields: [FieldColumns; 2],
 }
 
@@ -52,7 +52,7 @@ impl<'a> ParticleFields<'a> {
         }
     }
 
-    /// Measurement and its variance, if it exists.
+    /// Measurement and its variance, if the measurement exists.
     pub(super) fn measured(&self, turn: CorrectionSource, row: usize) -> Option<(f64, f64)> {
         let CorrectionSource::Further(aid) = turn else {
             return self.line.measured(row, self.offset_nt).filter(|_| self.line.sigma_nt[row] > 0.0);

@@ -42,7 +42,7 @@ pub(super) struct CloudPrediction {
     inverses: Vec<ParticleLanes>,
     /// Logarithm of the likelihood; not used for particles off the map.
     log_likelihoods: Vec<ParticleLanes>,
-    /// Weights with the likelihoods, before they replace those of the cloud.
+    /// Weights with the likelihoods, before they replace the weights of the cloud.
     weights: Vec<ParticleLanes>,
     log_weights: Vec<ParticleLanes>,
 }
@@ -54,7 +54,7 @@ pub(super) struct CloudResidual {
     pub(super) on_map: f64,
     /// Weighted mean of the residuals on the map, in nT.
     pub(super) residual_nt: f64,
-    /// Their variance: between the particles and within each.
+    /// Variance of the residuals: between the particles, and within each particle.
     pub(super) variance_nt2: f64,
     /// Smallest NIS among all particles with weight.
     pub(super) best: f64,
@@ -180,7 +180,8 @@ impl CloudPrediction {
         1.0 / total(&squares)
     }
 
-    /// Replaces the weights of the cloud by those of [`Self::weigh`]. Returns the sums for the common covariance.
+    /// Replaces the weights of the cloud by the weights from [`Self::weigh`]. Returns the sums for the common
+    /// covariance.
     pub(super) fn accept<const N: usize>(&mut self, cloud: &mut ParticleCloud<N>) -> InformationSums {
         std::mem::swap(&mut cloud.weights, &mut self.weights);
         std::mem::swap(&mut cloud.log_weights, &mut self.log_weights);

@@ -1,12 +1,12 @@
 //! Modes of a cloud of weighted points in the plane: density maxima that are separated by a valley.
 //!
 //! The density of the whitened points is smoothed on a grid by a Gaussian of the optimal bandwidth. The cells are
-//! visited from the highest to the lowest. Each is assigned to the hill of its neighbours or starts a new one. Where
-//! two hills meet, the lower is merged into the higher unless the saddle is below [`VALLEY`] times its top [Chazal,
-//! Guibas, Oudot & Skraba 2013]. Each hill is then analysed on a finer grid, to separate modes of very different sizes.
-//! The algorithm is deterministic.
+//! visited from the highest to the lowest. Each cell is assigned to the hill of its neighbours or starts a new hill.
+//! Where two hills meet, the lower hill is merged into the higher hill unless the saddle is below [`VALLEY`] times the
+//! lower top [Chazal, Guibas, Oudot & Skraba 2013]. Each hill is then analysed on a finer grid, to separate modes of
+//! very different sizes. The algorithm is deterministic.
 
-/// Ratio to the lower top below which a saddle separates two modes.
+/// Ratio of a saddle to the lower top below which the saddle separates two modes.
 const VALLEY: f64 = 0.4;
 /// Smallest weight of a mode. Points of smaller modes are assigned to the nearest mode.
 const LEAST_WEIGHT: f64 = 0.01;
@@ -70,7 +70,7 @@ impl ModeClusters {
     fn split(&mut self, label: u32, weights: &[f64], points: impl Fn(usize) -> [f64; 2] + Copy) -> u32 {
         let Some(moments) = ClusterMoments::new(&self.labels, label, weights, points) else { return 0 };
         self.scratch.fill(&moments, &self.labels, label, weights, points);
-        // Bandwidth for a plane, in cells. One pass of 1 2 1 has the variance ½.
+        // Bandwidth for a plane, in cells. One pass of the kernel 1 2 1 has the variance ½.
         let bandwidth = moments.effective.powf(-1.0 / 6.0) * SIDE as f64 / (2.0 * HALF_WIDTH);
         self.scratch.blur((2.0 * bandwidth * bandwidth).ceil().clamp(2.0, 24.0) as usize);
         let hills = self.scratch.climb();
@@ -204,7 +204,7 @@ impl ModeDensityGrid {
         });
         hill.clear();
         hill.resize(CELLS, NONE);
-        // For each started hill: the hill into which it is merged, and its top.
+        // For each hill: the hill into which it is merged, and the height of its top.
         let (mut part_of, mut tops): (Vec<u32>, Vec<f64>) = (vec![], vec![]);
         for cell in order.iter().map(|cell| usize::from(*cell)) {
             let mut own = NONE;

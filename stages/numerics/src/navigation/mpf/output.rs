@@ -15,7 +15,7 @@ use super::resampling::position;
 pub struct MpfOutput {
     /// Weighted mean of the particles and covariance of their positions, after the measurement of each sample and
     /// before resampling. The residual is the measurement minus the mean prediction of the particles on the map, and
-    /// its variance is that of the mixture. Measurements that no particle explains are counted as gated.
+    /// its variance is the variance of the mixture. Measurements that no particle explains are counted as gated.
     pub track: NavigationOutput,
     /// Effective number of particles 1/Σq² after the measurement of each sample, before resampling.
     pub effective: Vec<f64>,
@@ -38,8 +38,8 @@ pub struct MpfReport {
     pub unexplained: usize,
     /// Longest run of these samples; samples without a measurement do not interrupt it.
     pub unexplained_in_a_row: usize,
-    /// Samples whose effective number of particles is below 2 after their measurement: the estimate is a single
-    /// particle, and its covariance is meaningless.
+    /// Samples whose effective number of particles is below 2 after the measurement: the estimate is a single particle,
+    /// and its covariance is meaningless.
     pub collapsed: usize,
     /// Longest run of these samples; samples without a used measurement do not interrupt it.
     pub collapsed_in_a_row: usize,
@@ -52,7 +52,7 @@ pub struct MpfReport {
 pub struct SampleModes {
     /// Index of the sample, from 0.
     pub row: usize,
-    /// Modes by descending weight; their weights add up to 1.
+    /// Modes by descending weight; the weights add up to 1.
     pub modes: Vec<PositionMode>,
 }
 
@@ -65,7 +65,7 @@ pub struct PositionMode {
     pub lat_deg: f64,
     /// Mean longitude, in degrees.
     pub lon_deg: f64,
-    /// Standard deviation north about its mean, in m.
+    /// Standard deviation north about the mean of the mode, in m.
     pub sd_n_m: f64,
     /// Standard deviation of the position east, in m.
     pub sd_e_m: f64,

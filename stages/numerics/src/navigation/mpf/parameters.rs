@@ -3,7 +3,7 @@
 use crate::navigation::ins_error::ParameterError;
 use params::{Rule, obeys};
 
-/// Parameters of the marginalised particle filter; noise and INS errors are those of the line.
+/// Parameters of the marginalised particle filter; noise and INS errors are given by the line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MpfParameters {
     /// Number of particles, from 1 to [`Self::MOST_PARTICLES`].
@@ -11,25 +11,25 @@ pub struct MpfParameters {
     /// Seed of all random numbers. Results are bit-identical for any number of threads.
     pub seed: u64,
     /// Fraction of the number of particles for resampling. The filter resamples when the effective number 1/Σq² falls
-    /// below it; 0 never resamples, 1 always does.
+    /// below this threshold; 0 never resamples, 1 always resamples.
     pub resample_threshold: f64,
-    /// Resamples from a kernel density instead of the particles (see [`super::run`]). Without it, copies of a few
-    /// particles remain for a navigation-grade INS, whose position error has almost no driving noise.
+    /// Resamples from a kernel density instead of the particles (see [`super::run`]). Without regularisation, copies of
+    /// a few particles remain for a navigation-grade INS, whose position error has almost no driving noise.
     pub regularise: bool,
-    /// Distance over which the map is nearly linear, in m; about the height above its sources. A wider cloud has a
+    /// Distance over which the map is nearly linear, in m; about the height above the sources. A wider cloud has a
     /// separate kernel for each of its cells. For a difference, the slope must be linear over this distance.
     pub smooth_over_m: f64,
     /// Independent noise for the position of each resampled particle, per axis: this number times the range of the
-    /// particles over the square root of their number [Gordon, Salmond & Smith 1993, who use 0.2]; 0 adds none.
+    /// particles over the square root of their number [Gordon, Salmond & Smith 1993, who use 0.2]; 0 adds no noise.
     pub roughening: f64,
-    /// Largest NIS of a measurement for the whole cloud; larger ones are rejected and counted. `None` rejects only
-    /// measurements that contradict every particle.
+    /// Largest NIS of a measurement for the whole cloud; measurements with larger NIS are rejected and counted. `None`
+    /// rejects only measurements that contradict every particle.
     pub gate_nis: Option<f64>,
     /// Interval, in samples, at which the modes are returned. The modes of the last sample are always returned.
     pub modes_every: Option<usize>,
     /// Returns the mean of the error states of every sample (144 bytes each).
     pub keep_states: bool,
-    /// Returns their covariance at every sample (2.6 kB each).
+    /// Returns the covariance of the states at every sample (2.6 kB each).
     pub keep_covariance: bool,
 }
 

@@ -47,7 +47,7 @@ impl ParticlePartition {
     }
 }
 
-/// Axis with the larger variance, for a cell that must be divided; `None` if it is small enough or has too few
+/// Axis with the larger variance, for a cell that must be divided; `None` if the cell is small enough or has too few
 /// effective points.
 fn longer_side(cell: &[u32], weights: &[f64], size: f64, points: impl Fn(usize) -> [f64; 2]) -> Option<usize> {
     let (mut weight, mut squares, mut sum) = (0.0, 0.0, [0.0; 2]);

@@ -1,4 +1,4 @@
-//! Resampling: systematic, from the particles or from a kernel density of them.
+//! Resampling: systematic, from the particles or from their kernel density.
 
 use crate::navigation::pinson::{LAT, LON};
 
@@ -31,7 +31,7 @@ pub(super) struct ParticleResampler<const N: usize> {
 
 impl<const N: usize> ParticleResampler<N> {
     /// Draws the same number of particles, with probabilities equal to the weights, and sets equal weights. `p` is the
-    /// common covariance, to which a kernel adds its linear part.
+    /// common covariance, to which a kernel adds the part of the linear states.
     pub(super) fn resample(
         &mut self,
         how: ParticleResampling,
@@ -195,7 +195,7 @@ impl<const N: usize> LinearKernel<N> {
 }
 
 /// Optimal bandwidth of a Gaussian kernel in a plane, N^(-1/6) standard deviations [Musso, Oudjane & Le Gland 2001;
-/// Silverman 1986, (4.14)]. It is limited to [`WIDEST`], because a wider kernel would dominate.
+/// Silverman 1986, (4.14)]. The width is limited to [`WIDEST`], because a wider kernel would dominate.
 fn bandwidth(effective: f64) -> f64 {
     effective.max(1.0).powf(-1.0 / 6.0).min(WIDEST)
 }

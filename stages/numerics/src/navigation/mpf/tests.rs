@@ -191,12 +191,13 @@ fn law_on_a_linear_map_the_difference_to_the_kalman_filter_falls_with_the_root_o
     let found = [100, 1000, 10_000].map(error_m);
     println!("rms to the Kalman filter and ratio of sigmas at 100, 1000, 10000 particles: {found:.3?}");
     for pair in found.windows(2) {
-        // Factor of √10 = 3.16. Each rms is computed from 48 numbers, so its standard deviation is 10 %, and that of
-        // their ratio 15 %; the limit is three standard deviations.
+        // Factor of √10 = 3.16. Each rms is computed from 48 numbers, so its standard deviation is 10 %, and the
+        // standard deviation of the ratio of two is 15 %; the limit is three standard deviations.
         let factor = pair[0].0 / pair[1].0;
         assert!((1.8..5.5).contains(&factor), "{factor}");
     }
-    // A standard deviation from 10,000 particles has an error of 1 %, and its mean over seeds an error of 0.2 %.
+    // A standard deviation from 10,000 particles has an error of 1 %, and the mean over the seeds has an error of 0.2
+    // %.
     assert!((found[2].1 - 1.0).abs() < 0.01, "{}", found[2].1);
 }
 
@@ -229,7 +230,8 @@ fn law_with_a_known_position_it_equals_the_kalman_filter_of_the_linear_states() 
 
 #[test]
 fn law_the_covariance_after_a_measurement_is_the_mean_over_the_particles() {
-    // Correlated altitude and S; three particles with different slopes, of which the second is off the map.
+    // Altitude and temporal variation S are correlated. Three particles have different slopes; the second particle is
+    // off the map.
     let mut p: StateMatrix = [[0.0; STATES]; STATES];
     (p[ALT][ALT], p[S][S], p[ALT][S], p[S][ALT], p[5][5], p[5][ALT], p[ALT][5]) = (4.0, 9.0, 1.5, 1.5, 2.0, 1.0, 1.0);
     let mut expected: StateMatrix = [[0.0; STATES]; STATES];
@@ -327,7 +329,7 @@ fn law_draws_are_standard_normal_and_uncorrelated() {
         across += a * c;
     }
     let n = n as f64;
-    // Standard deviations of the means: 1/√(2n), √(2/2n), 1/√n; the limits are four standard deviations.
+    // The standard deviations of the means are 1/√(2n), √(2/2n) and 1/√n. The limits are four standard deviations.
     assert!((sum / (2.0 * n)).abs() < 4.0 / (2.0 * n).sqrt() && (square / (2.0 * n) - 1.0).abs() < 4.0 / n.sqrt());
     assert!(product.abs() < 4.0 * n.sqrt() && across.abs() < 4.0 * n.sqrt());
 }
@@ -388,8 +390,8 @@ fn unit_missing_measurements_are_predicted_and_counted() {
     scene.measured_nt.fill(f64::NAN);
     let out = scene.run(&MpfParameters::default());
     assert_eq!((out.track.report.missing_measurements, out.report.resamplings), (80, 0));
-    // 1000 draws: the mean has a standard deviation of 800/√1000 = 25 m, and the sample standard deviation one of 18 m;
-    // the limits are three times these.
+    // For 1000 draws, the standard deviation of the mean is 800/√1000 = 25 m, and the standard deviation of the sample
+    // standard deviation is 18 m. The limits are three times these values.
     assert!(
         EARTH.offset_ne_m(scene.moved(79, [0.0; 2]), (out.track.lat_deg[79], out.track.lon_deg[79]), 300.0).0.abs()
             < 80.0
@@ -399,7 +401,7 @@ fn unit_missing_measurements_are_predicted_and_counted() {
 
 #[test]
 fn law_particles_off_the_map_keep_their_probability() {
-    // The line begins 8.9 km from the northern edge; this position is 200 m from it.
+    // The line begins 8.9 km from the northern edge; this position is 200 m from that edge.
     let mut scene = two_hills(false);
     let edge = 45.08 - 200.0 / 111_200.0;
     scene.columns[1].fill(edge);
@@ -409,7 +411,8 @@ fn law_particles_off_the_map_keep_their_probability() {
     let parameters = MpfParameters { particles: 4000, resample_threshold: 0.0, ..MpfParameters::default() };
     let out = scene.run(&parameters);
     assert_eq!(out.track.report.updates, 5);
-    // The map is flat there, so nothing is observed, and the cloud keeps its shape on and off the map.
+    // The map is flat there, so the measurements contain no information, and the cloud keeps its shape on and off the
+    // map.
     let mut blind = scene.measured_nt.clone();
     blind.fill(f64::NAN);
     let without = Scene { measured_nt: blind, ..two_hills(false) };
@@ -459,7 +462,7 @@ fn unit_uneven_time_and_a_single_sample_are_valid() {
     assert_eq!((single.track.lat_deg.len(), single.modes.len(), single.track.report.updates), (1, 1, 1));
     let weights: f64 = single.modes[0].modes.iter().map(|mode| mode.weight).sum();
     assert!((weights - 1.0).abs() < 1e-12);
-    // One particle equals a Kalman filter of the linear states on one draw of the path.
+    // With one particle, the filter equals a Kalman filter of the linear states along one random path.
     let one = two_hills(true).run(&MpfParameters { particles: 1, ..MpfParameters::default() });
     assert!(one.track.lat_deg.iter().all(|x| x.is_finite()) && one.track.sd_n_m.iter().all(|sd| *sd == 0.0));
 }

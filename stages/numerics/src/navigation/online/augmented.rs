@@ -34,14 +34,14 @@ pub struct LineModel<'a> {
     pub core: Option<&'a Arc<CoreField>>,
     /// Error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
-    /// Length, in s, of the window from the start of the line. The mean over it of measurement minus prediction (with
-    /// the prior of the aircraft field) is subtracted from each magnetometer; 0 subtracts nothing. Not needed if a
-    /// constant is among the states and its prior is as wide as the offset.
+    /// Length, in s, of the window from the start of the line. The mean of measurement minus prediction over the window
+    /// (with the prior of the aircraft field) is subtracted from each magnetometer; 0 subtracts nothing. Not needed if
+    /// a constant is among the states and its prior is as wide as the offset.
     pub offset_window_s: f64,
     /// Aiding positions, each used before the measurements of its sample.
     pub fixes: Option<&'a PositionFixes>,
-    /// Measurements in addition to the magnetometers, each processed after them. Where the map is too flat, a
-    /// magnetometer corrects only the temporal variation, the map error and the aircraft field.
+    /// Measurements in addition to the magnetometers, which are processed after the magnetometers. Where the map is too
+    /// flat, a magnetometer corrects only the temporal variation, the map error and the aircraft field.
     pub aids: Aids<'a>,
     /// Same as [`NavigationLine::second_order`].
     pub second_order: bool,
@@ -64,12 +64,12 @@ impl<'a> LineModel<'a> {
 /// Optional outputs in addition to the track, and the innovation gate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OnlineParameters {
-    /// Largest NIS of a measurement given the previous magnetometers of the sample; larger ones are rejected and
-    /// counted. `None` uses every measurement.
+    /// Largest NIS of a measurement given the previous magnetometers of the sample; measurements with larger NIS are
+    /// rejected and counted. `None` uses every measurement.
     pub gate_nis: Option<f64>,
     /// Returns the 18 error states of every sample.
     pub keep_states: bool,
-    /// Returns their covariance at every sample.
+    /// Returns the covariance of the states at every sample.
     pub keep_covariance: bool,
     /// Returns the coefficients (or weights) of every sample, and their standard deviations.
     pub keep_coefficients: bool,
@@ -95,7 +95,8 @@ pub struct MagnetometerReport {
 /// One magnetometer along the line, one value per sample.
 #[derive(Clone, Debug, Default)]
 pub struct MagnetometerTrack {
-    /// Measurement minus prediction at the state before the sample, in nT; NaN if either is missing.
+    /// Measurement minus prediction at the state before the sample, in nT; NaN if the measurement or the prediction is
+    /// missing.
     pub residual_nt: Vec<f64>,
     /// NIS given the residuals of the previous magnetometers; NaN where the residual is.
     pub nis: Vec<f64>,
@@ -107,8 +108,8 @@ pub struct MagnetometerTrack {
 
 /// Aircraft field at each magnetometer as a function of the further states.
 pub(crate) trait AircraftFieldModel {
-    /// Field of a sample at the states `c`, in nT. Writes its derivatives with respect to the states to `derivatives`,
-    /// which is initially zero. `None` if an input is missing.
+    /// Field of a sample at the states `c`, in nT. Writes the derivatives of the field with respect to the states to
+    /// `derivatives`, which is initially zero. `None` if an input is missing.
     fn linearised(&mut self, magnetometer: usize, row: usize, c: &[f64], derivatives: &mut [f64]) -> Option<f64>;
 
     /// Field without derivatives.
@@ -122,7 +123,7 @@ pub(crate) struct ExtraStates {
     pub(crate) mean: Vec<f64>,
     /// Prior covariance, row-major.
     pub(crate) covariance: Vec<f64>,
-    /// Spectral densities of their driving noise, per second.
+    /// Spectral densities of the driving noise of the states, per second.
     pub(crate) density: Vec<f64>,
     /// Time constants, in s; infinite for random walks.
     pub(crate) tau_s: Vec<f64>,
@@ -234,7 +235,7 @@ pub(crate) struct AugmentedOutput {
     pub(crate) c_covariance: Vec<f64>,
     /// Outcome of each sample, if there are further measurements.
     pub(crate) usage: Vec<SampleUsage>,
-    /// Their innovations.
+    /// Innovations of the further measurements.
     pub(crate) aids: AidInnovations,
     /// Horizontal slope of the predicted field, in nT/m, if the flatness of the map is tested.
     pub(crate) slope_nt_per_m: Vec<f64>,

@@ -35,7 +35,8 @@ impl CoefficientPrior {
 /// Prior from repeated calibrations with the same terms, one vector of coefficients each.
 ///
 /// For two or more calibrations, the coefficients of the next flight are assumed to be a further draw from the same
-/// distribution. The mean of the prior is their mean, and its covariance their scatter S, shrunk and widened:
+/// distribution. The mean of the prior is the mean of the calibrations. The covariance of the prior is the scatter S of
+/// the calibrations, shrunk and widened:
 ///
 /// ```text
 /// P = f (1 + 1/m) ((1 − λ) S + λ diag S)
@@ -48,8 +49,8 @@ impl CoefficientPrior {
 ///   next coefficient divided by its standard deviation then has a variance of 1, with Student's t distribution. For
 ///   two to four calibrations f = 3.
 ///
-/// For a single calibration, the covariance is the `covariance` of the fit, (AᵀA)⁻¹ σ², row-major. It represents the
-/// accuracy of the calibration and excludes changes until the next flight.
+/// For a single calibration, the covariance is the `covariance` of the fit, (AᵀA)⁻¹ σ², row-major. The covariance
+/// represents the accuracy of the calibration and excludes changes until the next flight.
 ///
 /// # Errors
 /// Fails without calibrations, for vectors of different lengths or with values that are not finite, for a single
@@ -87,7 +88,7 @@ pub fn prior_from_calibrations(
     Ok(CoefficientPrior { mean, covariance: shrunk.into_iter().map(|entry| factor * entry).collect() })
 }
 
-/// (1 − λ) S + λ diag S of deviations from their mean.
+/// (1 − λ) S + λ diag S, with the covariance S of the deviations from the mean.
 fn shrunk_covariance(deviations: &[Vec<f64>], terms: usize) -> Vec<f64> {
     let count = deviations.len() as f64;
     let scatter = |i: usize, j: usize| deviations.iter().map(|d| d[i] * d[j]).sum::<f64>() / (count - 1.0);
@@ -108,9 +109,9 @@ fn shrunk_covariance(deviations: &[Vec<f64>], terms: usize) -> Vec<f64> {
     (0..terms * terms).map(|at| entry(at / terms, at % terms)).collect()
 }
 
-/// Random walk of the coefficients between calibrations: for each coefficient, the sum of its squared changes over
-/// their total time, in its unit squared per s. The changes include the errors of the calibrations, so the estimate is
-/// too large on average. `tt_s` is the time of each calibration. [Gnadt 2022, section 5.5]
+/// Random walk of the coefficients between calibrations: for each coefficient, the sum of the squared changes divided
+/// by the total time, in the squared unit of the coefficient per s. The changes include the errors of the calibrations,
+/// so the estimate is too large on average. `tt_s` is the time of each calibration. [Gnadt 2022, section 5.5]
 ///
 /// # Errors
 /// Fails for fewer than two calibrations, times that do not ascend, and vectors of different lengths or with values
@@ -144,7 +145,7 @@ pub struct ColdStart {
     /// Standard deviation of each induced term, in nT at a field of the terms' scale (50,000 nT).
     pub induced_nt: f64,
     /// Standard deviation of each eddy term, in nT for a relative change of the field (change divided by the scale) of
-    /// 1 per s. At a roll rate of 10 degrees per s the field of one term is about 0.17 times this.
+    /// 1 per s. At a roll rate of 10 degrees per s the field of one term is about 0.17 times this value.
     pub eddy_nt_s: f64,
     /// Standard deviation of each derivative term, in nT for a change of 1 nT per s. At 10 degrees per s, 8,700 times
     /// this.

@@ -111,7 +111,7 @@ fn law_the_order_of_the_magnetometers_does_not_matter() {
     let (a, b) = (&one.magnetometers[0], &other.magnetometers[1]);
     assert!(a.coefficients.iter().zip(&b.coefficients).zip(a.sigma()).all(|((a, b), sd)| (a - b).abs() < 1e-7 * sd));
     let sums = |output: &OnlineOutput| output.navigation.nis.iter().sum::<f64>();
-    // The sum over the magnetometers is the joint squared innovation over its covariance.
+    // The sum of the NIS of the magnetometers equals the NIS of the joint innovation.
     assert!((sums(&one) / sums(&other) - 1.0).abs() < 1e-7);
 }
 
@@ -168,8 +168,8 @@ fn law_the_derivatives_of_the_terms_by_the_bias_equal_differences() {
         for axis in 0..3 {
             let step = |size: f64| std::array::from_fn(|k| bias[k] + if k == axis { size } else { 0.0 });
             let theirs = (value(row, step(10.0)) - value(row, step(-10.0))) / 20.0;
-            // The relative size of the third derivative over |V|² is (10/50,000)² of the first, and that of rounding
-            // 1e-12/20.
+            // The relative size of the third derivative over |V|² is (10/50,000)² of the first derivative, and the
+            // relative size of the rounding error is 1e-12/20.
             assert!((ours[axis] - theirs).abs() < 1e-7 * (theirs.abs() + 1e-2), "{row} {axis} {ours:?} {theirs:e}");
         }
     }

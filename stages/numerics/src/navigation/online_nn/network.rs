@@ -20,7 +20,7 @@ choice! {
 }
 
 impl OnlineActivation {
-    /// Activation and its derivative.
+    /// Activation, and the derivative of the activation.
     #[inline(always)]
     fn at(self, z: f64) -> (f64, f64) {
         match self {
@@ -85,7 +85,7 @@ impl OnlineNetwork {
             let count = column.len() as f64;
             let middle = column.iter().sum::<f64>() / count;
             let spread = (column.iter().map(|x| (x - middle).powi(2)).sum::<f64>() / count).sqrt();
-            // The computed variance of a constant column is the rounding error of its mean.
+            // The computed variance of a constant column is the rounding error of the mean.
             if !(spread > 1e-9 * middle.abs() && spread.is_finite()) {
                 let what = format!("feature {input} is constant in the calibration, so its effect cannot be estimated");
                 return Err(refused("features", what));
@@ -136,8 +136,8 @@ impl OnlineNetwork {
         self.hidden * (self.inputs + 2) + 1
     }
 
-    /// Standard deviations of unknown weights: one over the square root of the number of inputs of a unit, so that the
-    /// output has the magnitude of its scale.
+    /// Standard deviations of unknown weights: the inverse square root of the number of inputs of a unit, so that the
+    /// output has the magnitude of the output scale.
     pub fn weight_sigma(&self) -> Vec<f64> {
         let (first, second) = ((self.inputs as f64).sqrt().recip(), (self.hidden as f64).sqrt().recip());
         let mut sigma = vec![first; self.hidden * self.inputs];

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 const ALL: OnlineParameters =
     OnlineParameters { gate_nis: None, keep_states: true, keep_covariance: true, keep_coefficients: true };
 
-/// Rows of three features and a smooth function of them, in nT.
+/// Rows of three features and a smooth function of the features, in nT.
 fn samples(rows: usize, seed: u64) -> (Vec<f64>, Vec<f64>) {
     let mut normals = NormalGenerator::new(seed);
     let features: Vec<f64> = (0..rows)
@@ -115,8 +115,8 @@ fn unit_training_fits_a_nonlinear_function() {
             chi += error * error / phi.dot(&(p * &phi)) / 500.0;
         }
         println!("{activation:?}: {:.2} of {:.1} nT, chi {chi:.2}", missed.sqrt(), spread.sqrt());
-        // The residual of a linear fit is a fifth of the field (23 %: 25 b c/(1 + b²) is not linear, and its rms is 14
-        // nT).
+        // The residual of a linear fit is 23 % of the field, because the term 25 b c/(1 + b²), with an rms of 14 nT, is
+        // not linear.
         assert!(missed.sqrt() < 0.12 * spread.sqrt(), "{activation:?} {} {}", missed.sqrt(), spread.sqrt());
         // The ratio is 1 for a correct linear model; the model error of the network increases it.
         assert!((0.2..10.0).contains(&chi), "{activation:?} {chi}");

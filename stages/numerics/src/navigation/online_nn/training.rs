@@ -19,8 +19,8 @@ pub struct NetworkPrior {
     pub misfit_nt: f64,
 }
 
-/// Samples with a known aircraft field. It is the uncompensated measurement minus a compensated magnetometer, or minus
-/// the field of map, core field and temporal variation at a known position.
+/// Samples with a known aircraft field. The field is the uncompensated measurement minus a compensated magnetometer, or
+/// minus the field of map, core field and temporal variation at a known position.
 #[derive(Clone, Copy, Debug)]
 pub struct NetworkCalibration<'a> {
     /// Times of the samples, in s, ascending.
@@ -39,7 +39,7 @@ pub struct TrainingParameters {
     /// Noise of the aircraft field in the calibration, in nT.
     pub sigma_nt: f64,
     /// Number of passes over the calibration. Each pass starts from the weights of the previous pass and the prior
-    /// covariance, so the covariance is that of a single pass.
+    /// covariance, so the covariance equals the covariance of a single pass.
     pub passes: usize,
     /// Time, in s, in which the weights are expected to change by their standard deviation after the calibration.
     pub memory_s: f64,
@@ -74,8 +74,8 @@ impl<'a> NetworkRecursion<'a> {
         Self { network, variance_nt2: sigma_nt * sigma_nt, weights, p, phi, gain, rest }
     }
 
-    /// Updates with a row of inputs and its field. Returns the residual before the update, in nT: the weights change by
-    /// the gain times this residual.
+    /// Updates the weights with a row of inputs and the field in this row. Returns the residual before the update, in
+    /// nT: the weights change by the gain times this residual.
     pub(crate) fn update(&mut self, inputs: &[f64], field_nt: f64) -> f64 {
         let Self { network, weights, phi, gain, rest, .. } = self;
         let missed_nt = field_nt - network.value_and_gradient(inputs, weights, &mut phi[..weights.len()]);
@@ -93,9 +93,9 @@ impl<'a> NetworkRecursion<'a> {
 
 /// Trains a network on a calibration, from random weights or from `start`.
 ///
-/// The covariance is that of the last pass. If the misfit exceeds `sigma_nt`, the covariance is multiplied by their
-/// squared ratio, so the model error of the network is treated as noise. The random walk of weight j over the second
-/// half of the calibration, of length T, is
+/// The covariance is the covariance of the last pass. If the misfit exceeds `sigma_nt`, the covariance is multiplied by
+/// the squared ratio of misfit and `sigma_nt`, so the model error of the network is treated as noise. The random walk
+/// of weight j over the second half of the calibration, of length T, is
 ///
 /// ```text
 /// q = max(0, Σ Δw² − (P_half − P_end), P_end T/memory)/T

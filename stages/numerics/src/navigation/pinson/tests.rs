@@ -13,7 +13,7 @@ pub(crate) fn golden_entries(name: &str) -> impl Iterator<Item = (usize, usize, 
         .map(|words| (words[1].parse().unwrap(), words[2].parse().unwrap(), words[3].parse().unwrap()))
 }
 
-/// The same values as a matrix over the states.
+/// The reference values as a matrix over the states.
 pub(crate) fn golden(name: &str) -> StateMatrix {
     let mut matrix = [[0.0; STATES]; STATES];
     for (row, column, value) in golden_entries(name) {
@@ -22,7 +22,7 @@ pub(crate) fn golden(name: &str) -> StateMatrix {
     matrix
 }
 
-/// The same matrix with rows and columns in magline's order.
+/// The reference matrix with rows and columns in magline's order.
 pub(crate) fn golden_in_our_order(name: &str) -> StateMatrix {
     let theirs = golden(name);
     let mut ours = [[0.0; STATES]; STATES];
@@ -68,7 +68,7 @@ fn unit_the_forms_differ_only_in_the_element_of_altitude_and_tilt() {
     assert_eq!(thesis[TILT_N][ALT], 35.0 / (R * R));
 }
 
-/// State of the INS and of its aiding.
+/// State of the INS and of the barometer loop that aids it.
 #[derive(Clone, Copy)]
 struct Mechanisation {
     position: Vector3<f64>,
@@ -93,7 +93,7 @@ struct Rates {
 
 /// Strapdown equations on a rotating sphere with constant gravity, aided by a barometer in a third-order loop
 /// [Titterton & Weston 3.69-3.75, 13.4]. The barometer measures `true_alt_m` with the drift `baro_m`. The function is
-/// independent of the error model, whose matrix must equal its derivative.
+/// independent of the error model; the matrix of the model must equal the derivative of the function.
 fn rates(m: &Mechanisation, force_body: &Vector3<f64>, rate_body: &Vector3<f64>, true_alt_m: f64) -> Rates {
     let (lat, height) = (m.position.x, m.position.z);
     let radius = R + height;

@@ -28,7 +28,7 @@ impl AdjointState {
     /// Adjoint state after the last sample.
     pub(super) const END: Self = Self { state: [0.0; STATES], matrix: [[0.0; STATES]; STATES] };
 
-    /// Propagates back through a measurement. Returns its u.
+    /// Propagates back through a measurement. Returns the u of the measurement.
     #[inline(always)]
     pub(super) fn through_measurement(&mut self, used: &ForwardUpdate) -> f64 {
         let u = used.force + inner(&used.gain, &self.state);

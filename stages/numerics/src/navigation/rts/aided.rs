@@ -13,7 +13,7 @@ use super::{RtsParameters, RtsReport};
 pub struct AidedRtsOutput {
     /// Track, as in [`RtsOutput`](super::RtsOutput).
     pub line: NavigationOutput,
-    /// Report on the iteration. The last step in standard deviations is not available.
+    /// Report on the iteration. The size of the last step in standard deviations is not available.
     pub iterations: RtsReport,
     /// Outcome of each sample.
     pub usage: Vec<SampleUsage>,
@@ -24,10 +24,10 @@ pub struct AidedRtsOutput {
 }
 
 /// [`run`](super::run) with further measurements: the most probable trajectory of all states, by Gauss-Newton iteration
-/// from the path of the extended Kalman filter. It takes about 15 kB per sample. It has a single start, whereas
-/// [`run`](super::run) has four. With an initial error too large for the map it may therefore end in another minimum. A
-/// loss applies only to the scalar field. The scalar field is not used where the map is too flat at the estimate of the
-/// extended Kalman filter.
+/// from the path of the extended Kalman filter. The run requires about 15 kB per sample. This run has a single start,
+/// whereas [`run`](super::run) has four. With an initial error too large for the map it may therefore end in another
+/// minimum. A loss applies only to the scalar field. The scalar field is not used where the map is too flat at the
+/// estimate of the extended Kalman filter.
 ///
 /// # Errors
 /// Fails as [`run`](super::run) and [`Aids::check`].

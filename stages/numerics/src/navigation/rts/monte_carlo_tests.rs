@@ -48,8 +48,8 @@ impl Flight {
             let field_nt = map.at(lat, lon, alt).unwrap().value_nt + core.magnitude_nt(lat, lon, alt);
             measured_nt.push(field_nt + temporal_nt(error) + 5.0 * normals.draw());
         }
-        // Drawn after the noise, so that a flight with outliers is otherwise unchanged. All outliers have one sign, as
-        // those of magnetic objects.
+        // Drawn after the noise, so that a flight with outliers is otherwise unchanged. All outliers have the same
+        // sign, as for magnetic objects.
         let threshold = 1.645 * if outliers > 0.0 { 1.0 } else { f64::INFINITY };
         for measured_nt in &mut measured_nt {
             *measured_nt += if normals.draw() > threshold { outliers } else { 0.0 };
@@ -105,7 +105,8 @@ impl Flight {
     }
 }
 
-/// Quantile of chi-square with `freedom` degrees at `z` standard normal deviates, by Wilson and Hilferty.
+/// Quantile of chi-square with `freedom` degrees at `z` standard normal deviates, by the formula of Wilson and
+/// Hilferty.
 fn chi_square(freedom: f64, z: f64) -> f64 {
     let spread = 2.0 / (9.0 * freedom);
     freedom * (1.0 - spread + z * spread.sqrt()).powi(3)
@@ -128,13 +129,14 @@ fn law_the_smoother_is_consistent_and_more_accurate_than_the_filter() {
             // In the first seconds the INS is accurate to 4 m, and measurements contribute little.
             assert!(ours < if row < 100 { 1.0 } else { 0.8 } * filter, "{row} {ours} {filter}");
         } else {
-            // The information is the same; the map is linearised elsewhere.
+            // Both estimates use the same information; the map is linearised at different positions.
             assert!((ours / filter - 1.0).abs() < 0.1, "{ours} {filter}");
         }
         all += nees / 2.0 / EPOCHS.len() as f64;
         outside += usize::from(!(chi_square(2.0 * n, -1.96) / n..=chi_square(2.0 * n, 1.96) / n).contains(&nees));
     }
-    // One epoch in twenty is outside its 95 % band by chance: at least 2 of 6 in 3 % of all cases.
+    // By chance, one epoch in twenty is outside the 95 % band, and at least 2 of 6 epochs are outside in 3 % of all
+    // cases.
     assert!(outside <= 1, "{outside}");
     let freedom = 2.0 * n * EPOCHS.len() as f64;
     assert!((chi_square(freedom, -1.96)..=chi_square(freedom, 1.96)).contains(&(all * freedom)), "{all}");

@@ -19,15 +19,15 @@ use crate::navigation::transition::add_scaled;
 /// between them stay in the second-level cache.
 const BLOCK: usize = 64;
 
-/// Trajectory with the field along it.
+/// Trajectory, and the field along the trajectory.
 type TrajectoryField<'a> = (&'a [StateVector], &'a [Option<FieldValue>]);
 
 /// Linearisation point of the map, and the residuals that determine the weights of a robust loss.
 #[derive(Clone, Copy)]
 pub(super) enum RtsLinearisation<'a> {
-    /// Most probable state after each measurement, given the previous ones.
+    /// Most probable state after each measurement, given the previous measurements.
     Filtered(FirstPass),
-    /// Trajectory and its residuals.
+    /// Trajectory, and the residuals along the trajectory.
     Along(TrajectoryField<'a>),
 }
 
@@ -48,13 +48,14 @@ pub(super) struct RtsSolution {
     pub(super) x: Vec<StateVector>,
     /// Twice the part of J from the initial state and the process noise.
     pub(super) motion: f64,
-    /// The same product of the solution and the trajectory of the linearisation.
+    /// The same quadratic form between the solution and the trajectory of the linearisation.
     pub(super) motion_with_last: f64,
     /// Σ (H d)²/σ² over the weighted measurements, with the step d from that trajectory.
     pub(super) measured_step: f64,
 }
 
-/// Measurement of the linear problem, value = H x + noise. For an aiding position, it is in the unit of its state.
+/// Measurement of the linear problem, value = H x + noise. For an aiding position, the value is in the unit of the
+/// measured state.
 #[derive(Clone, Copy, Debug)]
 struct LinearMeasurement {
     h: Sensitivity,
@@ -67,13 +68,13 @@ struct LinearMeasurement {
 struct ForwardSample {
     /// Φ of the step to the sample.
     phi: StateMatrix,
-    /// Estimate after its measurement.
+    /// Estimate after the measurement of the sample.
     estimate: StateEstimate,
     /// Updates with the aiding positions and the measurement.
     used: [Option<ForwardUpdate>; 4],
 }
 
-/// Pass, with additional results of its last solution.
+/// State of the passes, with additional results of the last solution.
 pub(super) struct SmootherPass<'a> {
     line: &'a NavigationLine<'a>,
     loss: RobustLoss,
@@ -263,7 +264,7 @@ impl<'a> SmootherPass<'a> {
 }
 
 impl LinearMeasurement {
-    /// Measurement linearised at measured states with their field.
+    /// Measurement, linearised at measured states and the field at these states.
     #[inline(always)]
     fn new(value_nt: f64, variance_nt2: f64, at: [f64; 4], field: &FieldValue) -> Self {
         let h = Sensitivity::from_field(field);
@@ -308,7 +309,7 @@ fn position_covariance(estimate: &StateEstimate, adjoint: &AdjointState) -> [f64
     [p[LAT][LAT] - inner(&p[LAT], &lat), p[LAT][LON] - inner(&p[LAT], &lon), p[LON][LON] - inner(&p[LON], &lon)]
 }
 
-/// Pass with its inputs, dispatched to the vector unit of the machine.
+/// One smoother pass and its inputs, as a kernel compiled for the SIMD instructions of the machine.
 struct SimdPass<'p, 'a, 't> {
     pass: &'p mut SmootherPass<'a>,
     about: RtsLinearisation<'t>,

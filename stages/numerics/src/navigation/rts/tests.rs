@@ -46,8 +46,8 @@ fn law_on_a_plane_every_state_equals_dense_least_squares() {
         let output = smoothed(&scene, &all());
         let batch = batch(&scene, RobustLoss::new(TrajectoryLoss::None, None), 1);
         for row in 0..150 {
-            // The dense solution loses four of sixteen digits to the condition number of its matrix. If smoothing
-            // reduces the prior variance little, the difference loses more digits.
+            // The dense solution loses four of sixteen digits because of the condition number of the matrix. If
+            // smoothing reduces the prior variance little, the difference loses more digits.
             let found = (&output.line.x[row], &output.line.p[row]);
             assert_close(found.0, found.1, (&batch.x[row], &batch.p[row]), 1e-6, &format!("{noise:?} row {row}"));
             let north_m = 6_378_137.0 * batch.p[row][(LAT, LAT)].sqrt();
@@ -71,8 +71,8 @@ fn law_on_a_curved_map_it_equals_the_dense_minimum_with_every_loss() {
         let robust = RobustLoss::new(loss, None);
         let batch = batch(&scene, robust, 60);
         for row in 0..150 {
-            // The uncertainty of positions is at least 10 m, so the last step is 1e-5 of that. The reweighting
-            // converges linearly, to within a few times its last step.
+            // The uncertainty of positions is at least 10 m, so the last step is 1e-5 of this uncertainty. The
+            // reweighting converges linearly, and its error is a few times the last step.
             let found = (&output.line.x[row], &output.line.p[row]);
             assert_close(found.0, found.1, (&batch.x[row], &batch.p[row]), 1e-4, &format!("{loss:?} row {row}"));
         }
@@ -86,7 +86,7 @@ fn law_on_a_curved_map_it_equals_the_dense_minimum_with_every_loss() {
             }
             cost
         });
-        // J is flat at its minimum: 1e-4 of a standard deviation changes it by 1e-8.
+        // J is flat at its minimum: a change of the state by 1e-4 standard deviations changes J by 1e-8.
         assert!((output.iterations.cost / cost - 1.0).abs() < 1e-7, "{loss:?} {} {cost}", output.iterations.cost);
     }
 }
@@ -133,7 +133,7 @@ fn law_the_cost_never_rises() {
             scene.columns[1].iter_mut().for_each(|lat| *lat += north_deg);
             scene.errors.sources.init_position_sigma_m = 150.0;
             let mut last = f64::INFINITY;
-            // These limits cover all first passes.
+            // These limits apply to all first passes.
             for iterations in 5..14 {
                 let output = smoothed(&scene, &RtsParameters { iterations, ..RtsParameters::default() });
                 let report = output.iterations;

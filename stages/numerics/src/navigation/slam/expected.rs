@@ -15,8 +15,8 @@ const MOST_IN_CELL: usize = 4;
 const MOST_CANDIDATES: usize = 512;
 /// Number of particles from which the spread for the selection of candidates is estimated.
 const SCOUTS: usize = 64;
-/// Distance flown, in radii, after which a sample counts as an earlier sample. It allows for particles with half of the
-/// speed.
+/// Distance flown, in radii, after which a sample counts as an earlier sample. The value allows for particles with half
+/// of the speed.
 const RADII_FLOWN: f64 = 2.5;
 /// Distance from the mean, in standard deviations, up to which all samples within the radius of a particle are among
 /// the candidates.
@@ -82,7 +82,7 @@ impl PredictionRules {
             trigger_m,
             trigger_points,
             radius_m: radius_m.max(trigger_m),
-            // Two samples of a pass, or about a hundred cells within the radius.
+            // A revisit has two samples per pass, or about a hundred cells within the radius.
             cell_m: (2.0 * spacing_m).max(radius_m / 6.0),
             height_m: parameters.max_height_difference_m,
             interpolant_sigma_nt: parameters.interpolant_sigma_nt,
@@ -100,7 +100,7 @@ impl PredictionRules {
 #[derive(Clone, Copy, Debug)]
 struct EarlierSample<'a> {
     then: AncestorDisplacements<'a>,
-    /// INS position minus the present one, in m.
+    /// INS position of the earlier sample minus the present INS position, in m.
     from_m: [f64; 2],
     tt_s: f64,
     value_nt: f64,
@@ -209,7 +209,7 @@ impl ParticleMap {
         }
     }
 
-    /// Earlier samples near the last predicted one.
+    /// Earlier samples near the sample of the last prediction.
     pub fn found(&self) -> &[u32] {
         &self.found
     }
@@ -239,7 +239,8 @@ impl ParticleMap {
         out.into_iter().step_by(stride).collect()
     }
 
-    /// Prediction of each particle for a sample, given its present displacement, in m; `None` if no particle revisits.
+    /// Prediction of each particle for a sample, given the present displacement of the particle, in m; `None` if no
+    /// particle revisits.
     pub fn predict(&mut self, now: &SlamSample, now_m: &[[f64; 2]]) -> Option<Vec<ParticlePrediction>> {
         self.age(now.tt_s, now_m.len());
         let (mean, spread_m) = spread(now_m.len(), |particle| now_m[particle]);
@@ -385,7 +386,7 @@ impl ParticleView<'_> {
     }
 }
 
-/// Earlier sample at its position on the path of one particle.
+/// Earlier sample, with its position on the path of one particle.
 #[derive(Clone, Copy, Debug, Default)]
 struct ParticleSample {
     at_m: [f64; 2],

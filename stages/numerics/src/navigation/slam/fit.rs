@@ -5,7 +5,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use super::kernel::AnomalyKernel;
 use super::samples::SlamSample;
 
-/// Maximum number of samples in the likelihood. Computing time grows with its third power.
+/// Maximum number of samples in the likelihood. Computing time grows with the third power of this number.
 const MOST: usize = 200;
 /// Smallest number of samples for a fit of three hyper-parameters.
 pub(in crate::navigation) const FEWEST: usize = 20;
@@ -23,7 +23,7 @@ pub struct TrackMeasurements {
     pub tt_s: Vec<f64>,
     /// Measurement, in nT.
     pub value_nt: Vec<f64>,
-    /// Variance of its white noise, in nT².
+    /// Variance of the white noise of the measurement, in nT².
     pub variance_nt2: Vec<f64>,
 }
 
@@ -112,7 +112,7 @@ pub(in crate::navigation) fn standard_deviation(values: &[f64]) -> f64 {
     (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// Minimum and its position, by the simplex of Nelder & Mead (1965).
+/// Minimum of a function and the position of the minimum, by the simplex of Nelder & Mead (1965).
 pub(in crate::navigation) fn minimum(start: [f64; 3], cost: impl Fn([f64; 3]) -> f64) -> (f64, [f64; 3]) {
     let between = |a: [f64; 3], b: [f64; 3], t: f64| [0, 1, 2].map(|i: usize| a[i] + t * (b[i] - a[i]));
     let mut simplex = vec![(cost(start), start)];

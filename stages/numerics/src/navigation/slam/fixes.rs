@@ -1,7 +1,7 @@
 //! Aiding positions, such as those of a GNSS receiver.
 //!
-//! A fix measures one state, y = x_s + e with the variance R of e. With the present mean m and covariance P it is a
-//! Kalman update,
+//! A fix measures one state, y = x_s + e with the variance R of e. With the present mean m and covariance P, the update
+//! is a Kalman update,
 //!
 //! ```text
 //! K = P_s/(P_ss + R),    m ← m + K (y − m_s),    P ← (I − K hᵀ) P (I − K hᵀ)ᵀ + R K Kᵀ
@@ -9,7 +9,7 @@
 //!
 //! from which all particles are redrawn. Each draws its position of the step from N(m, P), and its other states follow
 //! by regression, as at the start of a flight. Until the field weights the particles, a parallel Kalman filter provides
-//! m and P; afterwards they are those of the particles with their lost variance ([`super::resolution`]). Without a
+//! m and P; afterwards they are computed from the particles, with the lost variance ([`super::resolution`]). Without a
 //! revisit the result therefore equals the Kalman filter to rounding. If the cloud is farther from the aircraft than
 //! its width, this corrects it; weighting cannot.
 //!
@@ -69,7 +69,7 @@ pub(super) fn update(x: &mut StateVector, p: &mut StateMatrix, fix: &StateFix) {
 }
 
 impl SlamParticles {
-    /// Weights the particles with a fix, and conditions each on it.
+    /// Weights the particles with a fix, and conditions each particle on the fix.
     pub(super) fn foresee(&mut self, fix: &StateFix) {
         let (gain, total) = (gain(&self.linear, fix), self.linear[fix.state][fix.state] + fix.variance);
         let logs: Vec<f64> = self.x.iter().map(|x| -0.5 * (fix.error - x[fix.state]).powi(2) / total).collect();

@@ -2,8 +2,8 @@
 
 use std::collections::HashMap;
 
-/// Samples by cells of a square grid. A full cell accepts no more samples: another flight over it adds little to its
-/// map, and the cost of a look-up remains bounded.
+/// Samples by cells of a square grid. A full cell accepts no more samples: another flight over the cell adds little to
+/// the map, and the cost of a look-up remains bounded.
 #[derive(Clone, Debug)]
 pub struct SlamSampleIndex {
     cell_m: f64,
@@ -23,7 +23,7 @@ impl SlamSampleIndex {
         (north, east)
     }
 
-    /// Inserts a sample at a position north and east, in m. Returns whether its cell had room.
+    /// Inserts a sample at a position north and east, in m. Returns whether the cell of the sample accepted it.
     pub fn insert(&mut self, sample: u32, at_m: [f64; 2]) -> bool {
         let cell = self.cell(at_m);
         let members = self.cells.entry(cell).or_default();

@@ -56,7 +56,7 @@ impl AnomalyKernel {
         require("sigma_n_nt", self.sigma_n_nt, Rule::NotNegative)
     }
 
-    /// Covariance of the anomaly at two points of a squared distance, in nT².
+    /// Covariance of the anomaly at two points as a function of their squared distance, in nT².
     #[inline(always)]
     pub fn anomaly_nt2(&self, distance2_m2: f64) -> f64 {
         let (power, squared) = (self.sigma_se_nt * self.sigma_se_nt, distance2_m2 / (self.length_m * self.length_m));
@@ -73,7 +73,7 @@ impl AnomalyKernel {
         }
     }
 
-    /// Derivatives of the covariance with respect to the distance vector d of its points. The gradient is −`first` d,
+    /// Derivatives of the covariance with respect to the vector d between the two points. The gradient is −`first` d,
     /// the matrix of second derivatives is `second` d dᵀ − `first` I, and the derivative with respect to the logarithm
     /// of the length is `first` |d|².
     #[inline(always)]
@@ -140,15 +140,15 @@ pub struct KrigingPrediction {
 }
 
 /// Covariances of a few samples and a point, bordered by the samples' values. After elimination of the samples, the
-/// diagonal holds the variance of the point, and the off-diagonal its negative mean. Only the lower triangle is used,
-/// stored by columns.
+/// diagonal holds the variance of the point, and the off-diagonal entry holds its negative mean. Only the lower
+/// triangle is used, stored by columns.
 pub struct BorderedCovariance {
     columns: [[f64; ROWS]; ROWS],
     samples: usize,
 }
 
 impl BorderedCovariance {
-    /// Problem with at most [`MOST_NEIGHBOURS`] samples; further ones are ignored.
+    /// Problem with at most [`MOST_NEIGHBOURS`] samples; further samples are ignored.
     pub fn new(samples: usize) -> Self {
         Self { columns: [[0.0; ROWS]; ROWS], samples: samples.min(MOST_NEIGHBOURS) }
     }

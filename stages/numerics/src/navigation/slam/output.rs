@@ -25,8 +25,8 @@ pub struct SlamReport {
     /// Largest squared correction of the position over the covariance of the INS alone: chi-square of 2 degrees of
     /// freedom if filter and INS are consistent.
     pub largest_correction: f64,
-    /// Report on the smoother; `None` if it was not requested, or if it has no solution and the filter's track is
-    /// returned.
+    /// Report on the smoother; `None` if smoothing was not requested, or if the smoother has no solution and the track
+    /// of the filter is returned.
     pub smoother: Option<SlamSmootherReport>,
 }
 
@@ -36,7 +36,7 @@ pub struct SlamReport {
 /// nearby before, or the measurement was averaged into the step.
 #[derive(Clone, Debug)]
 pub struct SlamOutput {
-    /// Estimate at each sample from the measurements up to it.
+    /// Estimate at each sample from the measurements up to this sample.
     pub navigation: NavigationOutput,
     /// Number of revisiting particles at each sample; 0 between steps.
     pub revisiting: Vec<u32>,
@@ -50,7 +50,7 @@ pub struct SlamOutput {
     pub report: SlamReport,
 }
 
-/// Measurement at its position by the particles at the end of the flight.
+/// Measurement, at the position that the particles give at the end of the flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathSample {
     /// Row of the sample in the line: the last row of its step.
@@ -69,7 +69,7 @@ pub struct PathSample {
     pub spread_m: f64,
     /// Measured anomaly, in nT: the measurement minus the core field at this position.
     pub value_nt: f64,
-    /// Variance of its white noise, in nT².
+    /// Variance of the white noise of the measurement, in nT².
     pub variance_nt2: f64,
 }
 

@@ -7,13 +7,13 @@ use super::kernel::{AnomalyKernel, MOST_NEIGHBOURS};
 use super::smoother::SlamSmootherParameters;
 
 choice! {
-    /// Prediction of a measurement from earlier ones.
+    /// Prediction of a measurement from earlier measurements.
     #[derive(Default)]
     pub enum ExpectedMeasurement {
         /// Gaussian process of the anomaly, the temporal variation and the noise, conditioned on the nearest earlier
-        /// samples and on the most recent ones. The product of successive weights is the likelihood of the whole flight
-        /// (Vecchia's approximation), because of the conditioning on the most recent samples. [Vecchia 1988; Datta et
-        /// al. 2016]
+        /// samples and on the most recent samples. The product of successive weights is the likelihood of the whole
+        /// flight (Vecchia's approximation), because of the conditioning on the most recent samples. [Vecchia 1988;
+        /// Datta et al. 2016]
         #[default]
         NearestNeighbour = "nearest_neighbour",
         /// Gaussian-process regression on the earlier samples within a radius, with their mean as the prior mean.
@@ -45,11 +45,11 @@ pub struct SlamParameters {
     pub seed: u64,
     /// Minimum time between two updates of the particles, in s. Samples within this time are averaged.
     pub update_interval_s: f64,
-    /// Prediction of a measurement from earlier ones.
+    /// Prediction of a measurement from earlier measurements.
     pub expected: ExpectedMeasurement,
     /// Whether `kernel` is fitted first.
     pub hyperparameters: HyperparameterSource,
-    /// Gaussian process of the anomaly; if it is fitted, the start of the search.
+    /// Gaussian process of the anomaly; if the kernel is fitted, the start of the search.
     pub kernel: AnomalyKernel,
     /// Length of the first part of the flight, which the fit uses, in s.
     pub fit_window_s: f64,
@@ -69,19 +69,20 @@ pub struct SlamParameters {
     /// the distance flown in `ignore_s`.
     pub interpolation_radius_m: Option<f64>,
     /// Maximum height difference of earlier samples, in m. A smaller difference adds the variance 2 (sigma_se Δh /
-    /// length)², that of the vertical derivative of a potential field.
+    /// length)², which is the variance of the vertical derivative of a potential field times Δh².
     pub max_height_difference_m: f64,
     /// Standard deviation of a prediction by `inverse_distance`, in nT. [Lee 2019, section 3.3.3: R = 100 nT²]
     pub interpolant_sigma_nt: f64,
-    /// Effective number of particles, as a fraction of all, below which they are resampled. [Lee 2019, (77)]
+    /// Effective number of particles, as a fraction of all particles, below which the particles are resampled. [Lee
+    /// 2019, (77)]
     pub resample_below: f64,
-    /// Largest NIS of a measurement; larger ones are rejected. `None` uses every measurement.
+    /// Largest NIS of a measurement; measurements with larger NIS are rejected. `None` uses every measurement.
     pub gate_nis: Option<f64>,
     /// Returns the most probable track of the whole flight in place of the filter's; see [`super::smoother`].
     pub smoother: Option<SlamSmootherParameters>,
     /// Returns the error states of every sample.
     pub keep_states: bool,
-    /// Returns the covariance of every sample; for a smoothed track, only that of its position.
+    /// Returns the covariance of every sample; for a smoothed track, only the covariance of the position.
     pub keep_covariance: bool,
 }
 
@@ -119,7 +120,7 @@ impl SlamParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for the first parameter out of its range, and as [`InsErrorModel::check`] for `errors`.
+    /// Fails for the first parameter that is out of its valid range, and as [`InsErrorModel::check`] for `errors`.
     pub fn check(&self, errors: &InsErrorModel) -> Result<(), ParameterError> {
         errors.check()?;
         let within = Rule::Between(PARTICLES.0, PARTICLES.1);

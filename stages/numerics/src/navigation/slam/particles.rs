@@ -8,16 +8,16 @@ use rayon::prelude::*;
 /// Number of particles per parallel task.
 pub(super) const PIECE: usize = 64;
 
-/// Fraction of its variance below which the second pivot is treated as rounding: the two position errors are then
-/// collinear.
+/// Ratio of the second pivot to the variance of its state below which the pivot is treated as rounding error: the two
+/// position errors are then collinear.
 const DEPENDENT: f64 = 1e-14;
 
 /// Particles of the filter.
 ///
-/// `x` contains both parts of the state of each particle: its own latitude and longitude, and the mean of the other 16
-/// states given its path. The covariance of the latter given the path, `linear`, is common to all particles, because no
-/// matrix depends on the particle [Lee 2019, (20)]. Its rows and columns of latitude and longitude are zero once the
-/// positions are drawn.
+/// `x` contains both parts of the state of each particle: latitude and longitude, and the mean of the other 16 states
+/// given the path of the particle. The covariance of these 16 states given the path, `linear`, is common to all
+/// particles, because no matrix depends on the particle [Lee 2019, (20)]. Its rows and columns of latitude and
+/// longitude are zero once the positions are drawn.
 #[derive(Clone, Debug)]
 pub struct SlamParticles {
     /// States, truth minus INS, in rad, m, m/s and so on.
@@ -48,7 +48,7 @@ impl SlamMoments {
 }
 
 /// First two columns of the Cholesky factor of a covariance (latitude and longitude), and the covariance of the other
-/// states given these two.
+/// states given latitude and longitude.
 ///
 /// With C = Φ P Φᵀ + Q this is the time update of the marginalised filter with every cross-covariance of the noise. The
 /// upper two rows of the factor times its transpose are N of (28c). The lower rows times the draw are L (z − A x) of
@@ -81,7 +81,8 @@ fn known_positions(c: &StateMatrix) -> ([StateVector; 2], StateMatrix) {
     (factor, left)
 }
 
-/// Source of normals of a particle at a step. Draws are independent of the number and order of threads.
+/// Generator of the standard normal random numbers of a particle at a step. Draws are independent of the number and
+/// order of threads.
 fn normals_of(seed: u64, step: u64, particle: u64) -> NormalGenerator {
     NormalGenerator::new(key(seed, step).wrapping_add(particle.wrapping_mul(0xd134_2543_de82_ef95)))
 }
@@ -142,14 +143,14 @@ impl SlamParticles {
         });
     }
 
-    /// Draws the particles after a resampling from a Gaussian kernel. Its width is `width` standard deviations of the
-    /// covariance `spread` about the mean before the resampling. [Musso, Oudjane & Le Gland 2001]
+    /// Draws the particles after a resampling from a Gaussian kernel. The width of the kernel is `width` standard
+    /// deviations of the covariance `spread` about the mean before the resampling. [Musso, Oudjane & Le Gland 2001]
     ///
     /// The positions are drawn and contracted by √(1 − width²), which preserves their covariance [West 1993]. The
     /// linear states follow the positions by regression. The kernel's fraction of the conditional covariance of
     /// `spread` given the positions is added to the covariance given the path. Earlier paths do not change. Relative to
-    /// its own past, a position therefore jumps by a fraction of the particles' spread, which acts like additional
-    /// process noise.
+    /// the past of its particle, a position therefore jumps by a fraction of the particles' spread, which acts like
+    /// additional process noise.
     pub fn regularise(&mut self, spread: &StateMatrix, mean: &StateVector, width: f64, step: u64) {
         let (factor, rest) = known_positions(spread);
         let over = |off: f64, root: f64| if root > 0.0 { off / root } else { 0.0 };
@@ -191,7 +192,7 @@ impl SlamParticles {
                 }
             }
         }
-        // Both triangles have the same sums except for the order of two factors.
+        // The sums in both triangles are the same except for the order of two factors.
         let below = p;
         for (row, of_row) in below.iter().enumerate() {
             for (column, entry) in of_row.iter().enumerate().take(row) {

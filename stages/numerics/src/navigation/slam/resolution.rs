@@ -1,4 +1,4 @@
-//! Resampling: its kernel, and the variance that it removes.
+//! Kernel of a resampling, and the variance that a resampling removes.
 //!
 //! A resampling converts the fraction 1/N of the variance of N equally weighted particles into an error of their mean,
 //! like genetic drift in a population. With a map, a later measurement would correct the error. Without a map, all
@@ -30,8 +30,8 @@ pub fn bandwidth(effective: f64) -> f64 {
 /// Maximum relative excess: if one particle has the whole weight, there is no variance to scale.
 const LARGEST_EXCESS: f64 = 50.0;
 
-/// Excess of the unbiased covariance of weighted draws over the plain one, relative to the plain one: with s = Σw² it
-/// is s/(1 − s), at most 50.
+/// Excess of the unbiased covariance of weighted draws over the plain covariance, relative to the plain covariance:
+/// with s = Σw² the excess is s/(1 − s), at most 50.
 pub fn excess(weights: &[f64]) -> f64 {
     let part: f64 = weights.iter().map(|weight| weight * weight).sum();
     (part / (1.0 - part).max(f64::MIN_POSITIVE)).min(LARGEST_EXCESS)
@@ -41,7 +41,7 @@ pub fn excess(weights: &[f64]) -> f64 {
 #[derive(Clone, Copy, Debug)]
 struct LostVarianceSample {
     sample: usize,
-    /// Variances north and east, and their covariance, in m².
+    /// Variances north and east, and the covariance of both, in m².
     lost_m2: [f64; 3],
 }
 
@@ -109,14 +109,14 @@ impl LostVariance {
         });
     }
 
-    /// Resets the present lost variance after an aiding position, whose Kalman update includes it. The lost variance of
-    /// the map is unchanged.
+    /// Resets the present lost variance after an aiding position, whose Kalman update includes this variance. The lost
+    /// variance of the map is unchanged.
     pub fn found(&mut self) {
         self.now = [[0.0; STATES]; STATES];
     }
 
-    /// Replaces the part `gain` of the present lost variance by that of the map. Called after a measurement that
-    /// compared the present with earlier samples and reduced the particles' variance by `gain`.
+    /// Replaces the part `gain` of the present lost variance by the lost variance of the map. Called after a
+    /// measurement that compared the present with earlier samples and reduced the particles' variance by `gain`.
     pub fn revisit(&mut self, samples: &[u32], gain: f64) {
         let stride = samples.len().div_ceil(LOOKED_AT).max(1);
         let (mut sums, mut count) = ([0.0; 3], 0.0);

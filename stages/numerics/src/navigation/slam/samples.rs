@@ -14,13 +14,14 @@ use crate::navigation::{NavigationError, NavigationLine};
 pub struct SlamLine<'a> {
     /// INS.
     pub ins: &'a InsSeries<'a>,
-    /// Measured field at each sample, in nT; NaN if missing. It contains the core field if, and only if, `core` is
-    /// given.
+    /// Measured field at each sample, in nT; NaN if missing. The measurement contains the core field if, and only if,
+    /// `core` is given.
     pub measurement_nt: &'a [f64],
     /// Standard deviation of the white noise of each measurement, in nT. A measurement with a value that is not above 0
     /// counts as missing.
     pub sigma_nt: &'a [f64],
-    /// Core field. It only removes the slope of the field, so that the process is a better model of the anomaly.
+    /// Core field. The subtraction only removes the slope of the field, so that the process is a better model of the
+    /// anomaly.
     pub core: Option<&'a Arc<CoreField>>,
     /// Aiding positions, each used before the measurement of its sample.
     pub fixes: Option<&'a PositionFixes>,
@@ -29,8 +30,8 @@ pub struct SlamLine<'a> {
 }
 
 impl<'a> From<&NavigationLine<'a>> for SlamLine<'a> {
-    /// Line without its map and its offset window. A constant in the measurement is part of the unknown map, so the
-    /// window is not needed.
+    /// Line, without a map and without an offset window. A constant in the measurement is part of the unknown map, so
+    /// the window is not needed.
     fn from(line: &NavigationLine<'a>) -> Self {
         let NavigationLine { ins, measurement_nt, sigma_nt, core, errors, fixes, .. } = *line;
         Self { ins, measurement_nt, sigma_nt, core, fixes, errors }
@@ -60,11 +61,11 @@ impl SlamLine<'_> {
     }
 }
 
-/// Frame of metres north and east of the first sample, with the scales of its latitude.
+/// Frame of metres north and east of the first sample, with the scales at the latitude of this sample.
 ///
-/// The coordinates are the same smooth function of latitude and longitude everywhere, so two visits to one position
-/// have equal coordinates. The relative error of eastern distances is the change of the cosine of the latitude along
-/// the flight (1 % in 60 km at 45°).
+/// The coordinates are the same smooth function of latitude and longitude everywhere, so two visits to the same
+/// position have equal coordinates. The relative error of eastern distances is the change of the cosine of the latitude
+/// along the flight (1 % in 60 km at 45°).
 #[derive(Clone, Copy, Debug)]
 pub struct LocalFrame {
     lat_deg: f64,
@@ -108,7 +109,7 @@ pub struct SlamSample {
     pub alt_m: f64,
     /// Mean measurement minus the core field at the INS, in nT.
     pub value_nt: f64,
-    /// Variance of its white noise, in nT².
+    /// Variance of the white noise of the measurement, in nT².
     pub variance_nt2: f64,
     /// Gradient of the core field north and east, in nT/m.
     pub core_nt_per_m: [f64; 2],
@@ -128,7 +129,7 @@ impl<'a> SlamSampler<'a> {
         Self { line, frame, core: line.core.map(|core| LinearisedCoreField::new(core.clone())) }
     }
 
-    /// Sample of a range of rows; `None` if none of them has a measurement.
+    /// Sample of a range of rows; `None` if no row has a measurement.
     pub fn sample(&mut self, rows: std::ops::RangeInclusive<usize>) -> Option<SlamSample> {
         let (ins, last) = (self.line.ins, *rows.end());
         let mut weights = 0.0;
@@ -170,7 +171,7 @@ impl<'a> SlamSampler<'a> {
     }
 }
 
-/// Last rows of the steps of a line: rows at least `interval_s` apart, and its last row.
+/// Last rows of the steps of a line: rows at least `interval_s` apart, and the last row of the line.
 pub fn step_ends(tt_s: &[f64], interval_s: f64) -> Vec<usize> {
     // The tolerance prevents rounded times from doubling every other step.
     let enough = interval_s * (1.0 - 1e-6);

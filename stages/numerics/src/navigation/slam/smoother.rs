@@ -1,4 +1,4 @@
-//! Smoother that follows the filter: the most probable track of the whole flight given all its measurements.
+//! Smoother that follows the filter: the most probable track of the whole flight, given all measurements of the flight.
 //!
 //! | Module | Contents |
 //! |:--|:--|
@@ -10,9 +10,9 @@
 //!
 //! # Equations
 //!
-//! The position error over the line is Gaussian, with the covariance of all steps, x ← Φ x + w. It is written as δ = B
-//! u with u ~ N(0, I) ([`motion::PositionErrorBasis`]). The map is not a state: given the path p = p_ins + B u, the
-//! measurements are jointly Gaussian [Lawrence 2003],
+//! The position error over the line is Gaussian, with the covariance of all steps, x ← Φ x + w. The position error is
+//! written as δ = B u with u ~ N(0, I) ([`motion::PositionErrorBasis`]). The map is not a state: given the path p =
+//! p_ins + B u, the measurements are jointly Gaussian [Lawrence 2003],
 //!
 //! ```text
 //! z ~ N(μ, C(p)),    C = K(p, p) + σ_S² exp(−|t − t'|/τ) + R
@@ -78,7 +78,7 @@ const LACKING_M: f64 = 0.05;
 const START_M: f64 = 5.0;
 /// White part of the kernel, in standard deviations of the anomaly, for a start with a wide valley.
 const WIDE: f64 = 0.3;
-/// Number of parts of the flight for a start that adds them one by one.
+/// Number of parts of the flight for a start that adds the parts one by one.
 const PARTS: usize = 10;
 /// Number of starts for every flight; further starts are used only if these give a poor result.
 const USUAL_STARTS: usize = 3;
@@ -94,7 +94,7 @@ const LONGEST: f64 = 0.5;
 /// Parameters of the smoother.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlamSmootherParameters {
-    /// Maximum number of measurements. Computing time grows with its third power.
+    /// Maximum number of measurements. Computing time grows with the third power of this number.
     pub measurements: usize,
     /// Factor on the standard deviations of the measurements.
     pub noise_factor: f64,
@@ -158,9 +158,10 @@ pub(super) struct SlamFilterResult<'a> {
     pub(super) kernel: AnomalyKernel,
     /// Whether the kernel was fitted, and is fitted further.
     pub(super) fits: bool,
-    /// Largest squared leave-one-out residual of a measurement over its variance; larger ones are rejected.
+    /// Largest squared leave-one-out residual of a measurement over its variance; measurements with larger values are
+    /// rejected.
     pub(super) gate_nis: Option<f64>,
-    /// Samples, each with a flag whether it is used.
+    /// Samples, each with a flag that is true if the sample is used.
     pub(super) samples: &'a [(SlamSample, bool)],
 }
 
@@ -174,7 +175,7 @@ struct SlamTrack {
     report: SlamSmootherReport,
 }
 
-/// Replaces track and path of a filter's output by the smoothed ones; the innovations remain those of the filter.
+/// Replaces track and path of a filter's output by the smoothed track and path; the innovations of the filter remain.
 /// Returns false without changes if there is no smoothed track: fewer than two measurements, or a covariance that is
 /// numerically not positive.
 ///
@@ -285,7 +286,7 @@ impl SlamTrack {
     }
 }
 
-/// Measurement with its displacement according to the filter, north and east, in m.
+/// Measurement, and the displacement of its position according to the filter, north and east, in m.
 type DisplacedMeasurement = (SlamMeasurement, [f64; 2]);
 
 /// Initial weights and kernel of a search.
@@ -324,8 +325,8 @@ impl<'a> SlamSmootherContext<'a> {
         problem_of(thin, self.motion, self.functions, self.of)
     }
 
-    /// Best of several starts, by their optima with half of the measurements. If visits contradict each other at that
-    /// optimum, more starts are tried.
+    /// Best of several starts, judged by the optimum with half of the measurements. If visits contradict each other at
+    /// that optimum, more starts are tried.
     fn best_start(&self, used: &[(SlamSample, [f64; 2])], thin: &[DisplacedMeasurement]) -> Option<SlamSearchStart> {
         if thin.len() < 2 || self.functions.count == 0 {
             return None;
@@ -367,8 +368,8 @@ impl<'a> SlamSmootherContext<'a> {
         Some(found.unwrap_or(SlamSearchStart { weights: filtered, kernel: narrow, filtered_cost }))
     }
 
-    /// Search from a start to its optimum. If the kernel is not fitted, another kernel than the given one is used only
-    /// in the first search.
+    /// Search from a start to its optimum. If the kernel is not fitted, a kernel that differs from the given kernel is
+    /// used only in the first search.
     fn settled<'p>(
         &'p self,
         problem: &'p SlamProblem,
@@ -405,8 +406,8 @@ impl<'a> SlamSmootherContext<'a> {
         Some(weights)
     }
 
-    /// Optimum from a start, with the factor of its covariance; `None` if J stays above that of the path of the filter,
-    /// or if a covariance is not positive.
+    /// Optimum from a start, with the factor of the covariance; `None` if J stays above the J of the filter's path, or
+    /// if a covariance is not positive.
     fn searched(
         &self,
         mut thin: Vec<DisplacedMeasurement>,
@@ -454,7 +455,7 @@ impl<'a> SlamSmootherContext<'a> {
     }
 }
 
-/// Removes measurements whose squared residual exceeds the gate; false if there are none.
+/// Removes measurements whose squared residual exceeds the gate; false if there are no such measurements.
 fn without_outliers(thin: &mut Vec<DisplacedMeasurement>, squares: &[f64], gate: f64) -> bool {
     let before = thin.len();
     let mut squares = squares.iter();
@@ -502,7 +503,7 @@ fn prior_of(motion: &InsErrorTransitions, functions: &PositionErrorBasis, line: 
     SlamWeightPrior { information, force }
 }
 
-/// Weights whose displacements approximate the given ones.
+/// Weights whose displacements approximate the given displacements.
 fn near(problem: &SlamProblem, prior: &SlamWeightPrior, moved: &[[f64; 2]]) -> Option<Vec<f64>> {
     let weight = 1.0 / (START_M * START_M);
     let flat: Vec<f64> = moved.iter().flatten().copied().collect();

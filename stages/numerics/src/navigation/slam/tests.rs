@@ -78,8 +78,8 @@ fn law_the_track_without_a_revisit_equals_that_of_the_ins() {
         let phi = transition_matrix(&f, 1.0);
         p = step_covariance(&p, &f, &phi, &flight.model.noise_density(), 1.0, flight.model.noise);
         if row % 100 == 99 {
-            // A variance from 1000 particles has a standard deviation of 4.5 %, and a mean one of 3.2 %; the limits are
-            // four standard deviations.
+            // A variance from 1000 particles has a standard deviation of 4.5 %, and a mean has a standard deviation of
+            // 3.2 %; the limits are four standard deviations.
             for state in [LAT, LON] {
                 let ratio = output.navigation.p[row][state][state] / p[state][state];
                 assert!((ratio - 1.0).abs() < 0.18, "{row} {ratio}");
@@ -130,8 +130,8 @@ fn law_the_core_field_and_a_constant_change_nothing() {
     };
     let with = run(&quick(), &line).unwrap();
     // At the particles, the core field is subtracted to first order, with an error of 0.01 nT. Until the first
-    // resampling, weights and tracks agree except for this error; a resampling turns a rounding error into another
-    // particle.
+    // resampling, weights and tracks agree except for this error; after a resampling, a rounding error can select
+    // another particle.
     let resampled = |row: &usize| plain.effective[*row] < 50.0;
     let until = (0..flight.errors.len()).find(resampled).unwrap();
     assert!(plain.navigation.nis[..until].iter().any(|nis| nis.is_finite()));
@@ -244,7 +244,7 @@ fn law_an_outlier_is_gated_and_samples_at_other_heights_are_ignored() {
     flight.measured_nt[row] += 5000.0;
     let gated = filtered(&flight, &SlamParameters { gate_nis: Some(100.0), ..quick() });
     assert!(gated.navigation.nis[row] > 100.0 && gated.navigation.report.gated >= 1);
-    // Every lap is 300 m higher than the previous one.
+    // Every lap is 300 m higher than the previous lap.
     for (row, alt_m) in flight.ins.columns[3].iter_mut().enumerate() {
         *alt_m += 3.0 * row as f64;
     }

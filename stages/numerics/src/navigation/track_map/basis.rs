@@ -7,7 +7,8 @@ use crate::navigation::slam::{AnomalyKernel, CovarianceFunction};
 /// Target fraction of the variance that the basis omits, within the maximum number of functions.
 const LACKING: f64 = 1e-4;
 /// Distance from the outermost sample to the boundary, in lengths of the kernel. The field is zero at the boundary,
-/// which reduces its variance at the outermost sample by k(4 l)/k(0), 0.5 % for the Matérn covariance of 5/2.
+/// which reduces its variance at the outermost sample by k(4 l)/k(0), which is 0.5 % for the Matérn covariance with ν =
+/// 5/2.
 const MARGIN: f64 = 2.0;
 
 /// Function of the basis: the numbers of half waves eastward and northward, from 1 on.
@@ -22,7 +23,7 @@ pub type HalfWaves = [usize; 2];
 pub struct LaplacianBasis {
     /// Middle of the rectangle, east and north, in m.
     pub middle_m: [f64; 2],
-    /// Half of its sides, in m.
+    /// Half sides of the rectangle, in m.
     pub half_m: [f64; 2],
     /// Functions, ordered by the half waves eastward, then northward.
     pub functions: Vec<HalfWaves>,
@@ -151,8 +152,8 @@ mod tests {
                     .map(|k| density(&kernel, k) * j0(k * r) * k * step / (2.0 * PI))
                     .sum();
                 let expected = kernel.anomaly_nt2(r * r);
-                // The rougher Matérn covariance has 2e-6 of its variance above the last wavenumber, and its transform
-                // more.
+                // The rougher Matérn covariance has 2e-6 of its variance above the last wavenumber; for its transform
+                // the fraction is larger.
                 assert!((sum - expected).abs() < 2e-3 * 900.0, "{covariance:?} {r}: {sum} {expected}");
             }
         }

@@ -7,9 +7,9 @@ use super::TrackSample;
 use crate::navigation::slam::AnomalyKernel;
 use crate::navigation::slam::fit::{FEWEST, LONGEST, minimum, standard_deviation};
 
-/// Maximum number of samples of a piece: computing time grows with its third power.
+/// Maximum number of samples of a piece: computing time grows with the third power of this number.
 const MOST: usize = 100;
-/// Maximum number of pieces of each of the two kinds.
+/// Maximum number of pieces of each kind.
 const PIECES: usize = 5;
 /// Sample step in the longer pieces.
 const COARSE: usize = 4;
@@ -44,7 +44,8 @@ impl<'a> TrackPieces<'a> {
         each.iter().sum()
     }
 
-    /// Kernel of maximum likelihood, searched from `start`; `None` if no piece is long enough, or if all are constant.
+    /// Kernel of maximum likelihood, searched from `start`; `None` if no piece is long enough, or if all pieces are
+    /// constant.
     pub fn fitted(&self, start: &AnomalyKernel, temporal: (f64, f64)) -> Option<AnomalyKernel> {
         let spread = |piece: &Vec<&TrackSample>| {
             standard_deviation(&piece.iter().map(|sample| sample.value_nt).collect::<Vec<f64>>())

@@ -1,4 +1,4 @@
-//! Normal equations of the weights, and the variance of the field from their inverse.
+//! Normal equations of the weights, and the variance of the field from the inverse of the normal matrix.
 
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
@@ -16,7 +16,7 @@ pub struct TrackMapRow {
     pub at_m: [f64; 2],
     /// Value, in nT.
     pub value_nt: f64,
-    /// Inverse variance of its noise, in nT⁻².
+    /// Inverse variance of the noise of the sample, in nT⁻².
     pub weight: f64,
     /// Entries in the additional columns: column and factor.
     pub beside: Vec<(usize, f64)>,
@@ -24,12 +24,12 @@ pub struct TrackMapRow {
 
 /// Sums over the samples that determine the equations; their size is independent of the number of samples.
 ///
-/// A product of two sines is a difference of two cosines. The number of different entries in ΦᵀWΦ is therefore that of
-/// the sums and differences of half waves: four per function, instead of one per pair. [Viset, Kullberg, Wesel & Solin
-/// 2024]
+/// A product of two sines is a difference of two cosines. The number of different entries in ΦᵀWΦ is therefore the
+/// number of sums and differences of half waves: four per function, instead of one per pair. [Viset, Kullberg, Wesel &
+/// Solin 2024]
 #[derive(Clone, Debug)]
 pub struct TrackMapSums {
-    /// Σ w cos(p θ₁) cos(q θ₂), by p and then q, each up to twice the maximum number of half waves.
+    /// Σ w cos(p θ₁) cos(q θ₂), ordered by p, then q; p and q are up to twice the maximum number of half waves.
     cosines: Vec<f64>,
     /// Σ w h sin(j₁ θ₁) sin(j₂ θ₂) for each additional column and, last, for the values; ordered by j₁, column, j₂.
     sines: Vec<f64>,
@@ -150,7 +150,7 @@ impl TrackMapSolution {
         finite.then_some(Self { factor, weights_nt, beside })
     }
 
-    /// Variance of the sum of the field and the first additional column, as a sum of cosines and one of sines.
+    /// Variance of the sum of the field and the first additional column, as a sum of cosines and a sum of sines.
     pub fn variance(&self, basis: &LaplacianBasis) -> FieldVariance {
         let (m, [p, q]) = (basis.functions.len(), basis.most.map(|most| 2 * most + 1));
         let inverse = self.factor.inverse();

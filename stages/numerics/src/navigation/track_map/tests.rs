@@ -18,7 +18,8 @@ fn fixed(kernel: AnomalyKernel) -> TrackMapParameters {
     }
 }
 
-/// Field with the covariance of a kernel: waves with the directions and wavenumbers of its spectral density.
+/// Field with the covariance of a kernel: waves with the directions and wavenumbers of the spectral density of the
+/// kernel.
 struct Field(Vec<[f64; 4]>);
 
 impl Field {
@@ -121,8 +122,8 @@ fn law_the_map_equals_the_regression_on_all_pairs() {
         }
         println!("{covariance:?}: {} functions, {worst} {worst_sd} {tolerance}", map.report.functions);
         assert!(worst < tolerance && worst_sd < tolerance, "{covariance:?}: {worst} {worst_sd} {tolerance}");
-        // The variance that the basis omits is treated as noise. It is not added if the basis omits little of the
-        // lines' variance.
+        // The variance that the basis omits is treated as noise. This noise is not added if the basis omits little of
+        // the lines' variance.
         assert!((0.3..1.1).contains(&map.report.misfit), "{}", map.report.misfit);
     }
 }
@@ -150,14 +151,14 @@ fn law_the_standard_deviation_is_consistent_with_the_error() {
     }
     let (part, rms) = (within as f64 / f64::from(count), (squares / f64::from(count)).sqrt());
     println!("within 1.96 sd: {part:.4}, rms of the standardised error {rms:.3}");
-    // 11616 nodes, whose errors are correlated over some hundred metres: about 500 independent ones.
+    // The errors of the 11616 nodes are correlated over a few hundred metres, so about 500 errors are independent.
     assert!((part - 0.95).abs() < 0.03 && (rms - 1.0).abs() < 0.1, "{part} {rms}");
 }
 
 #[test]
 fn law_a_position_error_enters_the_standard_deviation() {
     let kernel = kernel(CovarianceFunction::Matern52);
-    // One error for the whole track, or one for each line.
+    // One error for the whole track, or one error for each line.
     for own in [false, true] {
         let (mut within, mut blind, mut count) = (0, 0, 0);
         for seed in 0..10 {

@@ -28,7 +28,7 @@ fn density() -> StateVector {
     .noise_density()
 }
 
-/// Matrix computed by scipy, by case, step and name.
+/// Matrix computed by scipy, indexed by case, step and name.
 fn reference(case: &str, dt_s: f64, what: &str) -> StateMatrix {
     let mut matrix = [[0.0; STATES]; STATES];
     let prefix = format!("{case},{dt_s:?},{what},");

@@ -21,7 +21,7 @@ fn compatible() -> InsErrorModel {
     InsErrorModel::compatible()
 }
 
-/// Correlated covariance of different scales, by a seed.
+/// Covariance of correlated states with different scales, drawn with a seed.
 fn covariance(seed: u64) -> StateMatrix {
     let mut normals = NormalGenerator::new(seed);
     let root = SMatrix::<f64, STATES, STATES>::from_fn(|row, _| 10_f64.powi(row as i32 % 5 - 3) * normals.draw());
@@ -71,7 +71,8 @@ fn law_the_moments_of_a_quadratic_field_are_exact() {
         let p3 = root * root.transpose();
         let product = bend * p3;
         // E[yᵀ B y] = tr(B P), Var[yᵀ B y] = 2 tr(B P B P), and no covariance with bᵀ y. Sums of a few numbers have a
-        // rounding error of 1e-14 of the largest, and the factor of P loses digits by its condition number, 1e3.
+        // rounding error of 1e-14 of the largest number, and the factor of P loses three digits because of its
+        // condition number of 1e3.
         assert!((found.mean_nt - 11.0 - product.trace()).abs() < 1e-11);
         assert!((found.remainder_nt2 / (2.0 * (product * product).trace()) - 1.0).abs() < 1e-10);
         for (found, given) in found.slope.iter().zip(slope.iter()) {
@@ -82,7 +83,7 @@ fn law_the_moments_of_a_quadratic_field_are_exact() {
 
 #[test]
 fn law_the_defaults_are_exact_for_a_cubic_field() {
-    // E[y · y³] = 3 σ⁴: the slope of a y³ is 3 a σ², its mean 0; of a y⁴ the mean is 3 a σ⁴.
+    // E[y · y³] = 3 σ⁴: the slope of a y³ is 3 a σ², and its mean is 0; the mean of a y⁴ is 3 a σ⁴.
     let mut p = [[0.0; STATES]; STATES];
     (p[0][0], p[1][1], p[2][2]) = (4.0, 0.25, 9.0);
     let spread = UkfParameters::default().sigma_points();
@@ -180,7 +181,7 @@ fn law_the_nonlinear_variance_is_never_negative() {
             p[state][state] = 1.0;
             squares += bend * bend;
         }
-        // With unit variances e = c² b, so that ω is the sum below; the bound on β makes it 0 for equal b.
+        // With unit variances, e = c² b, so ω is the sum below. The bound on β makes ω zero for equal b.
         let sum: f64 = bends.iter().sum();
         let expected = spread.sigmas.powi(2) * (squares - sum * sum / 3.0);
         let found = spread.regression(&p, 0.0, field).unwrap().remainder_nt2;
@@ -196,14 +197,14 @@ fn law_the_filter_is_consistent() {
     let mean = |row: usize| ensemble().iter().map(|run| run.flight.nees(&run.ukf.navigation, row)).sum::<f64>() / n;
     let nees = epochs.map(mean);
     println!("position NEES by epoch, band {low:.2}..{high:.2}: {nees:.2?}");
-    // One epoch in twenty is outside by chance: 3 or more of 11 in 1.5 % of all cases.
+    // By chance, one epoch in twenty is outside the band, and 3 or more of 11 epochs are outside in 1.5 % of all cases.
     assert!(nees.iter().filter(|nees| !(low..=high).contains(nees)).count() <= 2, "{nees:.2?}");
     // All epochs together, in the 99.9 % band, because neighbouring epochs are correlated.
     let (all, sum) = (2.0 * n * epochs.len() as f64, n * nees.iter().sum::<f64>());
     assert!((chi_square(all, -3.29)..=chi_square(all, 3.29)).contains(&sum), "{}", sum / all);
     let nis = |run: &crate::navigation::flights::FlightEstimates| run.ukf.navigation.nis.iter().sum::<f64>();
     let nis = ensemble().iter().map(nis).sum::<f64>() / (n * f64::from(crate::navigation::flights::SAMPLES));
-    // The mean of 216,000 has a standard deviation of 0.003; the second order is 9/8 of the true one.
+    // The mean of 216,000 values has a standard deviation of 0.003. The second-order term is 9/8 of the true term.
     assert!((nis - 1.0).abs() < 0.02, "{nis}");
 }
 
@@ -301,7 +302,7 @@ fn law_an_exact_position_is_kept_and_a_flat_map_corrects_only_the_temporal_varia
     let level = OwnedNavigationLine { measurement_nt: vec![14.0; 20], ..line.clone() };
     let last = run(&all(), &level.line(&ins, &flat, InsErrorModel::default())).unwrap().navigation;
     for (state, x) in last.x[19][..S].iter().enumerate() {
-        // Equal nodes are interpolated to 1e-15 of their value.
+        // Between equal nodes, the interpolated value has an error of 1e-15 of that value.
         assert!(x.abs() < 1e-12 * last.p[19][state][state].sqrt(), "{state} {x:e}");
     }
     assert!(last.x[19][S] > 2.0);
@@ -312,7 +313,7 @@ fn law_uneven_time_equals_missing_samples() {
     let (mut thinned, map) = (OwnedNavigationLine::golden(3.0), golden_map());
     let gone = [3, 4, 5, 9, 15];
     gone.iter().for_each(|row| thinned.measurement_nt[*row] = f64::NAN);
-    // Constant INS quantities, so that two short steps are one long one.
+    // Constant INS quantities, so that two short steps equal one long step.
     for column in [1, 2, 7, 8, 10] {
         let first = thinned.columns[column][0];
         thinned.columns[column].fill(first);
@@ -362,7 +363,7 @@ fn law_covariances_are_symmetric_and_positive() {
             let correlation = SMatrix::<f64, STATES, STATES>::from_fn(|row, column| {
                 p[row][column] / (p[row][row] * p[column][column]).sqrt()
             });
-            // Correlations of size one round to 1e-16 each.
+            // Correlations near 1 have a rounding error of 1e-16.
             let smallest = correlation.symmetric_eigenvalues().min();
             assert!(smallest > -1e-13, "{smallest:e}");
         }

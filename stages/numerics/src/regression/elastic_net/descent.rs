@@ -21,7 +21,7 @@ pub(super) struct CoordinateDescent<'a> {
     gradient: Vec<f64>,
 }
 
-/// Number of sweeps over the active terms between two checks of the other terms and of the gap.
+/// Number of sweeps over the active terms between two checks of the other terms and of the duality gap.
 const SWEEPS_BETWEEN: usize = 3;
 
 impl<'a> CoordinateDescent<'a> {

@@ -79,8 +79,8 @@ fn val_scores_of_omitted_lines_equal_scikit_learn() {
 
 #[test]
 fn law_the_conditions_of_a_minimum_hold() {
-    // For each nonzero coefficient, the gradient of the squared residuals equals its penalty. For a zero coefficient,
-    // the gradient is smaller.
+    // For each nonzero coefficient, the gradient of the squared residuals equals the penalty of this coefficient. For a
+    // zero coefficient, the gradient is smaller.
     let all = RegressionMoments::merged(&lines()).unwrap();
     let net = ElasticNetOptions { l1_ratio: 0.6, tolerance: 1e-14, ..ElasticNetOptions::default() };
     let prepared = all.prepare(net.scaling, true).unwrap();

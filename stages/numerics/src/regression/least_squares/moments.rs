@@ -1,8 +1,8 @@
 //! Sufficient statistics of a line for many linear models: the factor of [1 | A | Y], without its rows.
 //!
-//! A [`RegressionMoments`] is small (p x p). It can be merged with others in the order of the lines, removed from them,
-//! reduced to some of its terms and targets, and evaluated with any coefficients, without reading a row again. Scaling
-//! its columns gives a [`ScaledFactor`], from which every model is computed.
+//! A [`RegressionMoments`] is small (p x p). The statistics can be merged with other statistics in the order of the
+//! lines, removed from them, reduced to some of its terms and targets, and evaluated with any coefficients, without
+//! reading a row again. Scaling its columns gives a [`ScaledFactor`], from which every model is computed.
 
 use rayon::prelude::*;
 
@@ -57,7 +57,7 @@ impl MomentsAccumulator {
     }
 }
 
-/// The triangle, and the residuals of its carried columns.
+/// The triangular factor, and the residuals of the carried columns.
 fn taken(mut triangle: QrTriangle) -> (Vec<f64>, Vec<f64>) {
     triangle.flush();
     let squares = triangle.squares().to_vec();
@@ -121,8 +121,8 @@ impl RegressionMoments {
         MomentsAccumulator::new(self.terms, self.targets).finish()
     }
 
-    /// Moments of the rows of both. The last bits of the result depend on the order of merging: merge in the order of
-    /// the lines.
+    /// Moments of the rows of both together. The last bits of the result depend on the order of merging: merge in the
+    /// order of the lines.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::Shape`] for moments of another number of terms or targets.
@@ -150,7 +150,7 @@ impl RegressionMoments {
         })
     }
 
-    /// The moments of all lines together, in their order.
+    /// The moments of all lines together, in the order of the lines.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::NoRows`] without lines, and as [`Self::merge`].
@@ -166,7 +166,7 @@ impl RegressionMoments {
     pub fn leave_one_out(lines: &[Self]) -> Result<Vec<Self>, LeastSquaresError> {
         let first = lines.first().filter(|_| lines.len() > 1);
         let first = first.ok_or(LeastSquaresError::TooFewLines { given: lines.len() })?;
-        // The moments after each line are computed first, then those before it within the loop.
+        // The moments after each line are computed first, then the moments of the lines before it within the loop.
         let mut behind = vec![first.none_like()];
         for line in lines.iter().skip(1).rev() {
             let next = line.merge(&behind[behind.len() - 1])?;
@@ -250,7 +250,7 @@ impl RegressionMoments {
         })
     }
 
-    /// The moments of the same rows with each term multiplied by its factor, above 0.
+    /// The moments of the same rows with each term multiplied by a factor above 0.
     ///
     /// # Errors
     /// Fails with [`LeastSquaresError::Shape`] if the numbers of factors and terms differ.
@@ -282,12 +282,12 @@ impl RegressionMoments {
         self.targets
     }
 
-    /// The mean of each term, in its unit; NaN without rows.
+    /// The mean of each term, in the unit of the term; NaN without rows.
     pub fn term_means(&self) -> Vec<f64> {
         self.upper[1..=self.terms].iter().map(|sum| sum / self.upper[0]).collect()
     }
 
-    /// The mean of each target, in its unit; NaN without rows.
+    /// The mean of each target, in the unit of the target; NaN without rows.
     pub fn target_means(&self) -> Vec<f64> {
         self.upper[1 + self.terms..self.width()].iter().map(|sum| sum / self.upper[0]).collect()
     }
@@ -409,11 +409,12 @@ pub struct LineScores {
     pub scores: Vec<Vec<f64>>,
     /// For each candidate, the mean over the lines, with equal weights.
     pub mean: Vec<f64>,
-    /// For each candidate, the standard deviation of the scores (n − 1) over the root of their number.
+    /// For each candidate, the standard deviation of the scores (n − 1) divided by the square root of the number of
+    /// scores.
     pub standard_error: Vec<f64>,
-    /// Index of the candidate with the smallest mean; the first of ties.
+    /// Index of the candidate with the smallest mean; the first of several equal means.
     pub best: usize,
-    /// Index of the first candidate whose mean is within one standard error of the best.
+    /// Index of the first candidate whose mean is within one standard error of the smallest mean.
     pub within_one_error: usize,
 }
 

@@ -35,7 +35,7 @@ fn val_scaled_ridge_equals_scikit_learn() {
             [table["scaling"][row] as usize - 1];
         let path = all.prepare(scaling, true).unwrap().ridge(&[table["lambda"][row]], &TERMS).unwrap();
         let theirs: Vec<f64> = TERMS.iter().map(|name| table[*name][row]).collect();
-        // After scaling, the condition number is some 1e3, so rounding is 1e-12 on either side.
+        // After scaling, the condition number is some 1e3, so the rounding error of each result is 1e-12.
         near(&path.solutions[0].coefficients[0], &theirs, 1e-10);
         near(&path.solutions[0].intercepts[..1], &[table["intercept"][row]], 1e-10);
     }

@@ -1,9 +1,9 @@
 //! Triangular factor of a tall matrix, processed one panel of rows at a time.
 //!
 //! Householder reflections eliminate a panel below the current triangle: the QR factorisation of [R; panel]. The outer
-//! loop runs over rows and the inner one over columns, eight to a cache line. Every sum over the rows is therefore in
+//! loop runs over rows and the inner loop over columns, eight to a cache line. Every sum over the rows is therefore in
 //! row order for any processor, vector width and number of threads. A single pass over the panel applies one reflection
-//! and forms the inner products of the next.
+//! and forms the inner products of the next reflection.
 
 /// Number of columns that are processed together: one cache line.
 const LANES: usize = 8;
@@ -188,7 +188,7 @@ fn reflect_top(t: &mut QrTriangle, column: usize) {
     top[block].0[lane] = beta;
 }
 
-/// Applies the reflection of `column` to the panel and forms the inner products of the next.
+/// Applies the reflection of `column` to the panel and forms the inner products of the next reflection.
 #[inline(always)]
 fn reflect_panel(t: &mut QrTriangle, column: usize) {
     let (from, lane) = ((column + 1) / LANES, (column + 1) % LANES);

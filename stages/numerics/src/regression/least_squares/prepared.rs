@@ -11,11 +11,11 @@ pub enum ColumnScaling {
     /// No scaling: the columns unchanged.
     #[default]
     None,
-    /// Their standard deviation with n − 1.
+    /// Standard deviation of the column with n − 1.
     Standardise,
-    /// Their largest absolute value.
+    /// Largest absolute value of the column.
     MaxAbs,
-    /// Their largest minus their smallest value.
+    /// Largest minus smallest value of the column.
     MinMax,
 }
 
@@ -29,7 +29,7 @@ pub struct ScaledFactor {
     terms: usize,
     /// Factor R, row-major, `terms` by `terms`.
     r: Vec<f64>,
-    /// For each target, its component along the factor's rows.
+    /// For each target, the component along the rows of the factor.
     z: Vec<Vec<f64>>,
     unexplained: Vec<f64>,
     term_means: Vec<f64>,
@@ -45,7 +45,7 @@ pub struct ScaledFactorSvd {
     pub values: Vec<f64>,
     /// Right singular vectors, one per value, each with one entry per term.
     pub right: Vec<Vec<f64>>,
-    /// For each target, its component along each left singular vector.
+    /// For each target, the component along each left singular vector.
     pub projections: Vec<Vec<f64>>,
 }
 
@@ -64,7 +64,7 @@ impl ScaledFactor {
     ) -> Self {
         let terms = scales.len();
         let width = terms + targets;
-        // After subtraction of its mean, a constant column contains only rounding.
+        // After subtraction of its mean, a constant column contains only rounding errors.
         let entry = |i: usize, j: usize| {
             if constant[j] && intercept { 0.0 } else { upper[i * width + j] / scales[j] }
         };
@@ -175,7 +175,7 @@ impl ScaledFactor {
         LinearFit { coefficients, intercept }
     }
 
-    /// Converts coefficients from the columns' own units to scaled ones.
+    /// Converts coefficients from the units of the columns to scaled units.
     pub fn scaled(&self, coefficients: &[f64]) -> Vec<f64> {
         coefficients.iter().zip(&self.scales).map(|(b, s)| b * s).collect()
     }
@@ -197,10 +197,10 @@ impl ScaledFactor {
     }
 
     /// Ridge fits of all targets for all lambdas: min ‖y − A β‖² + λ ‖b‖², where b are the coefficients of the scaled
-    /// columns. See van der Meer 2025 (2.31)-(2.32) and its column scaling β = b / s.
+    /// columns. See van der Meer 2025 (2.31)-(2.32) and the column scaling β = b / s there.
     ///
-    /// Coefficients, intercepts and covariances are in the columns' own units; singular values and
-    /// condition number are those of the scaled matrix.
+    /// Coefficients, intercepts and covariances are in the units of the columns; singular values and condition number
+    /// refer to the scaled matrix.
     ///
     /// # Errors
     ///

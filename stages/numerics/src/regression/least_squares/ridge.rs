@@ -48,7 +48,7 @@ pub struct RidgeSolution {
     pub residual_variances: Vec<f64>,
 }
 
-/// The fits for a list of ridge parameters, and their conditioning.
+/// The fits for a list of ridge parameters, and the conditioning of the matrix.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RidgePath {
     /// The names of the terms, in the order of the coefficients.
@@ -112,7 +112,7 @@ impl RidgePath {
         (0..p * p).map(|ij| entry(ij / p, ij % p)).collect()
     }
 
-    /// Converts coefficients of columns divided by `scales` to those of the columns.
+    /// Converts coefficients of columns divided by `scales` to coefficients of the columns themselves.
     pub(super) fn unscale(&mut self, scales: &[f64]) {
         for coefficients in self.solutions.iter_mut().flat_map(|solution| &mut solution.coefficients) {
             coefficients.iter_mut().zip(scales).for_each(|(b, s)| *b /= s);
@@ -225,7 +225,7 @@ fn excitation(factor: &RidgeFactor, names: &[String]) -> Result<TermRank, LeastS
     let length = |j: usize| (0..=j).map(|i| factor.at(i, j).powi(2)).sum::<f64>().sqrt();
     let lengths: Vec<f64> = (0..p).map(length).collect();
     let longest = lengths.iter().copied().fold(0.0, f64::max);
-    // After subtraction of its mean, a constant term contains only rounding.
+    // After subtraction of its mean, a constant term contains only rounding errors.
     let roots = (factor.rows as f64).sqrt();
     let zero = |j: usize| {
         let mean = if factor.centred { factor.means[j].abs() } else { 0.0 };

@@ -128,8 +128,8 @@ fn law_means_and_centred_fits_are_those_of_centred_data() {
 
 #[test]
 fn law_covariance_is_that_of_repeated_fits() {
-    // 400 fits of the same terms to new noise; for a target of noise alone, the ridge has no bias. The scatter of the
-    // coefficients equals the covariance within the uncertainty √(2/400) = 7 %.
+    // The same terms are fitted to 400 realisations of noise. For a target that is only noise, the ridge has no bias.
+    // The scatter of the coefficients equals the covariance within the uncertainty √(2/400) = 7 %.
     let (rows, draws, lambda) = (300, 400, 10.0);
     let a = noise(rows * 2, 8).chunks(2).flat_map(|x| [x[0], x[0] + 0.5 * x[1]]).collect::<Vec<_>>();
     let y: Vec<Vec<f64>> = noise(rows * draws, 9).chunks(rows).map(<[f64]>::to_vec).collect();

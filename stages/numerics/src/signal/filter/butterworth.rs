@@ -29,7 +29,7 @@ pub enum FilterBand {
 }
 
 impl FilterBand {
-    /// Pass band between two corners, either of which may be `None`.
+    /// Pass band between two corners, each of which may be `None`.
     ///
     /// MagNav.jl drops an edge whose frequency is zero, negative or not below Nyquist. Here only `None` drops an edge;
     /// the design rejects such a frequency.
@@ -73,12 +73,12 @@ impl BiquadSection {
     /// Section that leaves its input unchanged.
     pub(super) const PASS: Self = Self { b1: 0.0, b2: 0.0, a1: 0.0, a2: 0.0 };
 
-    /// Whether the numerator is that of a band-pass, 1 − z⁻².
+    /// Whether the numerator is the numerator of a band-pass, 1 − z⁻².
     pub(super) fn is_band(&self) -> bool {
         self.b1 == 0.0 && self.b2 == -1.0
     }
 
-    /// Response to a constant of one.
+    /// Response to a constant input of 1.
     pub(super) fn constant_gain(&self) -> f64 {
         (1.0 + self.b1 + self.b2) / (1.0 + self.a1 + self.a2)
     }
@@ -147,7 +147,7 @@ fn check(band: FilterBand, rate_hz: f64, order: usize) -> Result<(), FilterError
     }
 }
 
-/// Poles of the prototype with its corner at one: exp(iπ(2k + n + 1)/2n), in the upper half plane.
+/// Poles of the prototype with a corner frequency of 1: exp(iπ(2k + n + 1)/2n), in the upper half plane.
 fn prototype(order: usize) -> impl Iterator<Item = Complex64> {
     (0..order / 2).map(move |k| {
         let angle = PI * (2 * k + order + 1) as f64 / (2 * order) as f64;
@@ -195,7 +195,7 @@ fn section(poles: &SectionPoles, band: FilterBand) -> (f64, BiquadSection) {
         (FilterBand::High { .. }, SectionPoles::Single(_)) => (-1.0, 0.0),
         (FilterBand::Low { .. }, _) => (2.0, 1.0),
         (FilterBand::High { .. }, _) => (-2.0, 1.0),
-        // Each section has one zero at 0 Hz and one at Nyquist, so the first section removes a constant.
+        // Each section has a zero at 0 Hz and a zero at the Nyquist frequency, so the first section removes a constant.
         (FilterBand::Band { .. }, _) => (0.0, -1.0),
     };
     let (factor, a1, a2) = match *poles {

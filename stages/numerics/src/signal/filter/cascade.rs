@@ -1,6 +1,6 @@
 //! Second-order sections run over the columns of a row-major matrix, forwards and backwards.
 //!
-//! The outer loop runs over time and the inner one over columns. The columns fill the vector registers, whereas a
+//! The outer loop runs over time and the inner loop over columns. The columns fill the vector registers, whereas a
 //! single recursive filter cannot be vectorised. The arithmetic of each column is the same sequence of additions and
 //! fused multiplications on any processor and for any other columns, so the result depends on neither.
 
@@ -9,14 +9,14 @@ use super::BiquadSection;
 /// Number of columns that are filtered together: one cache line.
 const LANES: usize = 8;
 
-/// Number of sections that share one pass over the samples: their state fits the registers.
+/// Number of sections that share one pass over the samples: the state of these sections fits into the registers.
 const PER_PASS: usize = 4;
 
-/// Number of values of a matrix that are filtered before the next ones are read. They fit the second-level cache, from
-/// which the groups of columns are processed one after the other.
+/// Number of values of a matrix that are filtered before the next values are read. These values fit the second-level
+/// cache, from which the groups of columns are processed one after the other.
 const PER_CHUNK: usize = 16_384;
 
-/// A gain, the sections of one pass, and their steady state for an input of one.
+/// A gain, the sections of one pass, and their steady state for a constant input of 1.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct BiquadCascade {
     gain: f64,

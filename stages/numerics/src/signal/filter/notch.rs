@@ -14,7 +14,7 @@ impl ZeroPhaseFilter {
     /// One second-order notch at each of `frequencies_hz` for samples at `rate_hz`, run forwards and backwards.
     ///
     /// The gain is 0 at a notch frequency, 1/2 at a distance of `width_hz`/2, and 1 for a constant. The poles have the
-    /// same radius as those of scipy's `iirnotch(f, f / width_hz)`: [Orfanidis 1995, "Introduction to signal
+    /// same radius as the poles of scipy's `iirnotch(f, f / width_hz)`: [Orfanidis 1995, "Introduction to signal
     /// processing", section 11.3]
     ///
     /// ```text
@@ -22,8 +22,8 @@ impl ZeroPhaseFilter {
     /// w = 2 pi f / rate,    g = 1 / (1 + tan(pi width / rate))
     /// ```
     ///
-    /// The padding is the longer of six samples per section and one over the width. A notch rings for about one over
-    /// the width, so within this time of each end part of the sinusoid remains.
+    /// The padding is the longer of six samples per section and the inverse of the width. A notch rings for about the
+    /// inverse of the width, so within this time of each end part of the sinusoid remains.
     ///
     /// # Errors
     /// Fails for a sample rate or width that is not a finite number above 0, and with [`FilterError::NoCorner`] without

@@ -34,8 +34,8 @@ fn val_zero_phase_filters_equal_scipy() {
         let filter = ZeroPhaseFilter::new(band, 10.0, order).unwrap();
         let ours = filter.apply(&table["x"]).unwrap();
         let worst = largest_difference(&ours, &table[name]);
-        // Both round a field of 50,000 nT (7e-12 nT) in every section and sample. A low corner amplifies this up to
-        // some hundred times.
+        // Both filters round a field of 50,000 nT to 7e-12 nT in every section and at every sample. A low corner
+        // amplifies this up to some hundred times.
         assert!(worst < 3e-9, "{name}: {worst:e} nT");
     }
 }
@@ -108,7 +108,7 @@ fn law_every_order_and_band_has_butterworth_gain() {
                 };
                 let expected = 1.0 / (1.0 + w.powi(2 * order as i32));
                 let ratio = squared_gain(&filter, f) / expected;
-                // Zeros of high order near f reduce the precision of the factors in the test itself.
+                // Zeros of high order near f reduce the precision of the factors that this test computes.
                 assert!((ratio - 1.0).abs() < 1e-8, "order {order}, {band}, {f}: {ratio}");
             }
         }
@@ -137,7 +137,7 @@ fn law_filtering_commutes_with_time_reversal_and_sign() {
     let negative: Vec<f64> = x.iter().map(|x| -x).collect();
     let expected: Vec<f64> = y.iter().map(|y| -y).collect();
     assert_eq!(filter.apply(&negative).unwrap(), expected);
-    // A tone in the middle of the band keeps its phase: no lag.
+    // A tone in the middle of the band keeps its phase, so the filter has no lag.
     let tone: Vec<f64> = (0..2000).map(|k| (0.1 * f64::from(k) * 6.0).sin()).collect();
     let y = filter.apply(&tone).unwrap();
     let scale = squared_gain(&filter, 0.6 / std::f64::consts::TAU);

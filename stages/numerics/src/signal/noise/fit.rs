@@ -292,7 +292,8 @@ mod tests {
                 let middle = [median(&mut whites), median(&mut sigmas), median(&mut taus)];
                 println!("{} {process:?} {white}: {middle:.3?}, rms errors {spread:.3?}", by.word());
                 // A record of length T determines sigma to √(τ/2T) and tau to √(4τ/T); the median of 40 records has a
-                // fifth of that error. White noise below the correlated part increases it by at most half.
+                // fifth of that error. White noise that is weaker than the correlated part increases the estimate by at
+                // most half.
                 let [of_sigma, of_tau] = [0.5, 4.0].map(|x| (x * process.tau_s / seconds).sqrt());
                 assert!((middle[0] - white).abs() < 0.02 * white.max(process.sigma), "{middle:?}");
                 assert!((middle[1] / process.sigma - 1.0).abs() < 0.5 * of_sigma + 0.02, "{middle:?}");
@@ -308,7 +309,7 @@ mod tests {
         for by in BOTH {
             for seed in 0..20 {
                 let found = fit(&[&record(none, 2.0, 600.0, seed)], RATE_HZ, by).unwrap();
-                // 6000 samples: one standard deviation is 0.9 %.
+                // For 6000 samples, one standard deviation is 0.9 %.
                 assert!((found.white_nt / 2.0 - 1.0).abs() < 0.04 && found.lasting.sigma < 0.3, "{seed}: {found:?}");
             }
         }
@@ -326,7 +327,7 @@ mod tests {
             println!("{}: {n} of 40 records of three correlation times are refused", by.word());
             assert!(n >= 36, "{}: {n} of 40", by.word());
             // A record of three correlation times does not determine tau. Ten lines of twenty correlation times each
-            // determine it to 14 % (one standard deviation).
+            // determine tau to 14 % (one standard deviation).
             let lines: Vec<Vec<f64>> = (0..10).map(|seed| record(slow, 0.5, 6000.0, seed)).collect();
             let found = fit(&lines.iter().map(Vec::as_slice).collect::<Vec<_>>(), RATE_HZ, by).unwrap();
             assert!((found.lasting.sigma / 5.0 - 1.0).abs() < 0.2, "{found:?}");

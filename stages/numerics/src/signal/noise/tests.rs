@@ -22,7 +22,7 @@ fn whole(x: &[f64]) -> BlockMeans {
 #[test]
 fn law_allan_variance_of_a_gauss_markov_process_is_the_integral_of_its_autocovariance() {
     // Half the mean square of the difference of two neighbouring means is the mean covariance within an interval minus
-    // that across two intervals; both are computed by the midpoint rule.
+    // the mean covariance across two intervals; both are computed by the midpoint rule.
     let n = 1000;
     for u in [0.02, 0.3, 1.0, 4.0, 30.0] {
         let dt = u / f64::from(n);
@@ -32,7 +32,7 @@ fn law_allan_variance_of_a_gauss_markov_process_is_the_integral_of_its_autocovar
         let across =
             (1..2 * n).map(|lag| decay(lag) * f64::from(n - (n - lag).abs())).sum::<f64>() / f64::from(n).powi(2);
         let expected = within - across;
-        // The midpoint rule has an error of about dt/6 of the variance in the first of them.
+        // The midpoint rule has an error of about dt/6 of the variance in the first of the two.
         let ours = gauss_markov_allan(u, 1.0);
         assert!((ours - expected).abs() < 0.4 * dt, "{u}: {ours} {expected}");
     }
@@ -100,7 +100,8 @@ fn law_noise_of_two_time_scales_is_bounded_at_every_span() {
             9.0 * gauss_markov_allan(span_s, 4.0) + 100.0 * gauss_markov_allan(span_s, 200.0) + 0.25 * 0.1 / span_s;
         let model = found.lasting.sigma.powi(2) * gauss_markov_allan(span_s, found.lasting.tau_s)
             + found.white_nt.powi(2) * 0.1 / span_s;
-        // The estimate may be too small by one standard deviation: 12800 s over 128 s leave some 90 squares, 15 %.
+        // The estimate may be too small by one standard deviation, which is 15 %: a record of 12800 s with means over
+        // 128 s gives about 90 squares.
         assert!(model > 0.75 * truth && model < 4.0 * truth, "{span_s} s: {model} {truth} {found:?}");
     }
 }

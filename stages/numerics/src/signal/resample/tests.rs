@@ -11,7 +11,7 @@ fn times(rows: usize, first: f64, step: f64) -> Vec<f64> {
 
 #[test]
 fn unit_a_series_on_the_grid_is_returned_bit_by_bit() {
-    // Times computed by addition, multiplication and division differ in their last bits.
+    // Times computed by addition, multiplication and division differ in the last bits.
     let mut added = vec![50_000.7];
     (1..500).for_each(|k| added.push(added[k - 1] + 0.1));
     let divided: Vec<f64> = (0..500).map(|k| f64::from(500_007 + k) / 10.0).collect();
@@ -60,7 +60,8 @@ fn val_linear_and_akima_equal_scipy() {
     for (method, name) in [(SampleInterpolation::Linear, "linear"), (SampleInterpolation::Cubic, "akima")] {
         let ours = plan.column(&samples["x"], method).unwrap();
         for (row, (ours, scipy)) in ours.iter().zip(&grid[name]).enumerate() {
-            // The same cubic in another form: some units in the last place of values up to 30.
+            // The reference is the same cubic in another form. The results differ by a few units in the last place, for
+            // values up to 30.
             assert!((ours - scipy).abs() < 1e-12, "{name}, row {row}: {ours} against {scipy}");
         }
     }
@@ -68,7 +69,7 @@ fn val_linear_and_akima_equal_scipy() {
 
 #[test]
 fn unit_gaps_longer_than_the_longest_are_nan_and_shorter_ones_bridged() {
-    // One second is missing after 1.0 s, exactly the allowed gap; then 1.1 s after 3.0 s.
+    // After 1.0 s there is a gap of one second, the maximum allowed gap; after 3.0 s there is a gap of 1.1 s.
     let tt = [0.8, 0.9, 1.0, 2.0, 2.9, 3.0, 4.1, 4.2];
     let x = [8.0, 9.0, 10.0, 20.0, 29.0, 30.0, 41.0, 42.0];
     let plan = ResamplePlan::new(&tt, 10.0, 1.0).unwrap();
@@ -85,7 +86,7 @@ fn unit_gaps_longer_than_the_longest_are_nan_and_shorter_ones_bridged() {
     }
     let rows = plan.nearest_rows();
     assert_eq!(rows.iter().filter(|row| row.is_none()).count(), 10);
-    // 1.5 s is equally far from the samples at 1.0 s and 2.0 s; 1.6 s is nearer to the later one.
+    // 1.5 s is equally far from the samples at 1.0 s and 2.0 s; 1.6 s is nearer to the sample at 2.0 s.
     assert_eq!((rows[7], rows[8]), (Some(2), Some(3)));
 }
 

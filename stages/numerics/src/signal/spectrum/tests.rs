@@ -19,11 +19,12 @@ fn val_densities_equal_scipy() {
         let ours = welch(&samples(), 20.0, segment, window).unwrap();
         assert_eq!(ours.frequency_hz.len(), table["frequency"].len());
         for (ours, scipy) in ours.frequency_hz.iter().zip(&table["frequency"]) {
-            // One division against another.
+            // Both frequencies are results of divisions with different rounding.
             assert!((ours - scipy).abs() <= 2.0 * f64::EPSILON * scipy);
         }
         for (ours, scipy) in ours.density.iter().zip(&table[name]) {
-            // Two transforms of values near 1; the bin at 0 Hz is the residual of the mean.
+            // The tolerance is the rounding error of two transforms of values near 1. The bin at 0 Hz holds the
+            // residual of the mean.
             assert!((ours - scipy).abs() < 1e-13 * (1.0 + scipy), "{name} {segment}");
         }
     }
@@ -32,7 +33,7 @@ fn val_densities_equal_scipy() {
 #[test]
 fn law_the_integral_is_the_variance() {
     // Zero-mean noise, so that the taper does not matter. Parseval's theorem holds on average over many segments, to 2
-    // % over 100 of them.
+    // % over 100 segments.
     let mut state = 1u64;
     let mut noise = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);

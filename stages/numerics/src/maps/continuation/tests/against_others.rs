@@ -13,7 +13,7 @@ fn magnav_map() -> PlaneGrid {
     formula(9, 11, [600.0, 650.0], |j, k| 100.0 * (0.7 * j).sin() + 40.0 * (0.5 * k).cos() + 2.0 * j * k)
 }
 
-/// Values of some hundred nT in double precision through two transforms.
+/// Rounding error of values of a few hundred nT in double precision, after two transforms.
 const ROUNDING_NT: f64 = 1e-10;
 
 #[test]

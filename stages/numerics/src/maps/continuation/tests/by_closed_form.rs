@@ -7,7 +7,7 @@ use super::fields::*;
 
 const SCENES: [Scene; 3] = [Scene::Inside, Scene::Around, Scene::Regional];
 
-/// harmonica's padding by its user guide: a third of each side, zeros.
+/// The padding of harmonica's user guide: zeros over a third of the length of each side.
 fn harmonica(map: &PlaneGrid) -> Padding {
     let width = PaddingWidth::Nodes([map.rows() / 3, map.columns() / 3]);
     Padding { width, edge: EdgeExtension::Zero, trend: TrendRemoval::None, ..Padding::default() }
@@ -48,7 +48,8 @@ fn law_the_error_at_the_edges_is_no_worse_than_harmonicas_and_magnavs() {
             assert!(ours <= harmonica, "{scene:?} {up_m} m: {ours} and {harmonica}");
             // The rotated image continues the slope, which matters near the edge.
             assert!(up_m > 300.0 || ours < 0.95 * plain, "{scene:?} {up_m} m: {ours} and {plain}");
-            // If edges are a large part of the map, a few scenes distinguish the two methods only to some per cent.
+            // If the edges are a large part of the map, a few scenes show differences between the two methods only down
+            // to a few percent.
             assert!(ours <= 1.1 * magnav, "{scene:?} {up_m} m: {ours} and {magnav}");
         }
     }
@@ -67,8 +68,8 @@ fn law_the_estimated_edge_error_agrees_with_the_error() {
                 let edge = |map: &PlaneGrid| rms_where(map, |row, column| depth(map, row, column) < 2);
                 let all = estimate.rms_nt / rms_where(&error, |_, _| true);
                 let edge = edge(&estimate.map) / edge(&error);
-                // The field outside is random, so one estimate is accurate to its order of magnitude. If no source is
-                // near an edge, the error is some thousandths of the field, and the estimate is too large.
+                // The field outside the map is random, so one estimate is accurate only to an order of magnitude. If no
+                // source is near an edge, the error is some thousandths of the field, and the estimate is too large.
                 let order = 1.0 / 3.0..if scene == Scene::Inside { 10.0 } else { 3.0 };
                 assert!(order.contains(&all) && order.contains(&edge), "{scene:?} {up_m} m, seed {seed}: {all} {edge}");
             }
@@ -105,8 +106,8 @@ fn law_derivatives_are_those_of_the_field() {
     }
 }
 
-/// Asserts a small error away from the edges. The map samples waves down to 200 m, and sources 250 m deep have a
-/// thousandth of their slope there. The remaining error comes from the edges.
+/// Asserts a small error away from the edges. The map samples waves down to 200 m, and a thousandth of the slope of
+/// sources 250 m deep is at these wavelengths. The remaining error comes from the edges.
 fn assert_near_inside(ours: &PlaneGrid, exact: &PlaneGrid, part: f64, what: &str) {
     let inside = |map: &PlaneGrid| rms_where(map, |row, column| depth(map, row, column) >= 15);
     let (error, size) = (inside(&minus(ours, exact)), inside(exact));

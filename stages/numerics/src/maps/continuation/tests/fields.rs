@@ -8,7 +8,7 @@ use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 pub(super) enum Scene {
     /// All well inside the map.
     Inside,
-    /// All over the map and an equally wide margin around it.
+    /// Random positions on the map and in an equally wide margin around the map.
     Around,
     /// Around, with some deep and strong sources.
     Regional,
@@ -19,7 +19,7 @@ pub(super) fn main_field() -> EastNorthUp {
     direction(69.0, 6.0)
 }
 
-/// Sources magnetised along the core field, and the axes of the map above them.
+/// Sources magnetised along the core field, and the axes of the map above the sources.
 pub(super) struct Field {
     pub(super) sources: Vec<MagneticBody>,
     east_m: EvenAxis,

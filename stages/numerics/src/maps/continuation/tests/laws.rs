@@ -121,7 +121,7 @@ fn law_down_and_up_again_reproduces_the_map_within_the_reported_error() {
         assert!(down.regularisation_error_nt < 0.2 * rms_where(&map, |_, _| true));
     }
     let strong = downward(&map, 100.0, Regularisation::Alpha(5e3), &padding).unwrap();
-    // Away from the edges the misfit equals that of the L-curve for this α.
+    // Away from the edges the misfit equals the misfit on the L-curve for this α.
     let point = strong
         .curve
         .points

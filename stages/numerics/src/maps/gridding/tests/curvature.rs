@@ -82,7 +82,7 @@ fn val_minimum_curvature_is_as_near_to_a_dipole_as_verde_spline() {
     let inside = |k: &usize| ["easting_m", "northing_m"].iter().all(|a| (500.0..=3500.0).contains(&nodes[*a][*k]));
     let error = |values: &[f64]| rms((0..1681).filter(inside).map(|k| values[k] - nodes["exact_300_m"][k]));
     let (ours, verde) = (error(&grid.values), error(&nodes["verde_spline"]));
-    // Both are splines of minimum curvature; ours is solved on four nodes per gap.
+    // Both surfaces are splines of minimum curvature. The tested surface is solved with four nodes per gap.
     assert!(ours < 1.3 * verde, "{ours} {verde}");
     let apart = rms((0..1681).filter(inside).map(|k| grid.values[k] - nodes["verde_spline"][k]));
     assert!(apart < 0.5 * verde, "{apart} {verde}");

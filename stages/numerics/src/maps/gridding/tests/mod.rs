@@ -19,8 +19,8 @@ fn reference(name: &str) -> BTreeMap<String, Vec<f64>> {
     })
 }
 
-/// A vertical dipole's vertical field in nT and its east, north and upward derivatives, at the displacement `d` from
-/// it.
+/// Vertical field of a vertical dipole in nT, and the east, north and upward derivatives of this field, at the
+/// displacement `d` from the dipole.
 fn dipole(d: [f64; 3]) -> [f64; 4] {
     let [e, n, h] = d;
     let r2 = e * e + n * n + h * h;

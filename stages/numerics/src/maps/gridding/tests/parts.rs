@@ -62,7 +62,8 @@ fn law_box_sums_converge_to_the_sum_over_all_pairs() {
         let sum = FarField::new(&sources, &proxies, &strength, far).values(&targets, 1.0);
         rms(sum.iter().zip(&exact).map(|(a, b)| a - b)) / rms(exact.iter().copied())
     };
-    // Five points across and three upward: the first neglected terms are of order 0.6⁵/32 and 0.4⁵/32 for far boxes.
+    // With five points horizontally and three vertically, the first neglected terms for far boxes are of order 0.6⁵/32
+    // and 0.4⁵/32.
     let (fit, predict) = (error(0.6), error(0.4));
     assert!(fit < 1e-4 && predict < 1e-5 && predict < fit, "{fit:e} {predict:e}");
 }

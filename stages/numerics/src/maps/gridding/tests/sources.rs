@@ -85,7 +85,7 @@ fn val_equivalent_sources_continue_a_dipole_about_as_well_as_harmonica() {
     let error = |values: &[f64]| rms((0..level.len()).filter(inside).map(|k| values[k] - nodes["exact_450_m"][k]));
     let (ours, harmonica) = (error(&values), error(&nodes["harmonica_450_m"]));
     // harmonica's single layer was placed at the optimal depth for this dipole; both methods have an error of 0.2 % of
-    // its 340 nT.
+    // the maximum of 340 nT.
     assert!(ours < 1.3 * harmonica, "{ours} {harmonica}");
 }
 

@@ -21,7 +21,7 @@ fn unit_a_survey_becomes_a_grid_with_its_expected_error() {
     let crossed = report.cross_validation.unwrap();
     assert_eq!(crossed.n, points.line.len());
     assert!(crossed.median_nt < crossed.rms_nt && crossed.median_nt < crossed.p95_nt);
-    // Without a line, gaps are twice as wide, so the map itself is more accurate.
+    // If a line is omitted, the gap there is twice as wide. The map with all lines is therefore more accurate.
     let error = made.error.unwrap();
     assert!(error.unknown() == 0 && rms(error.values.iter().copied()) > wrong);
 }

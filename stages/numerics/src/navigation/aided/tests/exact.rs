@@ -42,7 +42,7 @@ impl Ground {
         Self { dipoles: (0..250).map(one).collect(), along, m_per_deg }
     }
 
-    /// Anomaly, in nT, and its upward slope, in nT/m.
+    /// Anomaly, in nT, and the derivative of the anomaly upwards, in nT/m.
     fn at(&self, lat: f64, lon: f64, alt: f64) -> f64 {
         let east = (lon - MIDDLE_DEG[1]) * self.m_per_deg[1];
         let north = (lat - MIDDLE_DEG[0]) * self.m_per_deg[0];
@@ -91,7 +91,7 @@ impl Ground {
     }
 }
 
-/// Flight in the exact field, with the field at its positions and the difference of two magnetometers.
+/// Flight in the exact field, with the field at the positions of the flight, and the difference of two magnetometers.
 struct Flown {
     flight: OsborneFlight,
     measured_nt: Vec<f64>,

@@ -89,7 +89,7 @@ pub(super) fn consistency_of(
 }
 
 impl Consistency {
-    /// Asserts that the NEES is within its 99.9 % band at each of four times, and the NIS near 1.
+    /// Asserts that the NEES is within the 99.9 % band at each of four times, and that the NIS is near 1.
     pub(super) fn assert(&self, what: &str, nis_within: f64) {
         let freedom = 2.0 * FLIGHTS as f64;
         let (low, high) = (chi_square(freedom, -3.29) / FLIGHTS as f64, chi_square(freedom, 3.29) / FLIGHTS as f64);
@@ -281,7 +281,7 @@ fn law_a_vector_observes_the_heading_and_little_of_the_position() {
             velocity.sqrt()
         );
         found.assert(&format!("vector {with}"), 0.05);
-        // Chi-square of 20 degrees within its 99.9 % band.
+        // The 99.9 % band of chi-square with 20 degrees of freedom.
         assert!((0.25..2.4).contains(&heading[1]), "{}", heading[1]);
         figures.push((deg, found.square_m2.sqrt()));
     }

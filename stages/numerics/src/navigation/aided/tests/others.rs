@@ -34,8 +34,8 @@ fn by_online(line: &NavigationLine<'_>, aids: &Aids<'_>) -> NavigationOutput {
     online::run(&model, &[magnetometer], None, &parameters).unwrap().navigation
 }
 
-/// Aircraft field of a network. The filter assumes an error of `spread` (of 20 nT) in the output layer and none in the
-/// rest.
+/// Aircraft field of a network. The filter assumes an error of `spread` (of 20 nT) in the output layer and no error in
+/// the other layers.
 fn by_network(line: &NavigationLine<'_>, aids: &Aids<'_>, spread: f64, seed: u64) -> NavigationOutput {
     const INPUTS: usize = 3;
     const HIDDEN: usize = 4;
@@ -131,7 +131,7 @@ impl Chain {
         Self { x, p }
     }
 
-    /// Asserts that a filter agrees with the dense solution at some rows to a fraction of its standard deviations.
+    /// Asserts that a filter agrees with the dense solution at some rows, within a fraction of the standard deviations.
     fn assert(&self, found: &NavigationOutput, rows: std::ops::Range<usize>, part: f64, name: &str) {
         for row in rows {
             let sigma = |state: usize| self.p[row][(state, state)].sqrt();
@@ -261,12 +261,12 @@ fn law_smoothers_agree_over_hills_with_all_measurements() {
     let scene = scene(hills);
     let read = read(&scene);
     scene.with(|line| {
-        // Without further measurements, the smoother of all states equals that of the 18.
+        // Without further measurements, the smoother of all states equals the smoother of the 18 states.
         let parameters = RtsParameters { keep_covariance: true, tolerance_m: 1e-3, ..RtsParameters::default() };
         let usual = rts::run(line, &parameters).unwrap().line;
         let found = rts::run_aided(line, &parameters, &Aids::default()).unwrap().line;
         let off = difference(&found, &usual);
-        // Each stops when the last step changes the cost by less than 0.01.
+        // Each smoother stops when the last step changes the cost by less than 0.01.
         assert!(off < 0.05, "without: {off:e}");
         let aids = aids(&read);
         let (whole, lagged) = (by_rts(line, &aids), by_fixed_lag(line, &aids, (1000.0, 1000.0)));
@@ -338,7 +338,7 @@ fn law_every_filter_is_consistent_with_a_difference_and_a_map_error() {
     for filter in [&adaptive, &online, &now] {
         assert!(filter.square_m2 < 1.2 * ekf.square_m2, "{} {}", filter.square_m2, ekf.square_m2);
     }
-    // Five more weights are estimated, of 10 nT each.
+    // The filter estimates five more weights, each with a standard deviation of 10 nT.
     assert!(network.square_m2 < 2.0 * ekf.square_m2, "{} {}", network.square_m2, ekf.square_m2);
     assert!(later.square_m2 < ekf.square_m2 && whole.square_m2 < 0.5 * ekf.square_m2);
 }

@@ -210,7 +210,7 @@ fn by_ekf(line: &NavigationLine<'_>, aids: &Aids<'_>) -> NavigationOutput {
 fn law_particles_are_consistent_with_a_difference_and_a_map_error() {
     let map_error = Some(MapErrorProcess { sigma_nt: 15.0, length_m: 1000.0 });
     let ekf = flown("ekf", drifting(), map_error, true, by_ekf);
-    // With 2000 particles, a difference of 0.05 nT diverges on one flight in twenty.
+    // With 2000 particles, the filter with a difference of 0.05 nT diverges on one flight in twenty.
     let particles = flown("mpf", drifting(), map_error, true, by_particles(200.0));
     assert!(particles.square_m2 < 1.2 * ekf.square_m2, "{} {}", particles.square_m2, ekf.square_m2);
 }
@@ -255,7 +255,7 @@ fn law_particles_estimate_the_heading_from_a_vector() {
     }
     let [deg, exact_deg] = [square, exact].map(|square: f64| square.sqrt().to_degrees());
     println!("heading to {deg:.3} degrees, by the Kalman filter {exact_deg:.3}; NEES {nees:.2}");
-    // Chi-square of 12 degrees within its 99.9 % band.
+    // The 99.9 % band of chi-square with 12 degrees of freedom.
     assert!(deg < 0.1 && deg < 1.2 * exact_deg && (0.15..2.9).contains(&nees), "{deg} {exact_deg} {nees}");
 }
 

@@ -188,7 +188,7 @@ impl Joint {
         (x, p)
     }
 
-    /// Largest difference of a sample's 18 states and their covariance, in standard deviations.
+    /// Largest difference in the 18 states of a sample and in the covariance of the states, in standard deviations.
     fn difference(&self, output: &FixedLagOutput, sample: usize, until: usize) -> f64 {
         let (x, p) = self.given(sample, until);
         let (found_x, found_p) = (&output.navigation.x[sample], &output.navigation.p[sample]);
@@ -220,8 +220,8 @@ impl Joint {
     }
 }
 
-// The variances of positions decrease by 1e3 and those of coefficients by 1e5. Of 16 digits, the difference in a
-// smoothed covariance retains more than 9, as does the dense solution.
+// The variances of positions decrease by 1e3 and the variances of coefficients by 1e5. Of 16 digits, the difference in
+// a smoothed covariance retains more than 9, as does the dense solution.
 const TOLERANCE: f64 = 1e-6;
 
 #[test]
@@ -237,7 +237,7 @@ fn law_one_window_equals_least_squares_of_all_states() {
     }
     let difference = joint.difference_of_coefficients(&output);
     assert!(difference < TOLERANCE, "{difference:e}");
-    // The minimum of the cost is half the sum of squared innovations over their covariance.
+    // The minimum of the cost is half the sum of the squared innovations, normalised by their covariance.
     let innovation = &joint.z - &joint.h * &joint.mean;
     let s = &joint.h * &joint.covariance * joint.h.transpose()
         + DMatrix::identity(2 * SAMPLES, 2 * SAMPLES) * joint.variance;
@@ -258,7 +258,8 @@ fn law_overlapping_windows_count_no_measurement_twice() {
         assert_eq!(output.windows.len(), (last_s / stride_s).floor() as usize + 1);
         for (sample, now_s) in tt_s.iter().enumerate() {
             let seen_s = now_s + lag_s;
-            // The last window that contains the sample and ends in time; otherwise the filter at the sample.
+            // The estimate from the last window that contains the sample and ends within the lag; otherwise the filter
+            // estimate at the sample.
             let ends = (1..=output.windows.len()).rev().map(|k| k as f64 * stride_s);
             let last = ends.into_iter().find(|end_s| end_s.min(last_s) <= seen_s + 1e-6 && *end_s > now_s + 1e-6);
             let seen = last.map_or(sample + 1, until);

@@ -1,5 +1,5 @@
-//! Uncompensated cabin magnetometers from a cold start: consistency of the smoother, and its error where an online
-//! filter diverges.
+//! Uncompensated cabin magnetometers from a cold start: consistency of the smoother, and error of the smoother where an
+//! online filter diverges.
 
 use crate::navigation::PredictedField;
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
@@ -53,8 +53,8 @@ fn law_a_cold_start_is_consistent() {
     for left in [Left::White, Left::Drift] {
         let (position, coefficients, nis) = consistency(left, flights);
         println!("{left:?}: NEES a degree, position {position:.2}, coefficients {coefficients:.2}; NIS {nis:.3}");
-        // Mean of 100 chi-squares of one degree, from correlated neighbouring epochs: the 99.9 % band is ±3.29 √(2/100)
-        // = ±0.47.
+        // The mean of 100 values of chi-square with one degree of freedom, from correlated neighbouring epochs, has a
+        // 99.9 % band of ±3.29 √(2/100) = ±0.47.
         assert!((position - 1.0).abs() < 0.47, "{left:?} {position}");
         // The band for 190 values is ±0.34.
         assert!((coefficients - 1.0).abs() < 0.34, "{left:?} {coefficients}");
@@ -66,7 +66,7 @@ fn law_a_cold_start_is_consistent() {
 #[test]
 fn law_it_converges_where_an_online_filter_diverges() {
     const SEEDS: [u64; 4] = [0, 1, 3, 4];
-    // Drift and current steps that neither filter models. The smoother assumes some slow error.
+    // Drift, and steps of the current, which neither filter models. The smoother assumes some slow error.
     let expected = GaussMarkov { sigma: 36.0, tau_s: 200.0 };
     let flown = |seed: u64| {
         let flight = fly(seed, 3600, 1.0, 1, Left::Steps);
@@ -130,8 +130,8 @@ fn law_averages_over_a_second_equal_every_sample() {
         largest = largest.max(moved_m.abs() / sd);
     }
     println!("largest difference north {largest:.2} sd");
-    // A tenth of the information differs: one standard deviation of the difference is a third of a standard deviation,
-    // and the limit is three times that.
+    // The two estimates differ in a tenth of the information. The standard deviation of their difference is therefore a
+    // third of the standard deviation of the estimate, and the limit is three times this value.
     assert!(largest < 1.0, "{largest}");
     // The aircraft field is known except for the temporal variation, 3 nT.
     let beta = &flight.truth[0];

@@ -29,7 +29,7 @@ fn law_a_robust_loss_limits_the_effect_of_outliers() {
     let clean = fly(3, 1500, 1.0, 1, Left::White);
     let mut spoilt = fly(3, 1500, 1.0, 1, Left::White);
     let mut normals = NormalGenerator::new(99);
-    // One measurement in twenty has an error of about 300 nT, a hundred times its noise.
+    // One measurement in twenty has an error of about 300 nT, a hundred times the noise.
     for row in (0..1500).filter(|row| row % 20 == 7) {
         spoilt.measured[0][row] += 300.0 * normals.draw();
     }
@@ -53,7 +53,7 @@ fn law_a_robust_loss_limits_the_effect_of_outliers() {
 #[test]
 fn unit_missing_measurements_are_counted() {
     let mut flight = fly(1, 400, 1.0, 2, Left::White);
-    // Only one magnetometer for some samples, none for others, and regressors without a value.
+    // Some samples have only one magnetometer, other samples have none, and some regressors have no value.
     flight.measured[1][50..150].fill(f64::NAN);
     flight.measured[0][100..120].fill(f64::NAN);
     flight.regressors[200 * flight.terms] = f64::NAN;
@@ -125,18 +125,18 @@ fn unit_one_sample_is_one_update() {
 
 #[test]
 fn unit_collinear_regressors_share_according_to_their_prior() {
-    // Two biases with different priors and a column of zeros.
+    // Two biases with different priors, and a column of zeros.
     let regressors = [1.0, 1.0, 0.0].repeat(200);
     let output = first(200, &regressors, &[1e6, 0.0, 0.0, 0.0, 4e6, 0.0, 0.0, 0.0, 9e4]).unwrap();
     assert!(is_sound(&output));
     let [a, b, c] = output.coefficients[..] else { panic!("{:?}", output.coefficients) };
-    // The sum is determined. Each bias has a share proportional to its prior variance, with a precision of sixteen
-    // digits minus the digits of 1e6 over 10.
+    // The sum is determined. The share of each bias is proportional to its prior variance. The precision is sixteen
+    // digits minus the digits of the ratio 1e6/10.
     assert!((b / a - 4.0).abs() < 1e-6, "{a} {b}");
     assert!(c.abs() < 1e-9, "{c}");
     let p = &output.coefficient_covariance;
     assert!(((p[0] + 2.0 * p[1] + p[4]) / (p[0] + p[4])).abs() < 1e-3 && (p[8] / 9e4 - 1.0).abs() < 1e-12);
-    // A prior of rank one: both coefficients are equal.
+    // The prior has rank one, so both coefficients are equal.
     let output = first(200, &[1.0, 1.0].repeat(200), &[1e6, 1e6, 1e6, 1e6]).unwrap();
     assert!((output.coefficients[0] - output.coefficients[1]).abs() < 1e-6 * output.coefficients[0].abs());
 }

@@ -47,8 +47,8 @@ fn exact(scene: &Scene, fixes: &PositionFixes) -> NavigationOutput {
     ins_only::run(&ins, &scene.errors, Some(fixes)).unwrap()
 }
 
-/// Rms distance from the Kalman filter, in its standard deviations, over the last rows, and the mean ratio of the
-/// northward standard deviations.
+/// Rms distance from the Kalman filter over the last rows, in standard deviations of the Kalman filter, and the mean
+/// ratio of the northward standard deviations.
 fn compared(scene: &Scene, fixes: &PositionFixes, particles: usize, resample_threshold: f64) -> (f64, f64) {
     const SEEDS: u64 = 12;
     let exact = exact(scene, fixes);
@@ -89,7 +89,7 @@ fn law_positions_without_the_field_give_the_kalman_filter() {
 
 #[test]
 fn law_a_fix_of_metres_narrows_a_cloud_of_kilometres() {
-    // The cloud is 700 times as wide as the fix, which is one standard deviation from its middle.
+    // The cloud is 700 times as wide as the fix, which is one standard deviation from the middle of the cloud.
     let sources = InsErrors { init_position_sigma_m: 1500.0, ..InsErrors::default() };
     let scene = blind(40, sources);
     let fixes = fixes(&scene, 4, [1100.0, -900.0, 0.0], 2.0);

@@ -18,7 +18,7 @@ fn osborne() -> &'static (FieldMap, Arc<CoreField>) {
 }
 
 impl Flight {
-    /// One flight with its own INS errors, temporal variation and measurement noise.
+    /// One flight with its realisation of the INS errors, the temporal variation and the measurement noise.
     fn new(seed: u64, samples: u32, dt_s: f64, position_m: f64) -> Self {
         let (map, core) = osborne();
         let model =
@@ -59,7 +59,7 @@ impl Flight {
         ekf::run(&parameters, &self.ins.series(), &self.measured_nt, map, Some(core)).unwrap()
     }
 
-    /// Square of the horizontal error at a row, in m², and the error squared over its covariance.
+    /// Square of the horizontal error at a row, in m², and the NEES of the horizontal position.
     fn error(&self, track: &NavigationOutput, row: usize) -> (f64, f64) {
         let (north, east) = EARTH.north_east_m_per_rad(track.lat_deg[row].to_radians(), 500.0);
         let n = north * (self.errors[row][LAT] - track.x[row][LAT]);
@@ -69,7 +69,8 @@ impl Flight {
     }
 }
 
-/// Quantile of chi-square with `freedom` degrees at `z` standard normal deviates, by Wilson and Hilferty.
+/// Quantile of chi-square with `freedom` degrees at `z` standard normal deviates, by the formula of Wilson and
+/// Hilferty.
 fn chi_square(freedom: f64, z: f64) -> f64 {
     let spread = 2.0 / (9.0 * freedom);
     freedom * (1.0 - spread + z * spread.sqrt()).powi(3)
@@ -99,7 +100,7 @@ fn law_on_nominal_flights_it_is_consistent_and_equals_the_kalman_filter() {
     let (low, high) = (chi_square(2.0 * n, -1.96) / n, chi_square(2.0 * n, 1.96) / n);
     println!("NEES {nees:.2?}, band {low:.2}..{high:.2}; NIS {nis:.3}; {resamplings} resamplings");
     println!("DRMS {ours:.1} m, Kalman filter {ekf_mean:.1} m");
-    // One epoch in twenty is outside by chance.
+    // By chance, one epoch in twenty is outside the band.
     assert!(nees.iter().filter(|nees| !(low..=high).contains(nees)).count() <= 1, "{nees:?}");
     let mean = nees.iter().sum::<f64>() / ROWS.len() as f64;
     let all = 2.0 * n * ROWS.len() as f64;

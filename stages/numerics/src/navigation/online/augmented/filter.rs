@@ -20,7 +20,7 @@ use super::{
     OnlineParameters, refused,
 };
 
-/// Filter along its line, dispatched to the vector unit of the machine.
+/// Filter along a line, as a kernel compiled for the SIMD instructions of the machine.
 pub(super) struct AugmentedFilterRun<'a, M>(pub(super) AugmentedFilter<'a, M>);
 
 impl<M: AircraftFieldModel> WithSimd for AugmentedFilterRun<'_, M> {
@@ -61,7 +61,7 @@ fn nonzero(h: &[f64]) -> impl Iterator<Item = (usize, f64)> {
     h.iter().copied().enumerate().filter(|(_, h)| *h != 0.0)
 }
 
-/// Residual of a magnetometer at a sample, or the reason for its absence.
+/// Residual of a magnetometer at a sample, or the reason why the residual is missing.
 #[derive(Clone, Copy)]
 enum MagnetometerResidual {
     Missing,
@@ -332,8 +332,8 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         MeasurementOutcome::Used(innovation)
     }
 
-    /// Subtracts map and core field from the residuals, and writes their slope to the rows of H. Returns the horizontal
-    /// slope in nT/m, if requested.
+    /// Subtracts map and core field from the residuals, and writes the slopes of the fields to the rows of H. Returns
+    /// the horizontal slope in nT/m, if requested.
     #[inline(always)]
     fn predict_field(&mut self, row: usize, measured: bool) -> f64 {
         let asked = self.line.aids.flat_over_m.is_some();
@@ -360,8 +360,8 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         field.filter(|_| asked).map_or(f64::NAN, |at| self.lines[0].slope_nt_per_m(row, &at))
     }
 
-    /// Residual of a magnetometer without map and core field, and its row of H without their slope, at the state before
-    /// the sample.
+    /// Residual of a magnetometer without map and core field, and the row of H without the slope of map and core field,
+    /// at the state before the sample.
     #[inline(always)]
     fn linearise(&mut self, magnetometer: usize, row: usize) -> MagnetometerResidual {
         let stride = self.p.stride();
@@ -385,7 +385,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         MagnetometerResidual::Residual(nt - expected_nt, variance_nt2)
     }
 
-    /// Processes a measurement. Returns its NIS, and whether it passed the gate.
+    /// Processes a measurement. Returns the NIS of the measurement, and whether it passed the gate.
     #[inline(always)]
     fn correct(
         &mut self,

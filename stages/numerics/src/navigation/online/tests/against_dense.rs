@@ -34,7 +34,8 @@ impl Joint {
         self.among.push(row);
     }
 
-    /// Mean and covariance of the states given the measurements minus their prior mean, by one dense solution.
+    /// Mean and covariance of the states given the measurements minus the prior mean of the measurements, from one
+    /// dense solution.
     fn given(&self, measured_nt: &[f64], sigma_nt: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
         let count = measured_nt.len();
         let mut all = DMatrix::from_fn(count, count, |i, j| self.among[i.max(j)][i.min(j)]);
@@ -50,7 +51,7 @@ impl Joint {
 fn law_on_a_linear_map_it_equals_least_squares_of_the_whole_line() {
     let map = sloping();
     let mut flight = Flight::turning(&map, 2);
-    // Five terms per magnetometer, some of which are constant within the line.
+    // Five terms per magnetometer; some terms are constant within the line.
     let narrow: Vec<f64> = flight.terms[0].chunks_exact(18).flat_map(|row| row[..5].to_vec()).collect();
     flight.replace_terms(&map, &narrow, 5, 80.0);
     let rows = 60_usize;
@@ -114,7 +115,7 @@ fn law_on_a_linear_map_it_equals_least_squares_of_the_whole_line() {
         }
     }
     let (x, p) = joint.given(&measured_nt, &sigma_nt);
-    // The precision of the dense solution is reduced by the condition number of its covariance, about 1e5; an error of
+    // The precision of the dense solution is reduced by the condition number of the covariance, about 1e5; an error of
     // 1e-6 of a standard deviation remains.
     for state in 0..STATES {
         let sd = p[(state, state)].sqrt();
@@ -159,8 +160,8 @@ fn only_coefficients(flight: &mut Flight) -> FieldMap {
     wavy(-74.85)
 }
 
-/// Least-squares solution of a line for its coefficients, by QR of the rows of the prior and the line's rows divided by
-/// their noise.
+/// Least-squares solution for the coefficients of a line, by QR decomposition of the rows of the prior and the rows of
+/// the line, divided by the noise.
 fn by_qr(flight: &Flight, prior_sigma: &[f64], residual_nt: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
     let (width, rows) = (flight.width, residual_nt.len());
     let entry = |row: usize, column: usize| match row.checked_sub(width) {

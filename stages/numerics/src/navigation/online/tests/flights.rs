@@ -1,4 +1,4 @@
-//! Turning flight with terms, and its maps.
+//! Turning flight with terms of the aircraft field, and the maps of the flight.
 
 use std::f64::consts::TAU;
 
@@ -32,8 +32,8 @@ pub(crate) fn sloping() -> FieldMap {
     map_of(-74.85, |lat, lon| 5000.0 * (lat - 40.1) - 3000.0 * (lon + 74.9))
 }
 
-/// 23 s of a turning flight with two gaps in its time. Its magnetometers measure the field of the map, of the temporal
-/// variation (none) and of the aircraft.
+/// 23 s of a turning flight with two gaps in the times. The magnetometers measure the field of the map and of the
+/// aircraft; there is no temporal variation.
 #[derive(Clone)]
 pub(crate) struct Flight {
     pub(crate) columns: [Vec<f64>; 13],

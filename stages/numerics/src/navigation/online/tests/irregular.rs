@@ -13,8 +13,8 @@ fn unit_a_magnetometer_without_a_value_is_skipped_and_the_others_are_used() {
         let magnetometers = [0, 1].map(|k| flight.magnetometer(k, &priors[k], &density));
         run(&flight.line(&map), &magnetometers, None, &ALL).unwrap()
     };
-    // If all values of the second magnetometer are missing, the result equals that without it, except for the random
-    // walk of its coefficients.
+    // If all values of the second magnetometer are missing, the result equals the result without this magnetometer,
+    // except for the random walk of its coefficients.
     let (mut by_term, mut by_value, mut by_sigma) = (flight.clone(), flight.clone(), flight.clone());
     for row in 0..ROWS {
         by_term.terms[1][18 * row + row % 18] = if row % 2 == 0 { f64::NAN } else { f64::INFINITY };
@@ -35,7 +35,8 @@ fn unit_a_magnetometer_without_a_value_is_skipped_and_the_others_are_used() {
         assert!((output.magnetometers[1].covariance[0] / grown - 1.0).abs() < 1e-12);
     }
     assert!(both(&by_term).magnetometers[1].track.aircraft_nt.iter().all(|nt| nt.is_nan()));
-    // Only the first magnetometer lacks some samples. There the residual of the track is that of the second.
+    // Only the first magnetometer lacks some samples. At these samples, the residual of the track is the residual of
+    // the second magnetometer.
     let mut gap = flight.clone();
     gap.terms[0][18 * 30 + 4] = f64::NAN;
     let output = both(&gap);

@@ -30,7 +30,7 @@ fn law_the_prior_is_consistent_with_the_next_calibration() {
             }
         }
         // With 6 calibrations, the squared ratio has the variance of a squared Student's t of 5 degrees, 9 − 1. One
-        // standard deviation is sqrt(8/4000), 4.5 %; the limit is three of them.
+        // standard deviation is sqrt(8/4000), 4.5 %; the limit is three standard deviations.
         assert!(squares.iter().all(|square| (square - 1.0).abs() < 0.14), "{count} {squares:?}");
     }
 }
@@ -56,7 +56,8 @@ fn law_many_calibrations_are_not_shrunk() {
     for i in 0..4 {
         for j in 0..4 {
             let size = (expected[i][i] * expected[j][j]).sqrt();
-            // 1/sqrt(2000) is 2.2 %, and sqrt(2) times that for a variance; the limit is four standard deviations.
+            // The relative standard deviation of a standard deviation is 1/sqrt(2000) = 2.2 %, and sqrt(2) times 2.2 %
+            // for a variance. The limit is four standard deviations.
             assert!((prior.covariance[4 * i + j] - expected[i][j]).abs() < 0.13 * size, "{i} {j}");
         }
     }
@@ -89,7 +90,8 @@ fn law_the_walk_density_is_estimated_from_calibrations() {
     }
     let tables: Vec<&[f64]> = all.iter().map(Vec::as_slice).collect();
     let density = walk_density(&tables, &times).unwrap();
-    // sqrt(2/4000) is 2.2 %, with uneven steps 2.7 %; the limit is four standard deviations.
+    // The standard deviation is sqrt(2/4000) = 2.2 %, and 2.7 % with uneven steps. The limit is four standard
+    // deviations.
     assert!((density[0] / 0.04 - 1.0).abs() < 0.11 && (density[1] / 9.0 - 1.0).abs() < 0.11, "{density:?}");
     assert!(walk_density(&tables[..1], &times[..1]).is_err());
     assert!(walk_density(&tables[..2], &[1.0, 1.0]).is_err());

@@ -8,7 +8,7 @@
 //! E = log p(z | path) − log p(z | the path drawn out)
 //! ```
 //!
-//! each with its own most probable kernel, if that is fitted. If the noise equals the assumed noise, E is about
+//! each with its own most probable kernel, if the kernel is fitted. If the noise equals the assumed noise, E is about
 //!
 //! ```text
 //! D = (log |C drawn out| − log |C|)/2
@@ -29,8 +29,9 @@ pub struct RevisitEvidence {
 }
 
 impl RevisitEvidence {
-    /// E over D: 1 if two visits differ only by the expected noise and roughness of the field, 0 if they are unrelated.
-    /// NaN without visits, or if they contain almost no information, with a D below 5 (a factor of 150 in probability).
+    /// E over D: 1 if two visits differ only by the expected noise and roughness of the field, 0 if the two visits are
+    /// unrelated. NaN without visits, or if the visits contain almost no information, with a D below 5 (a factor of 150
+    /// in probability).
     pub fn agreement(&self) -> f64 {
         if self.expected >= LEAST { self.found / self.expected } else { f64::NAN }
     }
@@ -39,7 +40,7 @@ impl RevisitEvidence {
 /// Smallest D for a comparison.
 const LEAST: f64 = 5.0;
 
-/// Evidence of a search at its optimum; `None` if the covariance is not positive.
+/// Evidence at the optimum of a search; `None` if the covariance is not positive.
 pub fn evidence(
     problem: &SlamProblem,
     prior: &SlamWeightPrior,

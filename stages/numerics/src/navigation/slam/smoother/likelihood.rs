@@ -19,7 +19,8 @@ pub struct SlamMeasurement {
     pub at_m: [f64; 2],
     /// Measurement minus the core field at the INS, in nT.
     pub value_nt: f64,
-    /// Variance of its white noise, in nT², including that of its height and excluding that of the kernel.
+    /// Variance of the white noise of the measurement, in nT², including the contribution of its height and excluding
+    /// the noise of the kernel.
     pub variance_nt2: f64,
     /// Gradient of the core field north and east, in nT/m.
     pub core_nt_per_m: [f64; 2],
@@ -27,10 +28,10 @@ pub struct SlamMeasurement {
 
 /// Measurements of a line, and the quantities that do not depend on the path.
 pub struct SlamProblem {
-    /// Measurements, by time.
+    /// Measurements, in the order of time.
     pub measured: Vec<SlamMeasurement>,
-    /// Basis functions at the measurements, with 2 rows per measurement, north and east; their product with the weights
-    /// is the displacement in m.
+    /// Basis functions at the measurements, with 2 rows per measurement, north and east; the product of the functions
+    /// with the weights is the displacement in m.
     pub functions: Mat<f64>,
     /// Standard deviation (nT) and time constant (s) of the temporal variation.
     pub temporal: (f64, f64),
@@ -62,7 +63,7 @@ pub struct CostDerivatives {
 /// Derivatives with respect to the logarithms of the kernel's standard deviation, length and noise, and their Fisher
 /// information.
 pub struct KernelDerivatives {
-    /// First derivatives.
+    /// First derivatives of the log-likelihood.
     pub gradient: [f64; 3],
     /// Fisher information.
     pub information: [[f64; 3]; 3],
@@ -76,7 +77,7 @@ impl SlamProblem {
         (0..self.measured.len()).map(|i| [moved[(2 * i, 0)], moved[(2 * i + 1, 0)]]).collect()
     }
 
-    /// Factor of the covariance along the path; `None` if it is not positive.
+    /// Factor of the covariance along the path; `None` if the covariance is not positive.
     pub fn factored(&self, kernel: &AnomalyKernel, weights: &[f64]) -> Option<PathCovarianceFactor> {
         let n = self.measured.len();
         let moved = self.displacements_m(weights);
@@ -124,7 +125,7 @@ impl PathCovarianceFactor {
         self.cost - 0.5 * self.square
     }
 
-    /// Squared leave-one-out residual of each measurement over its variance.
+    /// Squared leave-one-out residual of each measurement over the variance of the residual.
     pub fn left_out(&self) -> Vec<f64> {
         let (inverse, alpha) = self.inverse();
         alpha.iter().enumerate().map(|(i, a)| a * a / inverse[(i, i)]).collect()
@@ -166,7 +167,7 @@ impl PathCovarianceFactor {
         }
         let part = |axis: usize| Mat::from_fn(n, count, |i, k| problem.functions[(2 * i + axis, k)]);
         let parts = [part(0), part(1)];
-        // Part of the second derivative with respect to one position, from all its covariances.
+        // Part of the second derivative with respect to one position, from all covariances with this position.
         let own: Vec<[f64; 3]> = (0..n)
             .into_par_iter()
             .map(|i| {

@@ -19,14 +19,14 @@ pub struct InsErrorTransitions {
     tt_s: Vec<f64>,
 }
 
-/// Position error at the steps of a line, δ = B u with u ~ N(0, I), and its remaining variance.
+/// Position error at the steps of a line, δ = B u with u ~ N(0, I), and the remaining variance of δ.
 ///
-/// The columns of B are those of the pivoted Cholesky factor of the covariance of all δ. A weight is the part of one
-/// pivot's error that the previous pivots do not determine. [Harbrecht, Peters & Schneider 2012]
+/// The columns of B are the columns of the pivoted Cholesky factor of the covariance of all δ. A weight is the part of
+/// one pivot's error that the previous pivots do not determine. [Harbrecht, Peters & Schneider 2012]
 pub struct PositionErrorBasis {
     /// Number of functions.
     pub count: usize,
-    /// B, by steps; in each step north, then east.
+    /// Matrix B, in the order of the steps; for each step the row for north, then the row for east.
     rows: Vec<f64>,
     /// Omitted variance north and east, in m².
     pub lacking_m2: Vec<[f64; 2]>,
@@ -34,7 +34,7 @@ pub struct PositionErrorBasis {
     pivots: Vec<(usize, usize)>,
 }
 
-/// Time between two steps: the first step, and the fraction of the interval to the second.
+/// Time between two steps: the first step, and the fraction of the interval to the second step.
 #[derive(Clone, Copy, Debug)]
 pub struct StepInterpolation {
     /// First step.
@@ -205,7 +205,7 @@ impl InsErrorTransitions {
         }
     }
 
-    /// Position covariance of the INS alone at a step, in m²: north, east, and their covariance.
+    /// Position covariance of the INS alone at a step, in m²: variances north and east, and the covariance of both.
     pub fn alone_m2(&self, step: usize) -> [f64; 3] {
         let ([north, east], p) = (self.m_per_rad, &self.p[step]);
         [north * north * p[LAT][LAT], east * east * p[LON][LON], north * east * p[LAT][LON]]

@@ -69,7 +69,8 @@ pub struct SlamSearch<'a> {
 }
 
 impl<'a> SlamSearch<'a> {
-    /// Search with initial weights and kernel; `None` if the covariance of the measurements is not positive there.
+    /// Search with initial weights and kernel; `None` if the covariance of the measurements is not positive at this
+    /// point.
     pub fn from(
         problem: &'a SlamProblem,
         prior: &'a SlamWeightPrior,
@@ -92,7 +93,7 @@ impl<'a> SlamSearch<'a> {
         self.factored.cost
     }
 
-    /// Mean of the squared residuals of the measurements over their variance.
+    /// Mean of the squared residuals of the measurements over the variance of each.
     pub fn misfit(&self) -> f64 {
         self.factored.square / self.problem.measured.len() as f64
     }
@@ -211,7 +212,8 @@ impl<'a> SlamSearch<'a> {
         true
     }
 
-    /// Kernel after steps in the logarithms of its standard deviation, length and noise, within its bounds.
+    /// Kernel after steps in the logarithms of its standard deviation, length and noise, within the bounds of the
+    /// kernel.
     fn moved_kernel(&self, [sigma, length, noise]: [f64; 3]) -> AnomalyKernel {
         let measured = &self.problem.measured;
         let mean_nt2 = measured.iter().map(|of| of.variance_nt2).sum::<f64>() / measured.len() as f64;

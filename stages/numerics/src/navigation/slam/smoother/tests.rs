@@ -9,7 +9,7 @@ use crate::navigation::slam::tests::flights::{Flight, M_PER_DEG, ROUGH_DEG, loit
 use crate::navigation::slam::{CovarianceFunction, HyperparameterSource, SlamParameters, run};
 use crate::random::NormalGenerator;
 
-/// Random path of `n` measurements, and random functions along it.
+/// Random path of `n` measurements, and random functions along the path.
 fn problem(n: usize, count: usize, seed: u64) -> (SlamProblem, Vec<f64>) {
     let mut normals = NormalGenerator::new(seed);
     let mut at_m = [0.0; 2];
@@ -317,7 +317,7 @@ fn law_loiters_are_accurate_to_metres_and_consistent() {
         nees += of / FLIGHTS as f64;
     }
     assert!(smoother < 0.1 * filter, "{filter} {smoother}");
-    // The expected value is 1. Errors are correlated, so a flight has only a few independent ones.
+    // The expected value is 1. Errors are correlated, so a flight has only a few independent errors.
     assert!((0.2..3.0).contains(&nees), "{nees}");
 }
 
@@ -414,7 +414,7 @@ fn unit_groups_are_averaged_near_their_middle() {
     let samples: Vec<_> = (0..20).map(|k| (sample(k), [k as f64, 0.0])).collect();
     let kernel = AnomalyKernel { length_m: 700.0, ..AnomalyKernel::default() };
     assert_eq!([20, 21, 19].map(|most| thinned(&samples, &kernel, most).len()), [20, 20, 19]);
-    // Groups of 5, in each of which the three samples within 35 m of the middle are used.
+    // Groups of 5 samples; in each group, the three samples within 35 m of the middle are used.
     let thin = thinned(&samples, &kernel, 4);
     assert_eq!(thin.len(), 4);
     let (second, moved) = thin[1];

@@ -4,12 +4,12 @@ use super::likelihood::SlamMeasurement;
 use crate::navigation::slam::kernel::AnomalyKernel;
 use crate::navigation::slam::samples::SlamSample;
 
-/// Fraction of the kernel length within which samples about the middle of their group are averaged. Within this
-/// distance, the field is linear to about a thousandth of its standard deviation.
+/// Samples within this fraction of the kernel length from the middle of their group are averaged. Within this distance,
+/// the field is linear to about a thousandth of its standard deviation.
 const AVERAGED: f64 = 0.05;
 
-/// Averages neighbouring samples, in time order, to at most `most` measurements, with their mean displacement according
-/// to the filter, in m.
+/// Averages neighbouring samples, in time order, to at most `most` measurements, each with the mean displacement
+/// according to the filter, in m.
 ///
 /// Divides a longer flight into groups whose sizes differ by at most one. In each group the samples near the middle are
 /// averaged and the others are skipped, because a mean over a longer stretch would smooth the field.
@@ -44,7 +44,7 @@ fn mean(samples: &[(SlamSample, [f64; 2])], kernel: &AnomalyKernel, alt_m: f64) 
         let weight = 1.0 / sample.variance_nt2;
         let [north, east] = sample.at_m;
         let [slope_n, slope_e] = sample.core_nt_per_m;
-        // Relative to the first time, to preserve precision.
+        // Times are relative to the first time, to preserve precision.
         let of = [sample.tt_s - samples[0].0.tt_s, north, east, sample.alt_m, sample.value_nt, slope_n, slope_e];
         for (sum, value) in sums.iter_mut().zip(of.into_iter().chain(*moved)) {
             *sum += weight * value;

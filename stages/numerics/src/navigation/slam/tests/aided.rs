@@ -69,7 +69,8 @@ fn law_positions_of_particles_are_draws_of_the_kalman_filter() {
     let apart_m = ((last.lat_deg - exact.lat_deg[49]) * flights::M_PER_DEG.0)
         .hypot((last.lon_deg - exact.lon_deg[49]) * flights::M_PER_DEG.1);
     println!("{apart_m} {sd_m} {} {}", last.spread_m, output.effective[49]);
-    // Four standard errors of the mean, and of the standard deviation, of this effective number of draws.
+    // The limits are four standard errors of the mean and of the standard deviation, for this effective number of
+    // draws.
     let of_mean = 1.0 / output.effective[49].sqrt();
     assert!(apart_m < 4.0 * sd_m * of_mean && (last.spread_m / sd_m - 1.0).abs() < 4.0 * of_mean);
 }

@@ -64,7 +64,7 @@ fn along(curve: impl Fn(f64) -> [f64; 2], count: usize) -> Vec<[f64; 2]> {
     out
 }
 
-/// Columns of a path, smoothed over 2 s to remove the corners of its curvature.
+/// Columns of a path, smoothed over 2 s to remove jumps of the curvature.
 fn line(fine: &[[f64; 2]], middle_deg: (f64, f64), dt_s: f64, samples: usize) -> Line {
     let (half, stride) = (FINE as usize, (FINE * dt_s).round() as usize);
     let smooth = |k: usize, axis: usize| {
@@ -97,7 +97,8 @@ pub fn loiter(middle_deg: (f64, f64), samples: usize, dt_s: f64) -> Line {
     line(&along(curve, fine_count(samples, dt_s)), middle_deg, dt_s, samples)
 }
 
-/// Survey of 6 km by 6 km: five lines, five tie lines, and the same again 400 m to the west, 20 minutes each.
+/// Survey of 6 km by 6 km: five lines, five tie lines, and the same lines again 400 m to the west; each line takes 20
+/// minutes.
 pub fn survey(samples: usize, dt_s: f64) -> Line {
     const LEGS: [Leg; 11] = [
         (6000.0, 180.0),
@@ -128,7 +129,7 @@ pub fn star(samples: usize, dt_s: f64) -> Line {
     line(&along(curve, fine_count(samples, dt_s)), (-21.899, 140.63), dt_s, samples)
 }
 
-/// Northward flight from 20 km south of the middle to 20 km north of it.
+/// Northward flight from 20 km south of the middle to 20 km north of the middle.
 pub fn straight(samples: usize, dt_s: f64) -> Line {
     line(&flown(std::iter::once((1e6, 0.0)), [-20000.0, 0.0], fine_count(samples, dt_s)), SMOOTH_DEG, dt_s, samples)
 }
@@ -166,7 +167,7 @@ impl Flight {
         Self::new(truth, InsGrade::Tactical.model(), seed)
     }
 
-    /// Error north and east, in m, of the estimate (or, without one, of the INS) at a row.
+    /// Error north and east, in m, of the estimate (of the INS if there is no estimate) at a row.
     pub fn error_m(&self, output: Option<&SlamOutput>, row: usize) -> [f64; 2] {
         let truth = &self.truth.columns;
         let (lat, lon) = match output {

@@ -55,7 +55,7 @@ fn law_one_sample_is_shrunk_as_in_the_closed_form() {
     let of = |row: usize, column: usize| kernel.anomaly_nt2(if row == column { 0.0 } else { 150.0_f64.powi(2) });
     system.fill(|row, column| of(row, column) + if row + column == 0 { 100.0 } else { 0.0 }, |_| 10.0);
     let found = system.solve().unwrap();
-    // One length away the correlation is e^(-1/2).
+    // At a distance of one correlation length, the correlation is e^(-1/2).
     let share = 2500.0 * (-0.5_f64).exp() / 2600.0;
     assert!((found.value_nt - 10.0 * share).abs() < 1e-12);
     assert!((found.variance_nt2 - (2500.0 - share * 2500.0 * (-0.5_f64).exp())).abs() < 1e-9);
@@ -151,8 +151,8 @@ fn law_the_fit_is_the_maximum_and_near_the_truth() {
             }
         }
     }
-    // The log-likelihood of the truth is below the maximum by half a chi-square of three degrees; 99.9 % are below
-    // 16.3/2.
+    // The log-likelihood of the truth is below the maximum by half of a chi-square variable with three degrees of
+    // freedom; with a probability of 99.9 % this is below 16.3/2.
     let below = best - track.log_likelihood(&truth, temporal);
     assert!((0.0..8.2).contains(&below), "{below}");
 }
@@ -203,7 +203,7 @@ fn unit_the_tree_has_the_same_paths_as_copying() {
             // A partition that becomes finer with time has at most N different stages.
             let (generations, stored) = history.size();
             assert!(generations <= N + 1, "{generations}");
-            // Old samples have one displacement each.
+            // Each old sample has one displacement.
             assert!(stored < 5 * history.len() + 20 * N, "{stored}");
         }
     }
