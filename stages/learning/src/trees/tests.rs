@@ -170,7 +170,10 @@ fn unit_invalid_training_input_is_rejected() {
     assert!(fault(&[1.0; 1600], &y, &how).contains("constant"));
     let huge: Vec<f64> = y.iter().map(|y| 1e200 * y).collect();
     assert!(fault(&x, &huge, &how).contains("not finite"));
-    assert!(fault(&x, &y, &BoostingSettings { learning_rate: 2.5, trees: 5000, ..how.clone() }).contains("set the learning rate below 1"));
+    assert!(
+        fault(&x, &y, &BoostingSettings { learning_rate: 2.5, trees: 5000, ..how.clone() })
+            .contains("set the learning rate below 1")
+    );
     x[8 * 17 + 3] = f64::NAN;
     assert!(fault(&x, &y, &how).contains("row 17, column 3"));
     assert!(fault(&[], &[], &how).contains("no values"));

@@ -150,7 +150,7 @@ fn unit_settings_out_of_range_are_rejected() {
     assert!(message(net(1.5), 1.0).contains("l1 ratio of an elastic net must be from 0 to 1, but is 1.5"));
     assert!(message(net(0.5), -1.0).contains("alpha must be a finite number of at least 0, but is -1"));
     assert!(net(0.0).alphas(&all, 0, 5, 1e-3).unwrap_err().to_string().contains("above 0"));
-    assert!(net(0.5).path(&all, 1, &[1.0]).unwrap_err().to_string().contains("no target 1"));
+    assert!(net(0.5).path(&all, 1, &[1.0]).unwrap_err().to_string().contains("target 1 does not exist"));
     let few = ElasticNetOptions { sweeps: 1, tolerance: 1e-30, ..ElasticNetOptions::default() };
     assert!(message(few, 0.1).contains("allow more sweeps or a larger tolerance"));
     let alphas = net(0.5).alphas(&all, 0, 5, 1e-2).unwrap();

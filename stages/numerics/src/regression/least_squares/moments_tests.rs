@@ -74,8 +74,8 @@ fn law_a_selection_is_the_fit_without_the_others() {
         near(&one.residual_squares, &other.residual_squares, 1e-12);
     }
     let error = all.select(&[8], &[]).unwrap_err().to_string();
-    assert!(error.contains("no term 8") && error.contains("there are 8"), "{error}");
-    assert!(all.select(&[0], &[2]).unwrap_err().to_string().contains("no target 2"));
+    assert!(error.contains("term 8 does not exist") && error.contains("there are 8"), "{error}");
+    assert!(all.select(&[0], &[2]).unwrap_err().to_string().contains("target 2 does not exist"));
 }
 
 #[test]
