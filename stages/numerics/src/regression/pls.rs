@@ -271,7 +271,9 @@ mod tests {
     fn unit_zero_components_and_unknown_targets_are_rejected() {
         let lines = lines();
         assert!(fit(&lines[0], &[0], 0, ColumnScaling::None).unwrap_err().to_string().contains("at least 1"));
-        assert!(fit(&lines[0], &[2], 1, ColumnScaling::None).unwrap_err().to_string().contains("target 2 does not exist"));
+        assert!(
+            fit(&lines[0], &[2], 1, ColumnScaling::None).unwrap_err().to_string().contains("target 2 does not exist")
+        );
         assert!(choose_components(&lines, &[0], 1, 2, ColumnScaling::None, LineScoreMeasure::Variance).is_err());
     }
 }
