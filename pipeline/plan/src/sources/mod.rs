@@ -62,7 +62,7 @@ pub struct FlightLines {
     pub lines: Vec<LineRecord>,
     /// The files that contain the lines, and the keys of the files.
     pub files: Vec<FileDigest>,
-    /// The folders of their quality figures: tables in the form of [`checks::table`].
+    /// The folders of their quality figures: tables in the form of [`intake::checks::table`].
     pub quality: Vec<PathBuf>,
 }
 
