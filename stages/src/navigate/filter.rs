@@ -312,7 +312,7 @@ pub trait FilterGroups {
     fn groups(&self) -> Vec<&dyn Any>;
 }
 
-/// A filter with its keys. The columns, inputs and faults of its groups [`Aiding`] and [`AuxiliaryMeasurements`] are
+/// A filter with its keys. The columns, inputs and faults of its groups `Aiding` and `AuxiliaryMeasurements` are
 /// added to those of the filter.
 pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
     /// Columns in addition to the track.
