@@ -464,6 +464,9 @@ fn grouped(schema: &SchemaRef, batches: Vec<RecordBatch>) -> impl Iterator<Item 
 }
 
 /// Creates a folder and its parents; each is on the disk on return.
+///
+/// # Errors
+/// Fails when the file system rejects it.
 pub fn make_folder(folder: &Path) -> io::Result<()> {
     if folder.is_dir() {
         return Ok(());
@@ -494,6 +497,9 @@ pub fn own_file(root: &Path, path: &Path, options: &fs::OpenOptions) -> io::Resu
 }
 
 /// Syncs the names in a folder to the disk.
+///
+/// # Errors
+/// Fails when the file system rejects it.
 pub fn sync_folder(folder: &Path) -> io::Result<()> {
     File::open(folder)?.sync_all()
 }
