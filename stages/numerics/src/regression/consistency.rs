@@ -186,7 +186,7 @@ pub fn statistical_inefficiency(x: &[f64]) -> f64 {
 /// correlated. NaN for a constant or fewer than ten samples.
 pub fn correlated_nis(x: &[f64]) -> SampleStatistic {
     let n = x.iter().filter(|x| x.is_finite()).count();
-    SampleStatistic { value: mean_square(x) * statistical_inefficiency(x), n }
+    SampleStatistic { value: mean_square(x) * n as f64 / effective_samples(x), n }
 }
 
 #[cfg(test)]
