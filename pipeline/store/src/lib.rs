@@ -57,7 +57,7 @@ use std::{
 use arrow_array::RecordBatch;
 use arrow_schema::{DataType, SchemaRef};
 use arrow_select::concat::concat_batches;
-use schemas::{Fault, keys::HashKey, paths};
+use schemas::{Fault, FaultOwner, keys::HashKey, paths};
 
 pub use catalogue::{FAILED, PackCatalogue, PackedUnit, RowLocation, StorePack};
 use catalogue::{UNITS, stamp};
@@ -421,8 +421,10 @@ fn is_other_layout(bytes: &[u8]) -> bool {
 }
 
 fn note(unit: usize, new: &NewUnit) -> Option<UnitNote> {
-    let failed = new.rows.as_ref().err().cloned();
-    let left_out = new.remarks.left_out.clone();
+    // A later run reports a stored fault as one of the data.
+    let stored = |fault: &Fault| Fault { owner: FaultOwner::Data, ..fault.clone() };
+    let failed = new.rows.as_ref().err().map(stored);
+    let left_out = new.remarks.left_out.iter().map(stored).collect::<Vec<_>>();
     let warnings = new.remarks.warnings.clone();
     let any = failed.is_some() || !left_out.is_empty() || !warnings.is_empty();
     any.then_some(UnitNote { unit, failed, left_out, warnings })

@@ -111,6 +111,20 @@ fn unit_packs_return_units_with_their_faults() {
 }
 
 #[test]
+fn unit_stored_faults_are_faults_of_the_data() {
+    let folder = TempDir::new().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    let spec = || Fault::new("too short").at(3..5);
+    let units = vec![unit("a", Err(spec()), vec![]), unit("b", Ok(batch(1, 1.0)), vec![spec()])];
+    store
+        .pack(HashKey::from_parts(["pack"]), HashKey::from_parts(["kind"]), &batch(0, 0.0).schema(), &[], units)
+        .unwrap();
+    let expected = Fault::data("too short");
+    assert_eq!(store.failed(HashKey::from_parts(["a"])).unwrap(), Some(expected.clone()));
+    assert_eq!(store.remarks(HashKey::from_parts(["b"])).unwrap().left_out, [expected]);
+}
+
+#[test]
 fn unit_damaged_pack_is_quarantined_and_replaced_by_another_with_its_units() {
     let folder = TempDir::new().unwrap();
     let store = Store::open(folder.path()).unwrap();

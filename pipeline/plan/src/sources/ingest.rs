@@ -24,7 +24,7 @@ use intake::{
 };
 use rayon::prelude::*;
 use schemas::{
-    DataLocation, Fault,
+    DataLocation, Fault, FaultOwner,
     canonical::{FlightConversion, check_time},
     describe_field,
     keys::HashKey,
@@ -92,10 +92,10 @@ impl IndexLine {
     }
 }
 
-/// `fault` without its file, flight and line, which the index gives.
-fn unplaced(mut fault: Fault) -> Fault {
-    fault.place = DataLocation { column: fault.place.column, row: fault.place.row, ..DataLocation::default() };
-    fault
+/// `fault` as a fault of the data, without its file, flight and line, which the index gives.
+fn unplaced(Fault { what, help, place, .. }: Fault) -> Fault {
+    let place = DataLocation { column: place.column, row: place.row, ..DataLocation::default() };
+    Fault { what, help, place, owner: FaultOwner::Data, ..Fault::default() }
 }
 
 /// The lines of all files, after ingest of the new files.

@@ -8,12 +8,10 @@ use std::{
 
 use schemas::{keys::HashKey, paths};
 use serde::{Deserialize, Serialize};
-use store::Store;
+use store::{COSTS, Store};
 
 use super::fit::{CostSample, UnitPrices};
 
-/// Folder of the records in a store.
-const FOLDER: &str = store::COSTS;
 /// Number of newest records kept per pipeline.
 const KEPT: usize = 200;
 /// Weight of a built-in record relative to a record of this store.
@@ -209,7 +207,7 @@ fn built_in() -> Vec<CostObservation> {
 }
 
 fn path(root: &Path, pipeline: &str) -> PathBuf {
-    root.join(FOLDER).join(format!("{pipeline}.json"))
+    root.join(COSTS).join(format!("{pipeline}.json"))
 }
 
 /// The text of a file: a checksum of the second line, then the records.
@@ -247,7 +245,7 @@ fn is_sound(o: &CostObservation) -> bool {
 
 /// The records of all pipelines of the store at `root`.
 pub fn of_store(root: &Path) -> Vec<CostObservation> {
-    let entries = fs::read_dir(root.join(FOLDER)).into_iter().flatten().flatten();
+    let entries = fs::read_dir(root.join(COSTS)).into_iter().flatten().flatten();
     let mut paths: Vec<PathBuf> =
         entries.map(|e| e.path()).filter(|p| p.extension().is_some_and(|x| x == "json")).collect();
     paths.sort();

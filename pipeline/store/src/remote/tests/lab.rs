@@ -3,7 +3,7 @@
 use std::{
     fmt,
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex,
         atomic::{AtomicBool, AtomicUsize, Ordering},
     },
 };
@@ -19,10 +19,6 @@ use object_store::{
 use tempfile::TempDir;
 
 use super::attach;
-
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
 
 /// Server in memory that counts requests, truncates answers and rejects requests.
 #[derive(Debug, Default)]
@@ -52,7 +48,7 @@ impl Server {
     /// Objects written so far whose names begin with `start`.
     #[allow(dead_code, reason = "only the tests of `run` call it")]
     pub fn writes(&self, start: &str) -> Vec<String> {
-        locked(&self.written).iter().filter(|name| name.starts_with(start)).cloned().collect()
+        self.written.lock().unwrap().iter().filter(|name| name.starts_with(start)).cloned().collect()
     }
 }
 
@@ -61,7 +57,7 @@ impl ObjectStore for Server {
     async fn put_opts(&self, at: &Name, payload: PutPayload, how: PutOptions) -> object_store::Result<PutResult> {
         self.up()?;
         let done = self.objects.put_opts(at, payload, how).await?;
-        locked(&self.written).push(at.to_string());
+        self.written.lock().unwrap().push(at.to_string());
         Ok(done)
     }
 
@@ -79,7 +75,7 @@ impl ObjectStore for Server {
         let whole = !how.head;
         let found = self.objects.get_opts(at, how).await?;
         if whole {
-            locked(&self.read).push(at.to_string());
+            self.read.lock().unwrap().push(at.to_string());
         }
         let cut = |n: usize| n.checked_sub(1);
         if !whole || self.cut.fetch_update(Ordering::SeqCst, Ordering::SeqCst, cut).is_err() {
