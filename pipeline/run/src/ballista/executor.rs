@@ -70,6 +70,11 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
 /// Maximum time of a request to the scheduler.
 const ANSWER: Duration = Duration::from_secs(20);
+/// Interval between the reports of an executor that finishes its tasks before it stops.
+const FINISHING_EVERY: Duration = Duration::from_secs(1);
+/// Silence of a stopping executor after which its tasks are dispatched to others, and time after which a stopped
+/// executor is removed.
+pub const GRACE: Duration = Duration::from_secs(3);
 /// Number of failed reports in a row after which the scheduler counts as lost.
 const MOST_LOST: usize = 5;
 /// Maximum number of attempts to report the end of a task.
@@ -214,18 +219,29 @@ impl ExecutorService {
         };
         self.0.ends.store(true, Ordering::Release);
         if stop_requested {
-            // The scheduler then dispatches nothing more to this executor.
-            let _ = timeout(ANSWER, self.beat()).await;
+            self.finish().await;
             let (executor_id, reason) = (self.0.me.id.clone(), "told to stop".to_owned());
             let stopped = scheduler.executor_stopped(ExecutorStoppedParams { executor_id, reason });
             let _ = timeout(ANSWER, stopped).await;
-            while !self.running().is_empty() {
-                sleep(Duration::from_millis(50)).await;
-            }
         } else {
             self.running().values().for_each(AbortHandle::abort);
         }
         Ok(())
+    }
+
+    /// Waits for the end of the running tasks. Reports meanwhile: the scheduler then dispatches nothing more to this
+    /// executor, and does not dispatch its running tasks to others.
+    async fn finish(&self) {
+        loop {
+            let _ = timeout(ANSWER, self.beat()).await;
+            let next = Instant::now() + FINISHING_EVERY;
+            while Instant::now() < next {
+                sleep(Duration::from_millis(50)).await;
+                if self.running().is_empty() {
+                    return;
+                }
+            }
+        }
     }
 
     async fn beat(&self) -> bool {

@@ -30,7 +30,7 @@ use uuid::Uuid;
 use super::{
     client::named,
     closed::{JobPlan, LogicalPlanStub},
-    executor::MESSAGE,
+    executor::{GRACE, MESSAGE},
     key::ClusterTrust,
     runtime, stop_signal,
     units::TaskPlanCodec,
@@ -85,6 +85,7 @@ pub fn listen(
         enable_embedded_flight_proxy: true,
         task_distribution: TaskDistributionPolicy::RoundRobin,
         executor_timeout_seconds: seconds,
+        executor_termination_grace_period: GRACE.as_secs(),
         expire_dead_executor_interval_seconds: LOOKS_EVERY.as_secs().min(seconds),
         no_executors_grace_period_seconds: seconds,
         finished_job_data_clean_up_interval_seconds: KEPT.as_secs(),
