@@ -53,6 +53,16 @@ pub const COLUMNS: &[(&str, ColumnDescription)] = &[
     ("ins_fe", d("m/s2", Role::Sensor, "specific force east, navigation frame")),
     ("ins_fd", d("m/s2", Role::Sensor, "specific force down, navigation frame")),
     ("ins_aligned", d("s", Role::Aux, "time of the last alignment of the INS, seconds past midnight UTC")),
+    (
+        "ins_grade",
+        d("", Role::Aux, "grade of the INS and differing error sources, such as `tactical, init_position_sigma_m = 3`"),
+    ),
+    ("gnss_lat", d("deg", Role::Sensor, "latitude by a GNSS receiver with its noise, WGS-84")),
+    ("gnss_lon", d("deg", Role::Sensor, "longitude by a GNSS receiver with its noise, WGS-84")),
+    ("gnss_alt", d("m", Role::Sensor, "height by a GNSS receiver with its noise, above the WGS-84 ellipsoid")),
+    ("gnss_vn", d("m/s", Role::Sensor, "velocity north by a GNSS receiver with its noise")),
+    ("gnss_ve", d("m/s", Role::Sensor, "velocity east by a GNSS receiver with its noise")),
+    ("gnss_vd", d("m/s", Role::Sensor, "velocity down by a GNSS receiver with its noise")),
     ("diurnal", d("nT", Role::Sensor, "temporal variation of the earth's field")),
     ("igrf", d("nT", Role::Sensor, "core-field magnitude")),
     (

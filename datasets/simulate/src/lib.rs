@@ -32,6 +32,7 @@ use self::lines::LineSimulator;
 mod aircraft;
 mod earth;
 mod format;
+mod gnss;
 mod ins;
 mod line;
 mod lines;
@@ -49,6 +50,7 @@ pub use aircraft::{
 };
 pub use earth::{BuriedBody, BuriedSource, Diurnal, Pulsations, Storm, SynthEarth};
 pub use format::FORMAT;
+pub use gnss::GnssReceiver;
 pub use ins::spec::{InsAlignment, InsErrorPropagation, InsInitialErrors, SynthIns};
 pub use reading::{COMPONENTS, ComponentSwitches, PRESETS};
 pub use reference::reference;
@@ -91,13 +93,14 @@ impl Simulation {
 
     /// The schema of every line.
     pub fn schema(&self) -> SchemaRef {
-        let before = TRUTH.iter().chain(&ins::COLUMNS).chain(&FIELD);
+        let gnss = self.spec.gnss.iter().flat_map(|_| &gnss::COLUMNS);
+        let before = TRUTH.iter().chain(&ins::COLUMNS).chain([&ins::GRADE]).chain(gnss).chain(&FIELD);
         let mut names: Vec<String> = before.map(|&name| name.to_owned()).collect();
         names.extend(aircraft::columns(&self.spec.aircraft));
         let fields = names.iter().map(|name| {
             let known = flight::describe(name);
             let data_type = match name.as_str() {
-                "flight" | "line" => DataType::Utf8,
+                "flight" | "line" | ins::GRADE => DataType::Utf8,
                 "year" | "doy" => DataType::Int64,
                 _ => DataType::Float64,
             };

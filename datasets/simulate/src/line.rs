@@ -5,7 +5,7 @@ use datasets::{
     table::{ColumnTable, ColumnValues},
 };
 
-use super::{aircraft, earth, ins, scene::SynthLineContext, trajectory::TrueTrajectory};
+use super::{aircraft, earth, gnss, ins, scene::SynthLineContext, trajectory::TrueTrajectory};
 
 /// Columns of the earth's field along a line and of the sensor readings.
 pub(super) struct SimulatedColumns {
@@ -39,9 +39,12 @@ impl SynthLineContext<'_> {
     /// All columns of the line.
     pub(super) fn table(&self, truth: &TrueTrajectory, ins: [Vec<f64>; 13], around: SimulatedColumns) -> ColumnTable {
         let mut table = self.truth(truth);
-        for (name, column) in ins::COLUMNS.into_iter().zip(ins).chain(around.earth) {
-            table.push(name, "", ColumnValues::Number(column));
-        }
+        let numbers = |table: &mut ColumnTable, name: &str, column| table.push(name, "", ColumnValues::Number(column));
+        ins::COLUMNS.into_iter().zip(ins).for_each(|(name, column)| numbers(&mut table, name, column));
+        let grade = self.spec.ins.model.sources.description();
+        table.push(ins::GRADE, "", ColumnValues::Text(vec![grade; truth.tt_s.len()]));
+        let gnss = self.spec.gnss.iter().flat_map(|gnss| gnss::COLUMNS.into_iter().zip(gnss.along(self, truth)));
+        gnss.chain(around.earth).for_each(|(name, column)| numbers(&mut table, name, column));
         for (name, column) in around.readings {
             table.push(&name, "", ColumnValues::Number(column));
         }

@@ -7,6 +7,7 @@ use schemas::{ChoiceRegistry, ParamDoc, Params, collect_doc};
 use crate::{
     aircraft::spec::{electric, sensor},
     earth::spec as earth,
+    gnss,
     ins::spec as ins,
     reading::{COMPONENTS, variant::SynthVariant},
     spec::RootKeys,
@@ -20,7 +21,7 @@ const PAGE: &str = include_str!("reference/page.md");
 pub fn reference() -> String {
     let none = ChoiceRegistry::default();
     let kinds = [electric::kinds(), electric::signals(), trajectory::kinds()];
-    let tables: [(&str, String); 18] = [
+    let tables: [(&str, String); 19] = [
         ("root", keys(&RootKeys::docs(&none))),
         ("flights", table("[[flights]]", &trajectory::FlightKeys::docs(&none))),
         (
@@ -32,6 +33,7 @@ pub fn reference() -> String {
         ("turbulence", table("[turbulence]", &air::TurbulenceKeys::docs(&none))),
         ("dynamics", table("[dynamics]", &air::Dynamics::docs(&none))),
         ("ins", table("[ins]", &ins::InsKeys::docs(&none))),
+        ("gnss", table("[gnss]", &gnss::GnssReceiver::docs(&none))),
         ("core_field", table("[core_field]", &earth::CoreKeys::docs(&none))),
         ("map", table("[map]", &earth::MapKeys::docs(&none))),
         ("sources", table("[[sources]]", &earth::BuriedSourceKeys::docs(&none))),

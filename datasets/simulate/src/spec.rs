@@ -10,6 +10,7 @@ use toml::de::DeTable;
 use crate::{
     aircraft::spec::{self as aircraft, Aircraft},
     earth::spec::{self as earth, SynthEarth},
+    gnss::{self, GnssReceiver},
     ins::spec::{self as ins, SynthIns},
     reading::{ComponentSwitches, SynthFaultList, SynthSection, preset},
     trajectory::{self, FlightConditions, SynthFlight},
@@ -32,6 +33,8 @@ pub struct SynthSpec {
     pub air: FlightConditions,
     /// The INS.
     pub ins: SynthIns,
+    /// The GNSS receiver, if the aircraft has one.
+    pub gnss: Option<GnssReceiver>,
     /// The earth's field.
     pub earth: SynthEarth,
     /// The aircraft and its sensors.
@@ -91,6 +94,7 @@ fn spec(root: &SynthSection, folder: &Path) -> SynthSpec {
         gusts_deg: keys.gusts_deg,
         air,
         ins: ins::ins(root),
+        gnss: gnss::gnss(root),
         earth: earth::earth(root, folder, &components),
         aircraft: aircraft::aircraft(root, keys.component_columns),
         flights: trajectory::spec::flights(root, &air),
