@@ -1,6 +1,6 @@
 //! Error sources of an INS from a spec: by grade, individually, or both.
 
-use params::{ChoiceRegistry, Fault, ParamDoc, ParamReader, Params, params};
+use params::{ChoiceRegistry, Fault, Literal, ParamDoc, ParamReader, Params, SpecEntries, SpecEntry, params};
 
 use super::{InsErrors, InsGrade};
 
@@ -14,6 +14,8 @@ pub struct InsErrorSpec {
     pub sources: InsErrors,
     /// Whether a spec sets an initial position, height or velocity.
     pub start_given: bool,
+    /// Whether a spec gives the grade or any error source. If not, a flight can give them.
+    pub given: bool,
 }
 
 /// Keys of the initial position, height and velocity.
@@ -26,12 +28,12 @@ params! {
     /// uses the defaults shown with the keys. `navigation` is a Honeywell HG9900, `tactical` a Honeywell HG1700, and
     /// `commercial` has micro-mechanical sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at
     /// the alignment (`init_position_sigma_m = 0`).
-    ins_grade: Option<InsGrade>, unit "", absent "`magnav`";
+    ins_grade: Option<InsGrade>, unit "", absent "`magnav`; in `navigate`, the flight's column `ins_grade` if it has one";
 }
 
 impl From<InsErrors> for InsErrorSpec {
     fn from(sources: InsErrors) -> Self {
-        Self { sources, start_given: false }
+        Self { sources, start_given: false, given: true }
     }
 }
 
@@ -42,7 +44,9 @@ impl Params for InsErrorSpec {
         let sources = InsErrors::read(reader, of_grade.as_ref().or(base.map(|base| &base.sources)));
         grade?;
         let start_given = OF_START.iter().any(|key| reader.given(key).is_some());
-        sources.map(|sources| Self { sources, start_given })
+        let of_sources = InsErrors::docs(&ChoiceRegistry::default());
+        let given = of_grade.is_some() || of_sources.iter().any(|doc| reader.given(doc.name).is_some());
+        sources.map(|sources| Self { sources, start_given, given })
     }
 
     fn docs(lists: &ChoiceRegistry) -> Vec<ParamDoc> {
@@ -54,6 +58,9 @@ impl Params for InsErrorSpec {
         if self.start_given {
             out.push(("init_given", "true".to_owned()));
         }
+        if !self.given {
+            out.push(("ins_grade", "of the flight".to_owned()));
+        }
     }
 
     fn check(&self) -> Result<(), Fault> {
@@ -61,11 +68,54 @@ impl Params for InsErrorSpec {
     }
 }
 
+impl InsErrors {
+    /// The error sources as text: the most similar grade, then the error sources that differ from it, as in
+    /// `magnav, vrw_sigma = 0.001`.
+    pub fn description(&self) -> String {
+        let differing = |grade: InsGrade| {
+            let (of_grade, own) = (spelt(&grade.errors()), spelt(self));
+            own.into_iter().filter(|pair| !of_grade.contains(pair)).collect::<Vec<_>>()
+        };
+        let all = InsGrade::ALL.into_iter().map(|grade| (grade, differing(grade)));
+        let (grade, pairs) = all.min_by_key(|(_, pairs)| pairs.len()).unwrap_or_default();
+        let pairs = pairs.into_iter().map(|(key, value)| format!(", {key} = {value}"));
+        grade.word().to_owned() + &pairs.collect::<String>()
+    }
+
+    /// Reads the text of [`InsErrors::description`]. The grade is optional and defaults to `magnav`.
+    ///
+    /// # Errors
+    /// Fails for an unknown grade or key and for an invalid value.
+    pub fn from_description(text: &str) -> Result<Self, Fault> {
+        let mut entries = SpecEntries::new();
+        for part in text.split(',').map(str::trim).filter(|part| !part.is_empty()) {
+            let (key, value) = match part.split_once('=') {
+                None => ("ins_grade", Literal::Text(part.to_owned())),
+                Some((key, value)) => {
+                    let number = value.trim().parse().map_err(|_| Fault::new(format!("`{part}` is not a number")))?;
+                    (key.trim(), Literal::Float(number))
+                }
+            };
+            entries.insert(key.to_owned(), SpecEntry { value, key_at: 0..0, at: 0..0 });
+        }
+        let lists = ChoiceRegistry::default();
+        let (group, faults) = ParamReader::new("INS", &entries, None, &lists).group::<InsErrorSpec>(None);
+        match faults.into_iter().next() {
+            Some(fault) => Err(fault),
+            None => group.map(|of| of.sources).ok_or_else(|| Fault::new("not the error sources of an INS")),
+        }
+    }
+}
+
+fn spelt(errors: &InsErrors) -> Vec<(&'static str, String)> {
+    let mut pairs = vec![];
+    errors.spell(&mut pairs);
+    pairs
+}
+
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
-    use params::{Literal, SpecEntries, SpecEntry};
-
     use super::*;
 
     fn read(keys: &[(&str, Literal)]) -> Result<InsErrorSpec, Vec<Fault>> {
@@ -80,7 +130,7 @@ mod tests {
         ("ins_grade", Literal::Text(word.to_owned()))
     }
 
-    fn spelt(ins: InsErrorSpec) -> Vec<(&'static str, String)> {
+    fn spelling(ins: InsErrorSpec) -> Vec<(&'static str, String)> {
         let mut pairs = vec![];
         ins.spell(&mut pairs);
         pairs
@@ -107,10 +157,30 @@ mod tests {
 
     #[test]
     fn unit_equal_error_sources_have_one_representation() {
-        assert_eq!(spelt(read(&[]).unwrap()), spelt(read(&[grade("magnav")]).unwrap()));
+        // Without keys, the flight may give the error sources.
+        assert_ne!(spelling(read(&[]).unwrap()), spelling(read(&[grade("magnav")]).unwrap()));
+        let sigma = ("baro_sigma_m", Literal::Float(1.0));
+        assert_eq!(spelling(read(&[sigma]).unwrap()), spelling(read(&[grade("magnav")]).unwrap()));
         let tactical = read(&[grade("tactical")]).unwrap();
-        assert_eq!(spelt(tactical), spelt(InsErrorSpec::from(InsGrade::Tactical.errors())));
-        assert_ne!(spelt(tactical), spelt(read(&[grade("navigation")]).unwrap()));
+        assert_eq!(spelling(tactical), spelling(InsErrorSpec::from(InsGrade::Tactical.errors())));
+        assert_ne!(spelling(tactical), spelling(read(&[grade("navigation")]).unwrap()));
+    }
+
+    #[test]
+    fn unit_error_sources_are_read_back_from_their_description() {
+        for grade in InsGrade::ALL {
+            assert_eq!(grade.errors().description(), grade.word());
+        }
+        let drone = InsErrors { vrw_sigma: 0.003_302, init_heading_sigma_deg: Some(2.0), ..InsErrors::default() };
+        assert_eq!(drone.description(), "magnav, init_heading_sigma_deg = 2.0, vrw_sigma = 0.003302");
+        let near = InsErrors { acc_sigma_mps2: 0.1 + 0.2, ..InsGrade::Tactical.errors() };
+        for errors in [drone, near] {
+            assert_eq!(InsErrors::from_description(&errors.description()), Ok(errors));
+        }
+        assert_eq!(InsErrors::from_description(""), Ok(InsErrors::default()));
+        let wrong = |text: &str| InsErrors::from_description(text).unwrap_err().what;
+        assert!(wrong("tactcal").contains("tactcal") && wrong("vrw = 1").contains("vrw"));
+        assert!(wrong("vrw_sigma = -1").contains("0 or above") && wrong("vrw_sigma = x").contains("not a number"));
     }
 
     #[test]
@@ -120,7 +190,7 @@ mod tests {
         assert_eq!(faults[0].help.as_deref(), Some("did you mean `tactical`?"));
         assert!(faults[1].what.contains("`vrw_sigma` must be 0 or above"), "{faults:?}");
         let docs = InsErrorSpec::docs(&ChoiceRegistry::default());
-        assert_eq!((docs[0].name, docs[0].absent), ("ins_grade", Some("`magnav`")));
+        assert_eq!((docs[0].name, docs[0].absent), ("ins_grade", Some("`magnav`; in `navigate`, the flight's column `ins_grade` if it has one")));
         assert!(["magnav", "navigation", "tactical", "commercial"].iter().all(|word| docs[0].rule.contains(word)));
         assert_eq!(docs.len(), 1 + InsErrors::docs(&ChoiceRegistry::default()).len());
     }

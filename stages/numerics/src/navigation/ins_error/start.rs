@@ -2,7 +2,7 @@
 
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
-use crate::navigation::pinson::{ALT, InsPoint, LAT, LON, STATES, StateMatrix, VN, pinson_matrix};
+use crate::navigation::pinson::{ALT, InsPoint, LAT, LON, STATES, StateMatrix, StateVector, VN, pinson_matrix};
 use crate::navigation::strapdown::specific_force_mps2;
 use crate::navigation::transition::{propagate_state, step_covariance, transition_matrix};
 
@@ -61,16 +61,29 @@ pub struct StartFixSigmas {
 }
 
 impl StartFix {
-    /// Covariance of the states of an INS corrected by the fix. Tilts, biases and the barometer loop have the initial
-    /// standard deviations of `errors`, as does the velocity if the fix has no velocity.
-    pub fn covariance(&self, errors: &InsErrorModel) -> StateMatrix {
+    /// Covariance of the states of an INS corrected by the fix.
+    ///
+    /// `aligned` is the covariance before the fix, from the alignment of the INS. Without it, tilts, biases and the
+    /// barometer loop have the initial standard deviations of `errors`, and so has the velocity if the fix has none.
+    /// The correlations of the replaced states with the others are dropped: they depend on the manoeuvres since the
+    /// alignment, which are unknown.
+    pub fn covariance(&self, errors: &InsErrorModel, aligned: Option<&StateMatrix>) -> StateMatrix {
         let mut model = InsErrorModel { start: None, ..*errors };
         model.sources.init_position_sigma_m = self.sigmas.horizontal_m;
         model.sources.init_altitude_sigma_m = self.sigmas.vertical_m;
         if self.vel_ned_mps.is_some() {
             model.sources.init_velocity_sigma_mps = self.sigmas.velocity_mps;
         }
-        model.initial_covariance(self.lat_lon_deg[0].to_radians(), self.alt_m)
+        let mut p = model.initial_covariance(self.lat_lon_deg[0].to_radians(), self.alt_m);
+        if let Some(aligned) = aligned {
+            let replaced = if self.vel_ned_mps.is_some() { LAT..VN + 3 } else { LAT..ALT + 1 };
+            for (row, of_alignment) in aligned.iter().enumerate().filter(|(row, _)| !replaced.contains(row)) {
+                for (column, value) in of_alignment.iter().enumerate().filter(|(column, _)| !replaced.contains(column)) {
+                    p[row][column] = *value;
+                }
+            }
+        }
+        p
     }
 
     /// Error of an INS at its first sample, truth minus INS: latitude and longitude (rad), height (m), velocity (m/s).
@@ -89,19 +102,23 @@ impl StartFix {
     }
 }
 
-/// Corrections along a line for an error at its first sample, as returned by [`StartFix::error`]: latitude and
-/// longitude in degrees, height in m, velocity north, east and down in m/s, one column each. The error propagates by
-/// the INS error model.
-pub fn correction_along(errors: &InsErrorModel, ins: &InsSeries<'_>, first: [f64; 6]) -> [Vec<f64>; 6] {
+/// Corrections along a line for an error at the sample `at`, as returned by [`StartFix::error`]: latitude and longitude
+/// in degrees, height in m, velocity north, east and down in m/s, one column each. The error propagates by the INS
+/// error model, backwards to the samples before `at`.
+pub fn correction_along(errors: &InsErrorModel, ins: &InsSeries<'_>, at: usize, error: [f64; 6]) -> [Vec<f64>; 6] {
     let mut x = [0.0; STATES];
-    for (state, value) in [LAT, LON, ALT, VN, VN + 1, VN + 2].into_iter().zip(first) {
+    for (state, value) in [LAT, LON, ALT, VN, VN + 1, VN + 2].into_iter().zip(error) {
         x[state] = value;
     }
+    let step = |from: usize, to: usize, x: StateVector| {
+        let f = pinson_matrix(&ins.point(from), &errors.time_constants(), errors.pinson);
+        propagate_state(&transition_matrix(&f, ins.tt_s[to] - ins.tt_s[from]), &x)
+    };
+    x = (0..at).rev().fold(x, |x, row| step(row + 1, row, x));
     let mut columns: [Vec<f64>; 6] = Default::default();
     for row in 0..ins.len() {
         if row > 0 {
-            let f = pinson_matrix(&ins.point(row - 1), &errors.time_constants(), errors.pinson);
-            x = propagate_state(&transition_matrix(&f, ins.tt_s[row] - ins.tt_s[row - 1]), &x);
+            x = step(row - 1, row, x);
         }
         let now = [x[LAT].to_degrees(), x[LON].to_degrees(), x[ALT], x[VN], x[VN + 1], x[VN + 2]];
         columns.iter_mut().zip(now).for_each(|(column, value)| column.push(value));
@@ -200,15 +217,40 @@ mod tests {
             vel_ned_mps: Some([60.0, 20.0, 0.0]),
             sigmas: StartFixSigmas { horizontal_m: 3.0, vertical_m: 5.0, velocity_mps: 0.1 },
         };
-        let corrections = correction_along(&model, &series(&ins), fix.error(&series(&ins)));
-        for row in [0, 450, 899] {
+        let at_first = correction_along(&model, &series(&ins), 0, fix.error(&series(&ins)));
+        // The same from a fix 2 s after the first sample.
+        let rest = InsSeries::from_columns(ins.each_ref().map(|column| &column[2..]));
+        let later = StartFix { lat_lon_deg: [columns[1][2], columns[2][2]], ..fix };
+        let at_third = correction_along(&model, &series(&ins), 2, later.error(&rest));
+        for (corrections, row) in [&at_first, &at_third].into_iter().flat_map(|of| [0, 450, 899].map(|row| (of, row))) {
             let off_m = |column: usize, of: usize| {
                 (ins[column][row] + corrections[of][row] - columns[column][row]).abs() * 111_000.0
             };
             // For errors of up to 1 km the linear model is accurate to some centimetres.
             assert!(off_m(1, 0) < 0.5 && off_m(2, 1) < 0.5, "{row}: {} {}", off_m(1, 0), off_m(2, 1));
         }
-        let p = fix.covariance(&model);
+        let p = fix.covariance(&model, None);
         assert!((p[VN][VN].sqrt() - 0.1).abs() < 1e-12 && (p[LAT][LAT].sqrt() * 6.37e6 - 3.0).abs() < 0.1);
+    }
+
+    #[test]
+    fn unit_a_fix_keeps_the_tilt_since_the_alignment() {
+        let columns = flight(2);
+        let model = InsGrade::Tactical.model();
+        let aligned = aligned_covariance(&model, &series(&columns), 600.0);
+        let mut fix = StartFix {
+            lat_lon_deg: [columns[1][0], columns[2][0]],
+            alt_m: 500.0,
+            vel_ned_mps: Some([60.0, 20.0, 0.0]),
+            sigmas: StartFixSigmas { horizontal_m: 3.0, vertical_m: 5.0, velocity_mps: 0.1 },
+        };
+        let p = fix.covariance(&model, Some(&aligned));
+        assert_eq!(p[TILT_N][TILT_N], aligned[TILT_N][TILT_N]);
+        assert!(p[TILT_N][TILT_N] > 100.0 * fix.covariance(&model, None)[TILT_N][TILT_N]);
+        assert!((p[VN][VN].sqrt() - 0.1).abs() < 1e-12 && p[VN][TILT_N] == 0.0 && aligned[VN][TILT_N + 1] != 0.0);
+        fix.vel_ned_mps = None;
+        let p = fix.covariance(&model, Some(&aligned));
+        assert_eq!((p[VN][VN], p[VN][TILT_N + 1]), (aligned[VN][VN], aligned[VN][TILT_N + 1]));
+        assert!(p[LAT][LAT] < aligned[LAT][LAT] && p[LAT][VN] == 0.0);
     }
 }
