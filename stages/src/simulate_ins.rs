@@ -1,6 +1,8 @@
 //! Simulated INS of a flight.
 
-use arrow_array::RecordBatch;
+use std::sync::Arc;
+
+use arrow_array::{ArrayRef, RecordBatch, StringArray};
 use numerics::{
     navigation::{
         ins_error::{
@@ -23,8 +25,8 @@ use crate::columns::{array, data, faults_of, floats, shape};
 stage! {
     /// Simulates an INS of a given grade: the GNSS track plus simulated errors. The INS is added to a flight without
     /// one, or replaces the flight's INS. The stage appends `ins_lat`, `ins_lon`, `ins_alt`, `ins_vn`, `ins_ve`,
-    /// `ins_vd`, `ins_fn`, `ins_fe`, `ins_fd`, `ins_roll`, `ins_pitch`, `ins_yaw` and `ins_aligned`, which `navigate`
-    /// reads like measured ones.
+    /// `ins_vd`, `ins_fn`, `ins_fe`, `ins_fd`, `ins_roll`, `ins_pitch`, `ins_yaw`, `ins_aligned` and `ins_grade`, which
+    /// `navigate` reads like measured ones.
     ///
     /// The truth is `lat`, `lon` and `alt`, with `vn`, `ve`, `vd` and `roll`, `pitch`, `yaw` if the flight has all
     /// three. Missing velocities are derived from the positions, and specific forces from the velocities. A missing
@@ -41,7 +43,7 @@ stage! {
     /// an INS with an error above 1,000 km. An existing INS is rejected unless `replace = true`.
     ///
     /// Source: Gnadt 2022, (5.15) to (5.35); Titterton & Weston 2004, chapter 12; grades: Lee 2019, Tables 9 and 10.
-    SimulateIns = "simulate_ins", version 2, grain Line, inputs [input: Lines], groups [ins: InsErrorSpec],
+    SimulateIns = "simulate_ins", version 3, grain Line, inputs [input: Lines], groups [ins: InsErrorSpec],
     example r#"
 [[stages]]
 name      = "simulate_ins"
@@ -93,6 +95,9 @@ const MADE: [&str; 13] = [
     "ins_aligned",
 ];
 
+/// Column with the grade of the INS and the error sources that differ from it.
+const GRADE: &str = "ins_grade";
+
 /// Largest position error for which an error model or a map is valid, m.
 const ERROR_LIMIT_M: f64 = 1e6;
 
@@ -105,7 +110,7 @@ impl SimulateIns {
 
     /// Fault of an existing INS without `replace = true`.
     fn kept(&self, shape: &TableShape) -> Option<Fault> {
-        let have = MADE.into_iter().find(|name| shape.get(name).is_some()).filter(|_| !self.replace)?;
+        let have = MADE.into_iter().chain([GRADE]).find(|name| shape.get(name).is_some()).filter(|_| !self.replace)?;
         let what = format!("the flight already has an INS: `{have}`");
         Some(Fault::new(what).help("set `replace = true` to replace it by the simulated INS").of_param("replace"))
     }
@@ -222,7 +227,8 @@ impl Stage for SimulateIns {
             let known = flight::describe(name);
             Column::float(name, known.unit, format!("simulated {}", known.description)).from(0, &reads)
         };
-        let mut yields = StageSchema::append(MADE.map(made).to_vec(), &reads);
+        let grade = Column::text(GRADE, flight::describe(GRADE).description);
+        let mut yields = StageSchema::append(MADE.map(made).into_iter().chain([grade]).collect(), &reads);
         for (three, from) in [(VELOCITY, "the positions"), (ATTITUDE, "the course, level")] {
             if !reads.contains(&three[0].0) {
                 let names = three.map(|(name, _)| name).join(", ");
@@ -243,7 +249,9 @@ impl LineStage for SimulateIns {
         check_limit(&series, &errors)?;
         let aligned = vec![series.tt_s[0]; series.len()];
         let ins = faulty_ins(&series, &errors, [0.0; 3]);
-        Ok(ins.into_iter().chain([aligned]).map(array).collect())
+        let grade = self.ins.sources.description();
+        let grade: ArrayRef = Arc::new(StringArray::from_iter_values(std::iter::repeat_n(grade, series.len())));
+        Ok(ins.into_iter().chain([aligned]).map(array).chain([grade]).collect())
     }
 }
 

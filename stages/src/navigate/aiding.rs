@@ -10,6 +10,7 @@ use numerics::{
 use schemas::{Column, Fault, Role, Rule, TableShape, choice, params};
 
 use super::filter::{FilterFlight, FilterInput};
+use super::start::gnss_columns;
 use crate::columns::{data, floats, role_of};
 
 params! {
@@ -20,7 +21,8 @@ params! {
     /// after ten minutes. If the recovery is after the end of the line, GNSS is not recovered.
     gnss_lost_s: Option<[f64; 2]>, unit "s", absent "GNSS is not used", rule Rule::NotNegative;
     /// Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m).
-    gnss: [String; 3], unit "", default ["lat", "lon", "alt"].map(str::to_owned);
+    gnss: Option<[String; 3]>, unit "",
+        absent "`gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and `alt`";
     /// Time between two GNSS positions.
     gnss_interval_s: f64, unit "s", default 1.0, rule Rule::Positive;
     /// Standard deviation of the GNSS position in each of north and east.
@@ -76,10 +78,11 @@ impl Aiding {
             let what = format!("GNSS is lost at {lost_s} s but recovered earlier, at {found_s} s");
             faults.push(Fault::new(what).of_param("gnss_lost_s"));
         }
-        for (column, unit) in self.gnss.iter().zip(["deg", "deg", "m"]) {
+        let columns = gnss_columns(self.gnss.as_ref(), flight.shape);
+        for (column, unit) in columns.iter().zip(["deg", "deg", "m"]) {
             faults.extend(flight.shape.number(column, unit).err().map(|fault| fault.of_param("gnss")));
         }
-        if faults.is_empty() { Ok(self.gnss.to_vec()) } else { Err(faults) }
+        if faults.is_empty() { Ok(columns.to_vec()) } else { Err(faults) }
     }
 
     /// Fault of a key that has no effect.
@@ -112,7 +115,9 @@ impl Aiding {
 
     fn fixes(&self, flown: &FilterInput) -> Result<Option<PositionFixes>, Fault> {
         let Some([lost_s, found_s]) = self.gnss_lost_s else { return Ok(None) };
-        let [lat, lon, alt] = self.gnss.each_ref().map(|column| floats(flown.columns, column));
+        let shape = TableShape::from_schema(&flown.columns.schema());
+        let names = gnss_columns(self.gnss.as_ref(), &shape);
+        let [lat, lon, alt] = names.each_ref().map(|column| floats(flown.columns, column));
         let columns = [lat?, lon?, alt?];
         let mut fixes = PositionFixes {
             lat_deg: vec![f64::NAN; flown.ins.len()],
@@ -122,8 +127,7 @@ impl Aiding {
             vertical_sigma_m: self.gnss_alt_sigma_m,
         };
         let first_s = flown.ins.tt_s.first().copied().unwrap_or_default();
-        let shape = TableShape::from_schema(&flown.columns.schema());
-        let noisy = self.gnss_noise.unwrap_or_else(|| role_of(&shape, &self.gnss) == Role::Truth);
+        let noisy = self.gnss_noise.unwrap_or_else(|| role_of(&shape, &names) == Role::Truth);
         let mut normals =
             NormalGenerator::new(flown.ins.lat_deg.first().map_or(0, |lat| lat.to_bits()) ^ first_s.to_bits());
         let (mut due_s, mut expected, mut found) = (0.0, 0_usize, 0_usize);
@@ -148,7 +152,7 @@ impl Aiding {
         if expected > 0 && found == 0 {
             let what = format!("while GNSS is available, none of the {expected} samples has a position");
             return Err(Fault::data(what)
-                .in_column(&self.gnss[0])
+                .in_column(&names[0])
                 .help("set `gnss` to the columns of GNSS, or remove `gnss_lost_s`"));
         }
         Ok(Some(fixes))

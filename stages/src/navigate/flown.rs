@@ -113,7 +113,7 @@ fn begun<'a>(batch: &'a RecordBatch, begin: &InitialCondition) -> Result<InsColu
     let ins = InsColumns::from_batch(batch)?;
     ins.series().check().map_err(data)?;
     match begin {
-        InitialCondition::Fixed { fix, row } => Ok(ins.corrected(fix, *row)),
+        InitialCondition::Fixed { fix, row, .. } => Ok(ins.corrected(fix, *row)),
         InitialCondition::Given | InitialCondition::Aligned { .. } => Ok(ins),
     }
 }
@@ -142,7 +142,7 @@ fn flown<'a>(
     let mut errors = InsErrorModel {
         fogm_sigma_nt: expected.fogm_sigma_nt,
         fogm_tau_s: expected.fogm_tau_s,
-        ..InsErrorModel::from_sources(stage.ins.sources)
+        ..InsErrorModel::from_sources(stage.ins_sources(batch)?)
     };
     let series = ins.series();
     errors.start = begin.covariance(&errors, &series);

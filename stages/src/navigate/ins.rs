@@ -63,7 +63,7 @@ impl<'a> InsColumns<'a> {
         let series = self.series();
         let rest = series.from(row);
         let first = fix.error(&rest);
-        let corrections = correction_along(&InsErrorModel::default(), &series, first);
+        let corrections = correction_along(&InsErrorModel::default(), &series, row, first);
         let mut corrections = corrections.into_iter();
         let mut add = |to: &Cow<[f64]>| -> Cow<'a, [f64]> {
             let by = corrections.next().unwrap_or_default();

@@ -1,9 +1,9 @@
 //! Initial estimate and covariance of a filter at the first sample of a line.
 
-use arrow_array::RecordBatch;
+use arrow_array::{RecordBatch, cast::AsArray};
 use numerics::{
     navigation::{
-        ins_error::{InsErrorModel, StartFix, StartFixSigmas, aligned_covariance},
+        ins_error::{InsErrorModel, InsErrors, StartFix, StartFixSigmas, aligned_covariance},
         ins_series::InsSeries,
         pinson::StateMatrix,
     },
@@ -17,10 +17,14 @@ use crate::columns::{faults_of, floats, role_of};
 choice! {
     /// Source of the initial estimate of a filter.
     pub enum StartSource {
-        /// `given` if an initial position, height or velocity key is set; otherwise `alignment` if the flight has the
-        /// column `ins_aligned`; otherwise `fix` if the flight has the columns of `fix`. Other flights are rejected.
+        /// `given` if an initial position, height or velocity key is set. Otherwise `fix` if `fix` is set or the flight
+        /// has the columns of a GNSS receiver (`gnss_lat`, `gnss_lon`, `gnss_alt`). Otherwise `alignment` if the flight
+        /// has the column `ins_aligned`. Otherwise `fix` if the flight has `lat`, `lon` and `alt`. Other flights are
+        /// rejected.
         Auto = "auto",
-        /// A position and velocity fix corrects the INS at the first sample of the line.
+        /// A position and velocity fix corrects the INS at the first sample of the line. Tilts and biases of the INS
+        /// have the uncertainty since the alignment if the flight has the column `ins_aligned`, else the initial
+        /// standard deviations.
         Fix = "fix",
         /// The initial standard deviations apply at the alignment, at the time in the column `ins_aligned`. The
         /// covariance of the fix is propagated to the first sample of the line, assuming straight and level flight.
@@ -39,10 +43,11 @@ params! {
     /// Columns of latitude, longitude (deg) and height (m) of the fix. The first values within 2 s of the line's start
     /// are used. White noise with the fix's standard deviations is added to columns with the role truth. It is
     /// reproducible for each line.
-    fix: [String; 3], unit "", default ["lat", "lon", "alt"].map(str::to_owned);
+    fix: Option<[String; 3]>, unit "",
+        absent "`gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and `alt`";
     /// Columns of the fix's velocity north, east and down.
     fix_velocity: Option<[String; 3]>, unit "m/s",
-        absent "`vn`, `ve` and `vd` if the flight has them, else the velocity of the INS";
+        absent "`gnss_vn`, `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`, if the flight has them; else the velocity of the INS";
     /// Standard deviation of the fix's position in each of north and east.
     fix_sigma_m: f64, unit "m", default 3.0, rule Rule::Positive;
     /// Standard deviation of the fix's height.
@@ -53,7 +58,12 @@ params! {
 
 /// Column with the time of the last alignment of the INS.
 pub(super) const ALIGNED: &str = "ins_aligned";
-const VELOCITY: [&str; 3] = ["vn", "ve", "vd"];
+/// Column with the grade of the INS and the error sources that differ from it.
+pub(super) const GRADE: &str = "ins_grade";
+const TRUTH: [&str; 3] = ["lat", "lon", "alt"];
+const TRUE_VELOCITY: [&str; 3] = ["vn", "ve", "vd"];
+const GNSS: [&str; 3] = ["gnss_lat", "gnss_lon", "gnss_alt"];
+const GNSS_VELOCITY: [&str; 3] = ["gnss_vn", "gnss_ve", "gnss_vd"];
 /// Longest time from the start of a line to the position and velocity fix of the line, in s.
 const FIX_WITHIN_S: f64 = 2.0;
 /// Longest time from an alignment to a line, in s.
@@ -75,7 +85,20 @@ pub(super) enum InitialCondition {
         fix: StartFix,
         /// Row of the fix.
         row: usize,
+        /// Time from the alignment to the fix, in s; `None` if the alignment is unknown.
+        age_s: Option<f64>,
     },
+}
+
+/// Whether a flight has all of these columns.
+fn has(shape: &TableShape, names: &[&str]) -> bool {
+    names.iter().all(|name| shape.get(name).is_some())
+}
+
+/// Columns of a position by GNSS: of the receiver if the flight has them, else the flight's position.
+pub(super) fn gnss_columns(given: Option<&[String; 3]>, shape: &TableShape) -> [String; 3] {
+    let usual = if has(shape, &GNSS) { GNSS } else { TRUTH };
+    given.cloned().unwrap_or_else(|| usual.map(str::to_owned))
 }
 
 impl Navigate {
@@ -83,8 +106,9 @@ impl Navigate {
     pub(super) fn start_from(&self, shape: &TableShape) -> Result<StartSource, Fault> {
         let chosen = match self.start.start {
             StartSource::Auto if !self.is_auto() || self.ins.start_given => StartSource::Given,
+            StartSource::Auto if self.start.fix.is_some() || has(shape, &GNSS) => StartSource::Fix,
             StartSource::Auto if shape.number(ALIGNED, "s").is_ok() => StartSource::Alignment,
-            StartSource::Auto if self.start.fix.iter().all(|column| shape.get(column).is_some()) => StartSource::Fix,
+            StartSource::Auto if has(shape, &TRUTH) => StartSource::Fix,
             StartSource::Auto => {
                 let what = "the accuracy of the INS at the start of a line is unknown";
                 let help = "set `start = \"fix\"` and `fix` to the columns of a position; or append `ins_aligned`, the time \
@@ -114,8 +138,8 @@ impl Navigate {
         match self.start_from(shape) {
             Err(fault) => vec![fault],
             Ok(StartSource::Fix) => {
-                let position =
-                    self.start.fix.iter().zip(["deg", "deg", "m"]).map(|(name, unit)| shape.number(name, unit));
+                let columns = self.fix_columns(shape);
+                let position = columns.iter().zip(["deg", "deg", "m"]).map(|(name, unit)| shape.number(name, unit));
                 let mut faults = faults_of(position, "fix");
                 if let Some(velocity) = &self.start.fix_velocity {
                     faults.extend(faults_of(velocity.iter().map(|name| shape.number(name, "m/s")), "fix_velocity"));
@@ -126,18 +150,49 @@ impl Navigate {
         }
     }
 
+    /// The columns of the fix's position.
+    fn fix_columns(&self, shape: &TableShape) -> [String; 3] {
+        gnss_columns(self.start.fix.as_ref(), shape)
+    }
+
     /// The columns of the fix's velocity.
     fn velocity_columns(&self, shape: &TableShape) -> Option<[String; 3]> {
-        let usual = VELOCITY.iter().all(|name| shape.get(name).is_some()).then(|| VELOCITY.map(str::to_owned));
+        let usual = if self.fix_columns(shape) == GNSS { GNSS_VELOCITY } else { TRUE_VELOCITY };
+        let usual = has(shape, &usual).then(|| usual.map(str::to_owned));
         self.start.fix_velocity.clone().or(usual)
+    }
+
+    /// Whether the error sources of the INS are those of the flight's column [`GRADE`]: no key of the INS is set, and
+    /// the initial standard deviations hold at the alignment.
+    pub(super) fn takes_grade(&self, shape: &TableShape) -> bool {
+        let start = self.start_from(shape);
+        let at_alignment = matches!(start, Ok(StartSource::Alignment | StartSource::Fix));
+        self.is_auto() && !self.ins.given && shape.get(GRADE).is_some() && at_alignment
+    }
+
+    /// Error sources of the INS of a line.
+    pub(super) fn ins_sources(&self, batch: &RecordBatch) -> Result<InsErrors, Fault> {
+        if !self.takes_grade(&TableShape::from_schema(&batch.schema())) {
+            return Ok(self.ins.sources);
+        }
+        let texts = batch.column_by_name(GRADE).and_then(|column| column.as_string_opt::<i32>());
+        let Some(text) = texts.and_then(|texts| texts.iter().flatten().next()) else { return Ok(self.ins.sources) };
+        InsErrors::from_description(text).map_err(|fault| {
+            let help = "give a grade, such as `tactical`, or set `ins_grade` in the spec";
+            Fault::data(fault.what).in_column(GRADE).help(fault.help.unwrap_or_else(|| help.to_owned()))
+        })
     }
 
     /// Columns that the initial estimate requires.
     pub(super) fn start_reads(&self, shape: &TableShape) -> Vec<String> {
+        let grade = self.takes_grade(shape).then(|| GRADE.to_owned());
+        let aligned = has(shape, &[ALIGNED]).then(|| ALIGNED.to_owned());
         match self.start_from(shape) {
-            Ok(StartSource::Alignment) => vec![ALIGNED.to_owned()],
+            Ok(StartSource::Alignment) => aligned.into_iter().chain(grade).collect(),
             Ok(StartSource::Fix) => {
-                self.start.fix.iter().cloned().chain(self.velocity_columns(shape).into_iter().flatten()).collect()
+                let columns =
+                    self.fix_columns(shape).into_iter().chain(self.velocity_columns(shape).into_iter().flatten());
+                columns.chain(aligned).chain(grade).collect()
             }
             Ok(_) | Err(_) => vec![],
         }
@@ -148,7 +203,7 @@ impl Navigate {
         if self.start.start != StartSource::Auto || !self.is_auto() {
             return None;
         }
-        let fix = || self.start.fix.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+        let fix = || self.fix_columns(shape).map(|name| format!("`{name}`")).join(", ");
         match self.start_from(shape).ok()? {
             StartSource::Alignment => Some(format!("filters start from the alignment at `{ALIGNED}`")),
             StartSource::Fix => Some(format!("filters start from a fix ({}) at the first sample of each line", fix())),
@@ -165,24 +220,15 @@ impl Navigate {
         let tt_s = floats(batch, "tt")?;
         let first_s = tt_s.first().copied().unwrap_or_default();
         match self.start_from(&shape)? {
-            StartSource::Alignment => {
-                let aligned = floats(batch, ALIGNED)?.first().copied().unwrap_or(f64::NAN);
-                let age_s = first_s - aligned;
-                // Half a millisecond allows for the rounding of time stamps.
-                if !(-5e-4..=LONGEST_AGE_S).contains(&age_s) {
-                    let what = format!("the INS was aligned at {aligned} s, but the line begins at {first_s} s");
-                    let help = "give both in seconds past midnight UTC of the day of take-off";
-                    return Err(Fault::data(what).in_column(ALIGNED).help(help));
-                }
-                Ok(InitialCondition::Aligned { age_s: age_s.max(0.0) })
-            }
+            StartSource::Alignment => Ok(InitialCondition::Aligned { age_s: age_s(batch, first_s)? }),
             StartSource::Fix => self.fixed(batch, &shape, tt_s),
             StartSource::Auto | StartSource::Given => Ok(InitialCondition::Given),
         }
     }
 
     fn fixed(&self, batch: &RecordBatch, shape: &TableShape, tt_s: &[f64]) -> Result<InitialCondition, Fault> {
-        let StartKeys { fix, fix_sigma_m, fix_alt_sigma_m, fix_velocity_sigma_mps, .. } = &self.start;
+        let StartKeys { fix_sigma_m, fix_alt_sigma_m, fix_velocity_sigma_mps, .. } = &self.start;
+        let fix = self.fix_columns(shape);
         let sigmas = StartFixSigmas {
             horizontal_m: *fix_sigma_m,
             vertical_m: *fix_alt_sigma_m,
@@ -214,8 +260,22 @@ impl Navigate {
         }
         let vel_ned_mps = velocity.is_some().then(|| [values[3], values[4], values[5]]);
         let fix = StartFix { lat_lon_deg: [values[0], values[1]], alt_m: values[2], vel_ned_mps, sigmas };
-        Ok(InitialCondition::Fixed { fix, row })
+        let age_s = has(shape, &[ALIGNED]).then(|| age_s(batch, tt_s[row])).transpose()?;
+        Ok(InitialCondition::Fixed { fix, row, age_s })
     }
+}
+
+/// Time from the last alignment of the INS to a time `at_s` of the line, in s.
+fn age_s(batch: &RecordBatch, at_s: f64) -> Result<f64, Fault> {
+    let aligned = floats(batch, ALIGNED)?.first().copied().unwrap_or(f64::NAN);
+    let age_s = at_s - aligned;
+    // Half a millisecond allows for the rounding of time stamps.
+    if !(-5e-4..=LONGEST_AGE_S).contains(&age_s) {
+        let what = format!("the INS was aligned at {aligned} s, but the line begins at {at_s} s");
+        let help = "give both in seconds past midnight UTC of the day of take-off";
+        return Err(Fault::data(what).in_column(ALIGNED).help(help));
+    }
+    Ok(age_s.max(0.0))
 }
 
 impl InitialCondition {
@@ -224,7 +284,103 @@ impl InitialCondition {
         match self {
             InitialCondition::Given => None,
             InitialCondition::Aligned { age_s } => Some(aligned_covariance(errors, ins, *age_s)),
-            InitialCondition::Fixed { fix, .. } => Some(fix.covariance(errors)),
+            InitialCondition::Fixed { fix, row, age_s } => {
+                let aligned = age_s.map(|age_s| aligned_covariance(errors, &ins.from(*row), age_s));
+                Some(fix.covariance(errors, aligned.as_ref()))
+            }
         }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+
+    use arrow_array::{ArrayRef, StringArray};
+    use arrow_schema::Schema;
+    use schemas::Column;
+
+    use super::*;
+    use crate::{
+        columns::array,
+        navigate::testing::{NavigateOutput, ROWS, flight, flown_on, numbers_of, with},
+    };
+
+    /// Keys of the tests without those of the INS, so that the start follows from the columns.
+    const KEYS: &str = "tuning = 'auto'\nmag = 'mag_1_c'\ncore_field = false";
+
+    /// The flight with further columns.
+    fn added(columns: Vec<(&str, &str, ArrayRef)>) -> RecordBatch {
+        let flight = flight();
+        let mut fields: Vec<_> = flight.schema().fields().iter().map(|field| field.as_ref().clone()).collect();
+        let mut arrays = flight.columns().to_vec();
+        for (name, unit, values) in columns {
+            let column = if unit.is_empty() { Column::text(name, "") } else { Column::float(name, unit, "") };
+            fields.push(column.field());
+            arrays.push(values);
+        }
+        RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap()
+    }
+
+    fn aligned(at_s: f64) -> (&'static str, &'static str, ArrayRef) {
+        (ALIGNED, "s", array(vec![at_s; ROWS]))
+    }
+
+    fn grade(text: &str) -> (&'static str, &'static str, ArrayRef) {
+        (GRADE, "", Arc::new(StringArray::from(vec![text; ROWS])))
+    }
+
+    /// Positions of a receiver from the second sample, 4 m north of the truth.
+    fn receiver() -> Vec<(&'static str, &'static str, ArrayRef)> {
+        let of = |name: &str, offset: f64| {
+            let values = numbers_of(&flight(), name).into_iter().enumerate();
+            array(values.map(|(row, x)| if row == 0 { f64::NAN } else { x + offset }).collect())
+        };
+        let deg = 4.0 / 111_130.0;
+        vec![("gnss_lat", "deg", of("lat", deg)), ("gnss_lon", "deg", of("lon", 0.0)), ("gnss_alt", "m", of("alt", 0.0))]
+    }
+
+    fn run(keys: &str, flight: &RecordBatch) -> Result<NavigateOutput, Fault> {
+        flown_on("ins_only", &format!("{KEYS}\n{keys}"), flight)
+    }
+
+    #[test]
+    fn unit_a_filter_starts_from_the_receiver_of_a_flight() {
+        // The alignment leaves the 10 m of the INS; the receiver leaves its own 4 m.
+        let far = |flight: &RecordBatch, keys: &str| run(keys, flight).unwrap().error_m(0);
+        let of_alignment = far(&added(vec![aligned(-100.0)]), "");
+        let both = added(receiver().into_iter().chain([aligned(-100.0)]).collect());
+        assert!((of_alignment - 10.0).abs() < 0.1, "{of_alignment}");
+        assert!((far(&both, "") - 4.0).abs() < 0.3 && (far(&both, "start = 'alignment'") - 10.0).abs() < 0.1);
+        // The tilt grows since the alignment, so the position is lost faster.
+        let spread = |age_s: f64| {
+            let flight = added(receiver().into_iter().chain([aligned(-age_s), grade("tactical")]).collect());
+            run("", &flight).unwrap().numbers("sd_n")[ROWS - 1]
+        };
+        assert!(spread(3000.0) > 2.0 * spread(0.0), "{} {}", spread(3000.0), spread(0.0));
+    }
+
+    #[test]
+    fn unit_a_column_gives_the_error_sources_of_the_ins() {
+        let spread = |columns, keys: &str| run(keys, &added(columns)).unwrap().numbers("sd_n")[ROWS - 1];
+        let own = |text: &str| vec![aligned(0.0), grade(text)];
+        let tactical = spread(vec![aligned(0.0)], "ins_grade = 'tactical'");
+        assert!(tactical > 10.0 * spread(vec![aligned(0.0)], ""));
+        assert_eq!(spread(own("tactical"), ""), tactical);
+        // A key of the spec replaces the column.
+        assert_eq!(spread(own("tactical"), "ins_grade = 'magnav'"), spread(vec![aligned(0.0)], ""));
+        assert_eq!(spread(own("tactical"), "tuning = 'magnav'\nstart = 'alignment'"), spread(vec![aligned(0.0)], ""));
+        assert!(spread(own("tactical, acc_sigma_mps2 = 0.1"), "") > 2.0 * tactical);
+        let fault = run("", &added(own("tactcal"))).unwrap_err();
+        assert_eq!(fault.place.column.as_deref(), Some(GRADE));
+        assert!(fault.what.contains("tactcal"), "{fault:?}");
+    }
+
+    #[test]
+    fn unit_a_flight_without_a_start_is_rejected() {
+        let lost = with(&flight(), "lat", |_, _| f64::NAN);
+        let fault = run("", &lost).unwrap_err();
+        assert!(fault.what.contains("no row within 2 s"), "{fault:?}");
     }
 }

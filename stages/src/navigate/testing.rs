@@ -173,15 +173,40 @@ fn literal(value: toml::Value) -> Literal {
 
 /// Columns that a filter plans for the flight, or its faults.
 pub(super) fn planned(filter: &str, keys: &str) -> Result<Vec<Column>, Vec<Fault>> {
-    let stage = (entry(FILTERS.to_vec()).build)(&args(filter, keys))?;
-    let tables = [Table::Lines(TableShape::from_schema(&flight().schema())), Table::Map(schemas::map::shape())];
+    planned_on(&args(filter, keys), &flight())
+}
+
+fn planned_on(args: &SpecEntries, flight: &RecordBatch) -> Result<Vec<Column>, Vec<Fault>> {
+    let stage = (entry(FILTERS.to_vec()).build)(args)?;
+    let tables = [Table::Lines(TableShape::from_schema(&flight.schema())), Table::Map(schemas::map::shape())];
     Ok(stage.yields(&tables.iter().collect::<Vec<_>>())?.columns)
+}
+
+/// The numbers of a column.
+pub(super) fn numbers_of(flight: &RecordBatch, name: &str) -> Vec<f64> {
+    flight.column_by_name(name).unwrap().as_primitive::<Float64Type>().values().to_vec()
 }
 
 /// A filter on a flight.
 pub(super) fn flown(filter: &str, keys: &str, flight: &RecordBatch) -> Result<NavigateOutput, Fault> {
-    let names: Vec<String> = planned(filter, keys).unwrap().into_iter().map(|column| column.name).collect();
-    let stage = (entry(FILTERS.to_vec()).build)(&args(filter, keys)).unwrap();
+    flown_with(&args(filter, keys), flight)
+}
+
+/// A filter on a flight, with these keys alone.
+pub(super) fn flown_on(filter: &str, keys: &str, flight: &RecordBatch) -> Result<NavigateOutput, Fault> {
+    let own = keys.lines().filter(|line| !line.trim().is_empty());
+    // A later line replaces an earlier one of the same key.
+    let mut table = toml::Table::new();
+    own.for_each(|line| table.extend(line.parse::<toml::Table>().unwrap()));
+    table.insert("filter".into(), filter.into());
+    let args = table.into_iter().map(|(key, value)| (key, SpecEntry { value: literal(value), key_at: 0..0, at: 0..0 }));
+    flown_with(&args.collect(), flight)
+}
+
+fn flown_with(args: &SpecEntries, flight: &RecordBatch) -> Result<NavigateOutput, Fault> {
+    let planned = planned_on(args, flight).unwrap();
+    let names: Vec<String> = planned.into_iter().map(|column| column.name).collect();
+    let stage = (entry(FILTERS.to_vec()).build)(args).unwrap();
     let line = LineInput {
         flight: "1".into(),
         line: "1.01".into(),

@@ -51,7 +51,8 @@ fn line(name: &str, columns: &Columns) -> LineInput {
 
 fn run(stage: &SimulateIns, line: &LineInput) -> Result<Vec<Vec<f64>>, Fault> {
     let arrays = stage.run(line, &())?;
-    Ok(arrays.iter().map(|a| a.as_primitive::<Float64Type>().values().to_vec()).collect())
+    let numbers = arrays.iter().filter_map(|a| a.as_primitive_opt::<Float64Type>());
+    Ok(numbers.map(|a| a.values().to_vec()).collect())
 }
 
 /// The 2.5 % and 97.5 % quantiles of chi-square, by Wilson and Hilferty: within 0.1 % for a hundred degrees and more.
@@ -207,6 +208,18 @@ fn unit_existing_columns_are_used_instead_of_derived_ones() {
 }
 
 #[test]
+fn unit_the_column_of_the_grade_has_the_error_sources() {
+    let grade_of = |stage: &SimulateIns| {
+        let arrays = stage.run(&line("1", &flown(&at_hz(10.0, 10.0), 10.0)), &()).unwrap();
+        arrays.last().unwrap().as_string::<i32>().value(7).to_owned()
+    };
+    assert_eq!(grade_of(&stage(InsGrade::Tactical)), "tactical");
+    let mut own = stage(InsGrade::Navigation);
+    own.ins.sources.baro_sigma_m = 2.5;
+    assert_eq!(grade_of(&own), "navigation, baro_sigma_m = 2.5");
+}
+
+#[test]
 fn unit_short_and_impossible_lines_are_handled() {
     let fine = stage(InsGrade::Navigation);
     for n in 2..6 {
@@ -243,8 +256,10 @@ fn unit_an_existing_ins_is_kept_and_wrong_units_are_reported() {
     assert_eq!((faults.len(), faults[0].param.as_deref()), (1, Some("replace")));
     assert!(faults[0].what.contains("`ins_yaw`") && faults[0].help.as_deref().unwrap().contains("`replace = true`"));
     let made = SimulateIns { replace: true, ..keeping.clone() }.yields(&[&with(&[("ins_yaw", "deg")])]).unwrap();
-    assert_eq!(made.columns.iter().map(|c| c.name.as_str()).collect::<Vec<_>>(), MADE);
-    assert!(made.columns.iter().all(|c| c.unit == flight::describe(&c.name).unit && !c.unit.is_empty()));
+    let (grade, numbers) = made.columns.split_last().unwrap();
+    assert_eq!(numbers.iter().map(|c| c.name.as_str()).collect::<Vec<_>>(), MADE);
+    assert!(numbers.iter().all(|c| c.unit == flight::describe(&c.name).unit && !c.unit.is_empty()));
+    assert_eq!((grade.name.as_str(), grade.unit.as_str()), (GRADE, ""));
     assert_eq!(made.reads, [["tt", "lat", "lon", "alt"]]);
     assert_eq!(made.notes.len(), 2);
     let rich = with(&[("vn", "m/s"), ("ve", "m/s"), ("vd", "m/s"), ("roll", "deg")]);
