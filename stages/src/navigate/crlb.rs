@@ -45,7 +45,7 @@ impl NavigationFilter for Crlb {
         let faults: Vec<Fault> =
             TRUTH.iter().filter_map(|(name, unit)| flight.shape.number(name, unit).err()).collect();
         let truth = if faults.is_empty() { Ok(TRUTH.map(|(name, _)| name.to_owned()).to_vec()) } else { Err(faults) };
-        both(truth, self.further.no_latency())
+        both(truth, self.further.no_scalar_states())
     }
 
     fn columns(&self, _: &FilterFlight) -> Vec<Column> {

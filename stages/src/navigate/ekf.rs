@@ -39,6 +39,10 @@ impl NavigationFilter for Ekf {
         self.gate_nis.is_some()
     }
 
+    fn takes_permanent(&self) -> bool {
+        true
+    }
+
     fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let states = if self.save_state { state_columns() } else { vec![] };
         states.into_iter().collect()
@@ -52,9 +56,9 @@ impl NavigationFilter for Ekf {
     fn navigate_points(points: &[(&Self, &FilterInput)]) -> Vec<Result<FilterTrack, Fault>> {
         // A point with further measurements is filtered alone.
         let usual: Vec<(&Self, &FilterInput)> =
-            points.iter().filter(|(filter, _)| !filter.further.is_any()).copied().collect();
+            points.iter().filter(|(filter, flown)| !filter.further.applies_to(flown)).copied().collect();
         let mut together = Self::together(&usual).into_iter();
-        let answer = |(filter, flown): &(&Self, &FilterInput)| match filter.further.is_any() {
+        let answer = |(filter, flown): &(&Self, &FilterInput)| match filter.further.applies_to(flown) {
             true => filter.alone(flown),
             false => together.next().unwrap_or_else(|| Err(Fault::bug("a point was lost"))),
         };
@@ -92,6 +96,7 @@ impl Ekf {
             gate_nis: self.gate_nis,
             keep_states: self.save_state,
             keep_covariance: self.save_state,
+            ..AidedParameters::default()
         };
         let out = self.further.filter(flown, &line, &parameters)?;
         self.further.track(flown, out, false, self.save_state)

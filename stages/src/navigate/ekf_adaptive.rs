@@ -21,6 +21,9 @@ use crate::columns::{array, data};
 
 /// Default bounds of the estimated noise, as factors of the assumed noise.
 const LEAST: f64 = 1.0 / 20.0;
+/// Default lower bound where the noise of the line was estimated before, as a factor of the estimate. Below it a window
+/// of innovations is by chance, or position errors have taken the map's shape.
+const LEAST_TUNED: f64 = 0.5;
 const LARGEST: f64 = 20.0;
 
 filter! {
@@ -39,7 +42,7 @@ filter! {
     /// noise. The default `form` then changes the noise little; the other forms drive it to one of the bounds.
     ///
     /// Source: Gnadt 2022, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
-    EkfAdaptive = "ekf_adaptive", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "window = 50";
+    EkfAdaptive = "ekf_adaptive", version 3, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "window = 50";
     /// Estimated noise: of the measurement (`"r"`), of the process (`"q"`), or both.
     adapt: AdaptiveNoise, unit "", default AdaptiveNoise::R;
     /// Number of past innovations in the estimate. With 50 the noise is accurate to 10 %, with 10, as in MagNav.jl, to
@@ -48,7 +51,7 @@ filter! {
     window: usize, unit "1", default 50usize, rule Rule::Between(2.0, 1e6);
     /// Lower bound of the estimated noise.
     sigma_min_nt: Option<f64>, unit "nT",
-        absent "a twentieth of `measurement_sigma_nt`, or with `noise_column` the smallest assumed noise", rule Rule::Positive;
+        absent "half of the noise that `tuning = \"auto\"` estimates, else a twentieth of `measurement_sigma_nt`; with `noise_column` the smallest assumed noise", rule Rule::Positive;
     /// Upper bound of the estimated noise.
     sigma_max_nt: Option<f64>, unit "nT",
         absent "20 times `measurement_sigma_nt`, or with `noise_column` 20 times the largest assumed noise", rule Rule::Positive;
@@ -119,6 +122,7 @@ impl NavigationFilter for EkfAdaptive {
         let known = || sigmas.iter().copied().filter(|sigma| *sigma > 0.0 && sigma.is_finite());
         let (usual_least, usual_largest) = match &flown.sample_sigma_nt {
             Some(_) => (known().reduce(f64::min).unwrap_or(sigma_nt), LARGEST * known().fold(sigma_nt, f64::max)),
+            None if flown.is_tuned() => (LEAST_TUNED * sigma_nt, LARGEST * sigma_nt),
             None => (LEAST * sigma_nt, LARGEST * sigma_nt),
         };
         let least = self.sigma_min_nt.unwrap_or(usual_least);

@@ -10,6 +10,7 @@ use numerics::{
     earth::core_field::CoreField,
     maps::{map_stack::FieldMap, map_surface::MapInterpolation},
     navigation::{
+        aided::PermanentChange,
         ins_error::InsErrorModel,
         ins_series::InsSeries,
         line::NavigationLine,
@@ -18,6 +19,7 @@ use numerics::{
         position_fixes::PositionFixes,
         transition::NoiseDiscretisation,
     },
+    signal::gauss_markov::GaussMarkov,
 };
 use schemas::{
     ChoiceDoc, ChoiceKeys, ChoiceKind, Column, Fault, ParamDoc, ParamReader, TableShape, choice, collect_doc,
@@ -70,6 +72,9 @@ pub struct FilterInput<'a> {
     pub map_sigma_nt: Option<Vec<f64>>,
     /// GNSS positions after the test, for a filter that uses them ([`NavigationFilter::aiding`]).
     pub gnss: Option<GnssPositions>,
+    /// Change of the aircraft's permanent field, for a filter that estimates it
+    /// ([`NavigationFilter::takes_permanent`]).
+    pub permanent: Option<PermanentStates>,
     /// Whether the curvature of the map over the position's uncertainty counts as measurement noise.
     pub second_order: bool,
     /// Number of magnetometers in each element of `measured_nt`.
@@ -78,6 +83,22 @@ pub struct FilterInput<'a> {
     pub(super) left_out: Vec<Option<UpdateOutcome>>,
     /// Estimated noise.
     pub(super) tuned: Option<LineNoiseEstimate>,
+}
+
+/// Change of the aircraft's permanent field as states of a filter.
+#[derive(Clone)]
+pub struct PermanentStates {
+    /// Unit vector of the core field along nose, right and down at each sample.
+    pub direction: Vec<[f64; 3]>,
+    /// Standard deviation of each component, in nT, and time constant.
+    pub process: GaussMarkov,
+}
+
+impl PermanentStates {
+    /// Model of the change, as input of the filters in `numerics`.
+    pub(super) fn model(&self) -> PermanentChange<'_> {
+        PermanentChange { direction: &self.direction, process: self.process }
+    }
 }
 
 /// A magnetometer of a line.
@@ -370,6 +391,12 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
 
     /// Whether the filter uses calibrations, the tables of `fit`.
     fn takes_models(&self) -> bool {
+        false
+    }
+
+    /// Whether the filter can have states for a change of the aircraft's permanent field
+    /// ([`FilterInput::permanent`]).
+    fn takes_permanent(&self) -> bool {
         false
     }
 

@@ -167,6 +167,7 @@ fn flown<'a>(
         sample_sigma_nt: stage.sample_sigma_nt(batch)?,
         map_sigma_nt: None,
         gnss: None,
+        permanent: None,
         second_order: stage.is_auto(),
         counts: vec![],
         left_out: vec![],
@@ -177,9 +178,11 @@ fn flown<'a>(
     let each = stage.filter.keys.each_magnetometer().then(|| flown.magnetometers.clone());
     flown.combine()?;
     let finds_noise = stage.finds_noise(map.is_some());
+    flown.permanent = stage.permanent(&flown, finds_noise);
     if let Some(map) = map.filter(|_| finds_noise) {
         stage.tune(&mut flown, map, &AssumedNoise { sigma_nt, ..expected }, found)?;
     }
+    flown.permanent = flown.permanent.take().filter(|permanent| permanent.process.sigma > 0.0);
     if let Some((map, length_m)) = map.zip(stage.map_error_length_m) {
         flown.map_sigma_nt =
             map.errors.own_nt(&NavigationLine { fixes: flown.fixes(), ..flown.line()? }, ins.step_m(), length_m)?;

@@ -16,7 +16,7 @@ use numerics::{
 };
 use schemas::{Column, Fault, NumberOrAuto, Role, Rule, params};
 
-use super::filter::{FilterFlight, FilterInput, FilterTrack, UpdateOutcome, enough, state_arrays};
+use super::filter::{FilterFlight, FilterInput, FilterTrack, PermanentStates, UpdateOutcome, enough, state_arrays};
 use crate::columns::{array, data, faults_of, floats};
 
 params! {
@@ -73,6 +73,17 @@ params! {
     /// constant along the line. A sample stamped `t` was measured at `t` minus the lag, which may be negative. Appends
     /// `mag_latency` and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`.
     mag_latency_sigma_s: Option<f64>, unit "s", absent "time stamps are exact", rule Rule::Positive;
+    /// Standard deviation of each component (nose, right, down) of the change of the aircraft's permanent field since
+    /// its calibration. The change is three further states. Their effect on the scalar field follows from the attitude
+    /// and the core field. A constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`. 0
+    /// omits these states. Available in `ekf`, `iekf` and `ukf`.
+    permanent_change_sigma_nt: Option<f64>, unit "nT",
+        absent "from the likelihood with `tuning = \"auto\"`: 0 unless these states increase it clearly; else 0",
+        rule Rule::NotNegative;
+    /// Time constant of this change.
+    permanent_change_tau_s: Option<f64>, unit "s",
+        absent "from the likelihood with `tuning = \"auto\"`, else the change is constant along the line",
+        rule Rule::Positive;
     /// Largest ratio of a measurement's standard deviation to the map's horizontal slope at which the sample observes
     /// the position. Above it the sample is `flat` and corrects only the temporal variation and the map error. Appends
     /// `map_slope`.
@@ -88,6 +99,16 @@ impl AuxiliaryMeasurements {
         let Self { gradient, vector_sigma_nt, height, map_sigma_nt, mag_latency_sigma_s, flat_over_m, .. } = self;
         let numbers = [vector_sigma_nt, map_sigma_nt, mag_latency_sigma_s, flat_over_m];
         gradient.is_some() || height.is_some() || numbers.iter().any(|number| number.is_some())
+    }
+
+    /// Whether a line is filtered with states or measurements in addition to those of the scalar field.
+    pub(super) fn applies_to(&self, flown: &FilterInput) -> bool {
+        self.is_any() || flown.permanent.is_some()
+    }
+
+    /// Whether states for a change of the permanent field are requested.
+    pub(super) fn has_permanent(&self) -> bool {
+        self.permanent_change_sigma_nt.is_some_and(|sigma_nt| sigma_nt > 0.0)
     }
 
     /// Whether the direction of the field is required.
@@ -135,6 +156,15 @@ impl AuxiliaryMeasurements {
                 faults.push(Fault::new(what).of_param("vector_sigma_nt"));
             }
         }
+        if self.has_permanent() && !self.use_scalar {
+            let what = "`permanent_change_sigma_nt` has no effect with `use_scalar = false`";
+            faults.push(Fault::new(what).of_param("permanent_change_sigma_nt"));
+        }
+        if self.has_permanent() && !flight.core_field {
+            let what =
+                "`permanent_change_sigma_nt` requires `core_field = true`, which gives the direction of the field";
+            faults.push(Fault::new(what).of_param("permanent_change_sigma_nt"));
+        }
         if let Some(height) = &self.height {
             let found = flight.shape.number(height, "m");
             if found.is_ok() && flight.shape.get(height).is_some_and(|column| column.role == Role::Truth) {
@@ -168,6 +198,7 @@ impl AuxiliaryMeasurements {
             }
             "height_sigma_m" | "height_bias_sigma_m" | "height_bias_tau_s" if self.height.is_none() => "height",
             "map_sigma_length_m" if self.map_sigma_nt.is_none() => "map_sigma_nt",
+            "permanent_change_tau_s" if self.permanent_change_sigma_nt == Some(0.0) => "permanent_change_sigma_nt",
             _ => return None,
         };
         Some(Fault::new(format!("`{key}` has no effect without `{owner}`")).of_param(key))
@@ -207,25 +238,28 @@ impl AuxiliaryMeasurements {
         columns
     }
 
-    /// Rejects `use_scalar = false`, and a lag of the magnetometer, in a filter that requires the scalar field.
+    /// Rejects `use_scalar = false`, and states of the scalar measurement, in a filter that requires the scalar field.
     pub(super) fn needs_scalar(&self, what_for: &str) -> Result<Vec<String>, Vec<Fault>> {
         if self.use_scalar {
-            return self.no_latency();
+            return self.no_scalar_states();
         }
         Err(vec![Fault::new(format!("without the scalar field {what_for} cannot be estimated")).of_param("use_scalar")])
     }
 
-    /// Rejects a lag of the magnetometer in a filter that does not estimate it.
-    pub(super) fn no_latency(&self) -> Result<Vec<String>, Vec<Fault>> {
-        let fault = |_| {
-            let what = "`mag_latency_sigma_s` is available only in `ekf`, `iekf` and `ukf`";
-            vec![
-                Fault::new(what)
-                    .of_param("mag_latency_sigma_s")
-                    .help("set `filter` to one of these to estimate the lag"),
-            ]
+    /// Rejects the lag of the magnetometer and the change of the permanent field in a filter that does not estimate
+    /// them.
+    pub(super) fn no_scalar_states(&self) -> Result<Vec<String>, Vec<Fault>> {
+        let states = [
+            (self.mag_latency_sigma_s.is_some(), "mag_latency_sigma_s", "the lag"),
+            (self.has_permanent(), "permanent_change_sigma_nt", "this change"),
+        ];
+        let fault = |(_, key, what): (bool, &str, &str)| {
+            Fault::new(format!("`{key}` is available only in `ekf`, `iekf` and `ukf`"))
+                .of_param(key)
+                .help(format!("set `filter` to one of these to estimate {what}"))
         };
-        self.mag_latency_sigma_s.map_or(Ok(vec![]), |sigma_s| Err(fault(sigma_s)))
+        let faults: Vec<Fault> = states.into_iter().filter(|(set, ..)| *set).map(fault).collect();
+        if faults.is_empty() { Ok(vec![]) } else { Err(faults) }
     }
 
     /// Values computed from the columns.
@@ -270,7 +304,8 @@ impl AuxiliaryMeasurements {
         let map_error =
             self.map_sigma_nt.map(|sigma_nt| MapErrorProcess { sigma_nt, length_m: self.map_sigma_length_m });
         let (latency_sigma_s, flat_over_m) = (self.mag_latency_sigma_s, self.flat_over_m);
-        Ok(Aids { difference, vector, height, map_error, latency_sigma_s, flat_over_m })
+        let permanent = flown.permanent.as_ref().map(PermanentStates::model);
+        Ok(Aids { difference, vector, height, map_error, permanent, latency_sigma_s, flat_over_m })
     }
 
     /// Filters a line with these measurements.

@@ -41,6 +41,10 @@ impl NavigationFilter for Iekf {
         self.gate_nis.is_some()
     }
 
+    fn takes_permanent(&self) -> bool {
+        true
+    }
+
     fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let states = if self.save_state { state_columns() } else { vec![] };
         states.into_iter().collect()
@@ -53,13 +57,14 @@ impl NavigationFilter for Iekf {
 
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
-        if self.further.is_any() {
+        if self.further.applies_to(flown) {
             let (iterations, tolerance_m) = (self.iterations, self.tolerance_m);
             let parameters = AidedParameters {
                 linearisation: Linearisation::Iterated { iterations, tolerance_m },
                 gate_nis: self.gate_nis,
                 keep_states: self.save_state,
                 keep_covariance: self.save_state,
+                ..AidedParameters::default()
             };
             let out = self.further.filter(flown, &line, &parameters)?;
             return self.further.track(flown, out, false, self.save_state);

@@ -87,7 +87,7 @@ impl NavigationFilter for Mpf {
                 .help("remove `flat_over_m`, and set `map_sigma_nt` to the map error")
         });
         let flat = flat.map_or(Ok(vec![]), |fault| Err(vec![fault]));
-        both(self.further.no_latency(), flat)
+        both(self.further.no_scalar_states(), flat)
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {

@@ -54,7 +54,7 @@ filter! {
 
 impl NavigationFilter for Rts {
     fn reads(&self, _: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
-        self.further.no_latency()
+        self.further.no_scalar_states()
     }
 
     fn columns(&self, _: &FilterFlight) -> Vec<Column> {

@@ -338,7 +338,11 @@ mod tests {
             array(values.map(|(row, x)| if row == 0 { f64::NAN } else { x + offset }).collect())
         };
         let deg = 4.0 / 111_130.0;
-        vec![("gnss_lat", "deg", of("lat", deg)), ("gnss_lon", "deg", of("lon", 0.0)), ("gnss_alt", "m", of("alt", 0.0))]
+        vec![
+            ("gnss_lat", "deg", of("lat", deg)),
+            ("gnss_lon", "deg", of("lon", 0.0)),
+            ("gnss_alt", "m", of("alt", 0.0)),
+        ]
     }
 
     fn run(keys: &str, flight: &RecordBatch) -> Result<NavigateOutput, Fault> {

@@ -1,15 +1,19 @@
 //! Assumed noise of a line's measurements: from the spec, the calibration, or the likelihood of the innovations.
 
 use arrow_array::{ArrayRef, RecordBatch};
-use numerics::navigation::{
-    likelihood::{self, IntervalEstimate, LineNoise, NoiseSearch},
-    line::NavigationLine,
+use numerics::{
+    navigation::{
+        aided::field_direction,
+        likelihood::{self, IntervalEstimate, LineNoise, NoiseParameters, NoiseSearch, PARAMETERS},
+        line::NavigationLine,
+    },
+    signal::gauss_markov::GaussMarkov,
 };
 use schemas::{Column, Fault, NumberOrAuto, Rule, TableShape, choice, flight, map::ERROR, params};
 
 use super::{
     Navigate,
-    filter::{FilterInput, FilterMagnetometer, UpdateOutcome},
+    filter::{FilterInput, FilterMagnetometer, PermanentStates, UpdateOutcome},
     prepared::NavigationMap,
 };
 use crate::{
@@ -63,10 +67,12 @@ const MAGNAV: [f64; 3] = [5.0, 3.0, 600.0];
 const INTERVAL_S: f64 = 5.0;
 
 /// Columns of the estimated noise: name, unit and meaning.
-const FOUND: [(&str, &str, &str); 3] = [
+const FOUND: [(&str, &str, &str); PARAMETERS] = [
     ("noise_sigma", "nT", "standard deviation of the white noise of the measurements that are used"),
     ("noise_fogm_sigma", "nT", "standard deviation of the Gauss-Markov process"),
     ("noise_fogm_tau", "s", "time constant of the Gauss-Markov process"),
+    ("noise_permanent_sigma", "nT", "standard deviation of the change of the permanent field; 0 without states for it"),
+    ("noise_permanent_tau", "s", "time constant of the change of the permanent field"),
 ];
 
 impl Navigate {
@@ -173,10 +179,25 @@ impl Navigate {
     }
 
     /// Parameters of the search that are fixed.
-    fn not_searched(&self, expected: &AssumedNoise) -> [Option<f64>; 3] {
+    fn not_searched(&self, expected: &AssumedNoise) -> NoiseParameters {
         let values = [expected.sigma_nt, expected.fogm_sigma_nt, expected.fogm_tau_s];
         let given = self.of_calibration().map(|(value, ..)| value.is_some());
-        [0, 1, 2].map(|at| given[at].then_some(values[at]))
+        let [sigma, fogm_sigma, fogm_tau] = [0, 1, 2].map(|at| given[at].then_some(values[at]));
+        let further = self.filter.keys.further().filter(|_| self.filter.keys.takes_permanent());
+        let permanent = further.map_or(Some(0.0), |further| further.permanent_change_sigma_nt);
+        let permanent_tau = further.and_then(|further| further.permanent_change_tau_s);
+        [sigma, fogm_sigma, fogm_tau, permanent, permanent_tau]
+    }
+
+    /// States for a change of the permanent field on a line: those of the keys, and with `found` those that the
+    /// likelihood may require, with a standard deviation of 0.
+    pub(super) fn permanent(&self, flown: &FilterInput, found: bool) -> Option<PermanentStates> {
+        let keys = self.filter.keys.further().filter(|_| self.filter.keys.takes_permanent())?;
+        let sigma = keys.permanent_change_sigma_nt.or(found.then_some(0.0))?;
+        let core = flown.core.as_ref().filter(|_| sigma > 0.0 || keys.permanent_change_sigma_nt.is_none())?;
+        let tau_s = keys.permanent_change_tau_s.unwrap_or(f64::INFINITY);
+        let direction = (0..flown.ins.len()).map(|row| field_direction(core, &flown.ins, row)).collect();
+        Some(PermanentStates { direction, process: GaussMarkov { sigma, tau_s } })
     }
 
     /// Whether the map's own error is used.
@@ -191,7 +212,8 @@ impl Navigate {
             return vec![];
         }
         let mut columns = vec![];
-        for (name, unit, what) in FOUND {
+        let count = if self.filter.keys.takes_permanent() { PARAMETERS } else { PARAMETERS - 2 };
+        for (name, unit, what) in FOUND.into_iter().take(count) {
             columns.push(Column::float(name, unit, format!("{what}; NaN where the line is too short to estimate it")));
             columns.push(Column::float(format!("{name}_low"), unit, "lower end of its 95 % interval"));
             columns.push(Column::float(format!("{name}_high"), unit, "upper end of its 95 % interval"));
@@ -211,9 +233,15 @@ impl Navigate {
         }
         let none = IntervalEstimate { value: f64::NAN, low: f64::NAN, high: f64::NAN };
         let found = flown.tuned.as_ref().and_then(|tuned| tuned.noise);
-        let three = found.map_or([none; 3], |noise| [noise.sigma_nt, noise.fogm_sigma_nt, noise.fogm_tau_s]);
+        let mut estimates =
+            found.map_or(vec![none; 3], |noise| vec![noise.sigma_nt, noise.fogm_sigma_nt, noise.fogm_tau_s]);
+        if self.filter.keys.takes_permanent() {
+            let constant = IntervalEstimate { value: 0.0, low: 0.0, high: 0.0 };
+            let permanent = found.map(|noise| noise.permanent.unwrap_or([constant, none]));
+            estimates.extend(permanent.unwrap_or([none; 2]));
+        }
         let inflation = found.map_or(f64::NAN, |noise| noise.inflation);
-        let values = three.iter().flat_map(|of| [of.value, of.low, of.high]).chain([inflation]);
+        let values = estimates.iter().flat_map(|of| [of.value, of.low, of.high]).chain([inflation]);
         values.map(|value| array(vec![value; flown.ins.len()])).collect()
     }
 
@@ -250,14 +278,14 @@ impl Navigate {
 #[derive(PartialEq)]
 pub(super) struct LineNoiseInputs {
     map: *const u8,
-    given: [Option<f64>; 3],
+    given: NoiseParameters,
     offset_window_s: f64,
     start: Vec<u64>,
     values: Vec<u64>,
 }
 
 impl LineNoiseInputs {
-    fn new(flown: &FilterInput, given: [Option<f64>; 3]) -> Self {
+    fn new(flown: &FilterInput, given: NoiseParameters) -> Self {
         let errors = &flown.errors;
         let first = errors.initial_covariance(flown.ins.lat_deg[0].to_radians(), flown.ins.alt_m[0]);
         let density = errors.noise_density();
@@ -283,12 +311,13 @@ pub(super) struct LineNoiseEstimate {
 }
 
 impl LineNoiseEstimate {
-    fn new(flown: &FilterInput, of_map: bool, map: &NavigationMap, given: [Option<f64>; 3]) -> Result<Self, Fault> {
+    fn new(flown: &FilterInput, of_map: bool, map: &NavigationMap, given: NoiseParameters) -> Result<Self, Fault> {
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line()? };
         let rows = likelihood::rows_at(flown.ins.tt_s, INTERVAL_S);
         let (scale, known) = (flown.scale(), flown.known_nt());
         let known_nt = known.as_deref();
-        let first = NoiseSearch { line: &line, rows: &rows, scale: &scale, known_nt, map_nt: None, given };
+        let direction = flown.permanent.as_ref().map(|permanent| permanent.direction.as_slice());
+        let first = NoiseSearch { line: &line, rows: &rows, scale: &scale, known_nt, map_nt: None, direction, given };
         let mut noise = likelihood::search(&first).map_err(data)?;
         let mut map_nt = None;
         if let Some(found) = &noise
@@ -310,6 +339,9 @@ impl LineNoiseEstimate {
             flown.measurement_sigma_nt = noise.sigma_nt.value;
             flown.errors.fogm_sigma_nt = noise.fogm_sigma_nt.value;
             flown.errors.fogm_tau_s = noise.fogm_tau_s.value;
+            let process = noise.permanent.map(|[sigma, tau_s]| GaussMarkov { sigma: sigma.value, tau_s: tau_s.value });
+            flown.permanent =
+                flown.permanent.take().zip(process).map(|(of, process)| PermanentStates { process, ..of });
             let factor = noise.map_factor.sqrt();
             let of_map = |nt: &Vec<f64>| nt.iter().map(|nt| if nt.is_finite() { factor * nt } else { 0.0 }).collect();
             flown.map_sigma_nt = self.map_nt.as_ref().filter(|_| factor > 0.0).map(of_map);
@@ -353,13 +385,14 @@ impl FilterInput<'_> {
     /// Fails in the cases of [`likelihood::outliers`].
     pub(super) fn reject_outliers(&mut self) -> Result<(), Fault> {
         let line = NavigationLine { fixes: self.fixes(), ..self.line()? };
-        let rejected = likelihood::outliers(&line).map_err(data)?;
+        let permanent = || self.permanent.as_ref().map(PermanentStates::model);
+        let rejected = likelihood::outliers(&line, permanent()).map_err(data)?;
         let mut of_each = vec![];
         for FilterMagnetometer { measured_nt, .. } in &self.magnetometers {
             let used = |(own, mean): (&f64, &f64)| if mean.is_finite() { *own } else { f64::NAN };
             let own: Vec<f64> = measured_nt.iter().zip(&self.measured_nt).map(used).collect();
             let line = NavigationLine { measurement_nt: &own, ..line };
-            let rejected = likelihood::outliers(&line).map_err(data)?;
+            let rejected = likelihood::outliers(&line, permanent()).map_err(data)?;
             of_each.push(own.iter().zip(rejected).map(|(nt, out)| if out { f64::NAN } else { *nt }).collect());
         }
         self.magnetometers.iter_mut().zip(of_each).for_each(|(mag, own)| mag.measured_nt = own);

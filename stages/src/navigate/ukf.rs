@@ -48,6 +48,10 @@ impl NavigationFilter for Ukf {
         self.gate_nis.is_some()
     }
 
+    fn takes_permanent(&self) -> bool {
+        true
+    }
+
     fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let mut columns = vec![Column::float(
             "sd_nonlinear",
@@ -70,12 +74,13 @@ impl NavigationFilter for Ukf {
             keep_states: self.save_state,
             keep_covariance: self.save_state,
         };
-        if self.further.is_any() {
+        if self.further.applies_to(flown) {
             let aided = AidedParameters {
                 linearisation: Linearisation::Unscented(parameters),
                 gate_nis: self.gate_nis,
                 keep_states: self.save_state,
                 keep_covariance: self.save_state,
+                ..AidedParameters::default()
             };
             let out = self.further.filter(flown, &line, &aided)?;
             return self.further.track(flown, out, true, self.save_state);

@@ -22,8 +22,8 @@ use crate::navigation::output::{NavigationError, NavigationOutput};
 use crate::navigation::ukf::UkfParameters;
 
 pub use crate::navigation::aids::{
-    AidInnovations, Aids, DifferenceAid, HeightAid, Innovations, MapErrorProcess, MapSlope, SampleUsage, SlopeError,
-    VectorAid,
+    AidInnovations, Aids, DifferenceAid, HeightAid, Innovations, MapErrorProcess, MapSlope, PermanentChange,
+    SampleUsage, SlopeError, VectorAid, field_direction,
 };
 use filter::AidedFilter;
 pub use slope_error::likely_slope_error;
@@ -53,6 +53,9 @@ pub struct AidedParameters {
     pub linearisation: Linearisation,
     /// Largest NIS of a measurement; measurements with larger NIS are rejected. `None` uses every measurement.
     pub gate_nis: Option<f64>,
+    /// Number of consecutive rejections of the scalar field after which its next measurement is used. `None` rejects
+    /// any number.
+    pub recover_after: Option<usize>,
     /// Returns the 18 error states of every sample.
     pub keep_states: bool,
     /// Returns the covariance of all states at every sample.

@@ -7,15 +7,16 @@
 //! direction û of the core field
 //!
 //! ```text
-//! scalar       z = map(p - v τ) + core(p - v τ) + S + e + white noise
+//! scalar       z = map(p - v τ) + core(p - v τ) + S + e + ûᵀ C q + c + white noise
 //! difference   d = f(p + a/2) − f(p − a/2) + |a_h| g_h + a_u g_u + b_d + white noise,   f = map + core,   a = C_true r
 //! vector       m = C_trueᵀ (core vector(p) + û (map(p) + S) + a_c) + b_v + white noise,   C_trueᵀ = Cᵀ (I + [ψ×])
 //! height       h = altitude of p + b_h + white noise
 //! ```
 //!
 //! with the lag τ of the scalar magnetometer at the velocity v, the map error e with a correlation length along the
-//! track, the biases b, and the part a_c of the crustal field vector that a scalar map does not determine. f contains
-//! the core field if the scalar measurement does.
+//! track, the change q of the aircraft's permanent field since its calibration (body frame) with a constant offset c, the
+//! biases b, and the part a_c of the crustal field vector that a scalar map does not determine. f contains the core
+//! field if the scalar measurement does.
 //!
 //! Rows of H, predictions and variances of a sample are computed in one place, for the state of any filter. Filters
 //! differ in their linearisation points and in their use of a row.
@@ -58,7 +59,8 @@ use crate::navigation::ins_series::SeriesError;
 use crate::navigation::output::{Innovation, NavigationError, NavigationReport};
 use crate::signal::gauss_markov::GaussMarkov;
 
-pub(crate) use rows::{Aid, AidMeasurements, LinearisedAid, SampleInnovations, rotation};
+pub use rows::field_direction;
+pub(crate) use rows::{Aid, AidMeasurements, JacobianBlock, LinearisedAid, SampleInnovations, rotation};
 pub use slope::{MapSlope, SlopeError};
 pub(crate) use states::AidStates;
 
@@ -107,6 +109,17 @@ pub struct HeightAid<'a> {
     pub bias: GaussMarkov,
 }
 
+/// Change of the aircraft's permanent field since its calibration: three states along nose, right and down. It changes
+/// the scalar measurement by its component along the field. A constant offset of the measurement is a fourth state, so
+/// that S only has to follow the variation in time.
+#[derive(Clone, Copy, Debug)]
+pub struct PermanentChange<'a> {
+    /// Unit vector of the core field along nose, right and down at each sample; see [`field_direction`].
+    pub direction: &'a [[f64; 3]],
+    /// Standard deviation of each component, in nT, and time constant of the change.
+    pub process: GaussMarkov,
+}
+
 /// Error of the map as a Gauss-Markov process along the track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapErrorProcess {
@@ -127,6 +140,8 @@ pub struct Aids<'a> {
     pub height: Option<HeightAid<'a>>,
     /// Map error as a state.
     pub map_error: Option<MapErrorProcess>,
+    /// Change of the aircraft's permanent field as states.
+    pub permanent: Option<PermanentChange<'a>>,
     /// Standard deviation of the lag of the scalar magnetometer before the line, in s. The lag is a constant state: a
     /// sample with time stamp `t` was measured at `t` minus the lag.
     pub latency_sigma_s: Option<f64>,
@@ -192,9 +207,9 @@ impl Innovations {
 impl Aids<'_> {
     /// Whether there is any further measurement.
     pub fn is_any(&self) -> bool {
-        let Self { difference, vector, height, map_error, latency_sigma_s, flat_over_m } = self;
+        let Self { difference, vector, height, map_error, permanent, latency_sigma_s, flat_over_m } = self;
         let measured = difference.is_some() || vector.is_some() || height.is_some();
-        measured || map_error.is_some() || latency_sigma_s.is_some() || flat_over_m.is_some()
+        measured || permanent.is_some() || map_error.is_some() || latency_sigma_s.is_some() || flat_over_m.is_some()
     }
 
     /// Whether the map is too flat for a measurement of this variance and a horizontal slope in nT/m.
@@ -245,6 +260,10 @@ impl Aids<'_> {
         if let Some(MapErrorProcess { sigma_nt, length_m }) = &self.map_error {
             require("map_sigma_nt", *sigma_nt, Rule::NotNegative)?;
             require("map_sigma_length_m", *length_m, Rule::Positive)?;
+        }
+        if let Some(PermanentChange { direction, process }) = &self.permanent {
+            length("direction of the field", direction.len())?;
+            lasting("permanent_change", *process)?;
         }
         if let Some(sigma_s) = self.latency_sigma_s {
             require("mag_latency_sigma_s", sigma_s, Rule::Positive)?;

@@ -13,10 +13,17 @@
 //! the measurement is a Gauss-Markov process with a long time constant. The measurements are thinned, so that errors
 //! with correlation times below the interval count as white. An innovation beyond the gate is limited to the gate, so
 //! that spikes have little influence.
+//!
+//! The permanent field of an aircraft changes after its calibration, by landings, temperature, or parts that are
+//! magnetised. In turns this change is not a Gauss-Markov process of time. If three states for it increase the likelihood
+//! by more than a threshold, they are used, with the most likely standard deviation and time
+//! constant.
 
 mod outliers;
+mod permanent;
 mod thinned;
 
+use crate::navigation::aided::{self, AidedParameters, Aids, PermanentChange};
 use crate::navigation::ekf::{EkfInput, EkfParameters, run_together};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::line::NavigationLine;
@@ -36,6 +43,9 @@ pub struct LineNoise {
     pub fogm_sigma_nt: IntervalEstimate,
     /// Time constant of the Gauss-Markov process, in s.
     pub fogm_tau_s: IntervalEstimate,
+    /// Change of the permanent field, if it is given or detected: standard deviation of each component, in nT, and time
+    /// constant, in s.
+    pub permanent: Option<[IntervalEstimate; 2]>,
     /// Factor on the variance of the map's own error at each sample; 0 if no map error is given or detected.
     pub map_factor: f64,
     /// Factor by which `sigma_nt` was increased; 1 for white innovations.
@@ -67,13 +77,22 @@ pub struct NoiseSearch<'a> {
     pub known_nt: Option<&'a [f64]>,
     /// Standard deviation of the map's own error at each sample, in nT.
     pub map_nt: Option<&'a [f64]>,
-    /// Given parameters: white noise in nT, standard deviation of the process in nT, and its time constant in s.
-    pub given: [Option<f64>; 3],
+    /// Direction of the field at each sample; see [`PermanentChange`]. Without it the permanent field is constant.
+    pub direction: Option<&'a [[f64; 3]]>,
+    /// Given parameters: white noise in nT, standard deviation of the process in nT, its time constant in s, standard
+    /// deviation of the change of the permanent field in nT (0 for none), and its time constant in s.
+    pub given: NoiseParameters,
 }
 
+/// Given parameters of a [`NoiseSearch`]; `None` is searched.
+pub type NoiseParameters = [Option<f64>; PARAMETERS];
+
+/// Number of parameters.
+pub const PARAMETERS: usize = 5;
+
 /// Range of each parameter.
-const RANGES: [[f64; 2]; 3] = [[0.5, 300.0], [0.1, 3000.0], [10.0, 3e5]];
-/// Coarse grid of each parameter.
+const RANGES: [[f64; 2]; PARAMETERS] = [[0.5, 300.0], [0.1, 3000.0], [10.0, 3e5], [0.5, 1000.0], [300.0, 1e6]];
+/// Coarse grid of the white noise and the process.
 const GRID: [&[f64]; 3] = [
     &[0.5, 1.0, 3.0, 10.0, 30.0],
     &[1.0, 4.0, 16.0, 64.0, 256.0, 1000.0],
@@ -83,7 +102,7 @@ const GRID: [&[f64]; 3] = [
 const MAP_FACTORS: [f64; 4] = [0.25, 1.0, 4.0, 16.0];
 /// Weak prior that keeps short lines away from the ends of the ranges: centres, and standard deviations of the
 /// logarithms.
-const PRIOR: [(f64, f64); 3] = [(3.0, 2.0), (5.0, 2.5), (600.0, 2.5)];
+const PRIOR: [(f64, f64); PARAMETERS] = [(3.0, 2.0), (5.0, 2.5), (600.0, 2.5), (10.0, 2.0), (2e4, 2.5)];
 /// First and last step of the search around the best point, as factors.
 const STEPS: [f64; 2] = [2.0, 1.12];
 /// Number of points of the grid that are refined.
@@ -98,7 +117,12 @@ pub const FEWEST: usize = 60;
 /// Normal deviate of a 95 % interval.
 const TWO_SIDED_95: f64 = 1.96;
 
-type NoisePoint = [f64; 3];
+type NoisePoint = [f64; PARAMETERS];
+
+/// Indices of the parameters of the permanent field.
+const PERMANENT: [usize; 2] = [3, 4];
+/// Indices of time constants. They have the least influence, so the steps in them are wider.
+const TIMES: [usize; 2] = [2, 4];
 
 /// Maximum-likelihood noise of a line; `None` if fewer than [`FEWEST`] measurements are usable.
 ///
@@ -118,6 +142,7 @@ pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationE
     let mut order: Vec<usize> = (0..grid.len()).collect();
     order.sort_by(|a, b| scored[*b].log_likelihood(least_used).total_cmp(&scored[*a].log_likelihood(least_used)));
     let mut best = likelihood.best_of(order.iter().take(STARTS).map(|at| grid[*at]), least_used);
+    best = likelihood.with_permanent(best, least_used);
     if search.map_nt.is_some() {
         for map_factor in MAP_FACTORS {
             let other = NoiseLikelihood { map_factor, ..likelihood };
@@ -130,31 +155,52 @@ pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationE
     let output = likelihood.outputs(&[best.0]).pop().and_then(Result::ok).unwrap_or_default();
     let factor = if search.given[0].is_some() { 1.0 } else { correlation_factor(&output) };
     let inflation = factor.sqrt();
-    let [sigma, fogm_sigma, fogm_tau] = likelihood.intervals(best, least_used);
+    let has_permanent = has_permanent(&best.0);
+    let [sigma, fogm_sigma, fogm_tau, permanent @ ..] = likelihood.intervals(best, least_used);
     let inflated = |part: f64| inflation * part;
     let sigma_nt =
         IntervalEstimate { value: inflated(sigma.value), low: inflated(sigma.low), high: inflated(sigma.high) };
     let map_factor = likelihood.map_factor;
-    Ok(Some(LineNoise { sigma_nt, fogm_sigma_nt: fogm_sigma, fogm_tau_s: fogm_tau, map_factor, inflation }))
+    Ok(Some(LineNoise {
+        sigma_nt,
+        fogm_sigma_nt: fogm_sigma,
+        fogm_tau_s: fogm_tau,
+        permanent: has_permanent.then_some(permanent),
+        map_factor,
+        inflation,
+    }))
+}
+
+/// Whether a point has states for the permanent field.
+fn has_permanent(point: &NoisePoint) -> bool {
+    point[PERMANENT[0]] > 0.0
 }
 
 impl NoiseSearch<'_> {
-    /// Coarse grid, with one value for given parameters.
+    /// Coarse grid, with one value for given parameters, and no permanent field unless it is given.
     fn grid(&self) -> Vec<NoisePoint> {
         let own = self.given.map(|given| given.map(|value| vec![value]));
+        let [permanent_nt, permanent_tau_s] = self.permanent();
         let axes: Vec<&[f64]> = own.iter().zip(GRID).map(|(own, grid)| own.as_deref().unwrap_or(grid)).collect();
         let mut points = vec![];
         for sigma in axes[0] {
             for fogm in axes[1] {
-                points.extend(axes[2].iter().map(|tau| [*sigma, *fogm, *tau]));
+                points.extend(axes[2].iter().map(|tau| [*sigma, *fogm, *tau, permanent_nt, permanent_tau_s]));
             }
         }
         points
     }
 
-    /// Indices of the free parameters.
-    fn free(&self) -> Vec<usize> {
-        (0..3).filter(|at| self.given[*at].is_none()).collect()
+    /// Standard deviation and time constant of the permanent field before the search for them.
+    fn permanent(&self) -> [f64; 2] {
+        let [sigma_nt, tau_s] = PERMANENT.map(|at| self.given[at]);
+        [self.direction.and(sigma_nt).unwrap_or(0.0), tau_s.unwrap_or(permanent::USUAL_TAU_S)]
+    }
+
+    /// Indices of the free parameters at a point.
+    fn free(&self, point: &NoisePoint) -> Vec<usize> {
+        let varies = |at: &usize| !PERMANENT.contains(at) || has_permanent(point);
+        (0..PARAMETERS).filter(|at| self.given[*at].is_none() && varies(at)).collect()
     }
 }
 
@@ -183,22 +229,15 @@ impl InnovationLikelihood {
 impl NoiseLikelihood<'_> {
     /// Outputs of filters with these parameters.
     fn outputs(&self, points: &[NoisePoint]) -> Vec<Result<NavigationOutput, NavigationError>> {
-        let NoiseSearch { line, scale, known_nt, map_nt, .. } = *self.search;
+        if points.iter().any(has_permanent) {
+            return points.iter().map(|point| self.output_with_permanent(point)).collect();
+        }
+        let line = self.search.line;
         let ins = self.thinned.ins();
         let mut outputs = vec![];
         for some in points.chunks(TOGETHER) {
             let parameters: Vec<EkfParameters> = some.iter().map(|point| parameters(line, *point)).collect();
-            let sigma_nt: Vec<Vec<f64>> = some
-                .iter()
-                .map(|[sigma_nt, ..]| {
-                    let of = |row: &usize| {
-                        let known = known_nt.map_or(0.0, |known| known[*row]);
-                        let map = map_nt.map_or(0.0, |map| self.map_factor.sqrt() * map[*row]);
-                        (sigma_nt * scale[*row]).hypot(known).hypot(if map.is_finite() { map } else { 0.0 })
-                    };
-                    self.search.rows.iter().map(of).collect()
-                })
-                .collect();
+            let sigma_nt: Vec<Vec<f64>> = some.iter().map(|point| self.sigma_nt(point)).collect();
             let filters: Vec<EkfInput> = parameters
                 .iter()
                 .zip(&sigma_nt)
@@ -216,6 +255,17 @@ impl NoiseLikelihood<'_> {
         outputs
     }
 
+    /// Standard deviation of each thinned measurement at a point, in nT.
+    fn sigma_nt(&self, [sigma_nt, ..]: &NoisePoint) -> Vec<f64> {
+        let NoiseSearch { scale, known_nt, map_nt, .. } = *self.search;
+        let of = |row: &usize| {
+            let known = known_nt.map_or(0.0, |known| known[*row]);
+            let map = map_nt.map_or(0.0, |map| self.map_factor.sqrt() * map[*row]);
+            (sigma_nt * scale[*row]).hypot(known).hypot(if map.is_finite() { map } else { 0.0 })
+        };
+        self.search.rows.iter().map(of).collect()
+    }
+
     fn scores(&self, points: &[NoisePoint]) -> Vec<InnovationLikelihood> {
         let outputs = self.outputs(points);
         points.iter().zip(&outputs).map(|(point, output)| self.score(point, output)).collect()
@@ -228,7 +278,7 @@ impl NoiseLikelihood<'_> {
             sum += deviance(*residual_nt, *nis, GATE_NIS).unwrap_or(0.0);
         }
         for (at, (centre, sd)) in PRIOR.iter().enumerate() {
-            if self.search.given[at].is_none() {
+            if self.search.given[at].is_none() && (!PERMANENT.contains(&at) || has_permanent(point)) {
                 sum += ((point[at] / centre).ln() / sd).powi(2);
             }
         }
@@ -238,12 +288,9 @@ impl NoiseLikelihood<'_> {
     /// Best point around some points, and the likelihood of this point.
     fn best_of(&self, starts: impl Iterator<Item = NoisePoint>, least_used: usize) -> (NoisePoint, f64) {
         let climbed = starts.map(|start| self.climbed(start, least_used));
-        climbed.fold(
-            ([f64::NAN; 3], f64::NEG_INFINITY),
-            |best, one| {
-                if one.1 > best.1 || best.0[0].is_nan() { one } else { best }
-            },
-        )
+        climbed.fold(([f64::NAN; PARAMETERS], f64::NEG_INFINITY), |best, one| {
+            if one.1 > best.1 || best.0[0].is_nan() { one } else { best }
+        })
     }
 
     /// Best point by steps to the best neighbour, which shrink if no neighbour is better.
@@ -266,12 +313,19 @@ impl NoiseLikelihood<'_> {
         (now, best)
     }
 
-    /// Neighbours of a point: each free parameter one step down, unchanged, or one step up.
+    /// Neighbours of a point: each free parameter one step down, unchanged, or one step up. With a permanent field only
+    /// one parameter changes, because its filter takes longer.
     fn around(&self, point: NoisePoint, factor: f64) -> Vec<NoisePoint> {
+        let free = self.search.free(&point);
+        let together: Vec<&[usize]> = if has_permanent(&point) { free.chunks(1).collect() } else { vec![&free] };
+        together.into_iter().flat_map(|parameters| Self::grid_around(point, factor, parameters)).collect()
+    }
+
+    /// The point with each of these parameters one step down, unchanged, or one step up, without the point itself.
+    fn grid_around(point: NoisePoint, factor: f64, parameters: &[usize]) -> Vec<NoisePoint> {
         let mut points = vec![point];
-        for at in self.search.free() {
-            // The time constant has the least influence, so the steps in it are wider.
-            let factor = if at == 2 { factor * factor } else { factor };
+        for at in parameters.iter().copied() {
+            let factor = if TIMES.contains(&at) { factor * factor } else { factor };
             let [low, high] = RANGES[at];
             let moved = points.iter().flat_map(|point| {
                 [1.0 / factor, factor].map(|by| {
@@ -288,10 +342,10 @@ impl NoiseLikelihood<'_> {
     }
 
     /// Parameters with their 95 % intervals, from the curvature of the likelihood along each.
-    fn intervals(&self, (point, best): (NoisePoint, f64), least_used: usize) -> [IntervalEstimate; 3] {
+    fn intervals(&self, (point, best): (NoisePoint, f64), least_used: usize) -> [IntervalEstimate; PARAMETERS] {
         const FACTOR: f64 = 1.4;
         let mut estimates = point.map(|value| IntervalEstimate { value, low: value, high: value });
-        for at in self.search.free() {
+        for at in self.search.free(&point) {
             let [low, high] = RANGES[at];
             let ends = [1.0 / FACTOR, FACTOR].map(|by| {
                 let mut moved = point;
@@ -325,7 +379,7 @@ fn correlation_factor(output: &NavigationOutput) -> f64 {
     if factor >= SMALLEST { factor } else { 1.0 }
 }
 
-fn parameters(line: &NavigationLine<'_>, [sigma_nt, fogm_sigma_nt, fogm_tau_s]: NoisePoint) -> EkfParameters {
+fn parameters(line: &NavigationLine<'_>, [sigma_nt, fogm_sigma_nt, fogm_tau_s, ..]: NoisePoint) -> EkfParameters {
     EkfParameters {
         errors: InsErrorModel { fogm_sigma_nt, fogm_tau_s, ..line.errors },
         measurement_sigma_nt: sigma_nt,

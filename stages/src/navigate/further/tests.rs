@@ -124,6 +124,12 @@ fn unit_impossible_measurements_are_rejected_before_the_run() {
     refused("vector = 'flux_d'\nvector_sigma_nt = 5.0", "requires `core_field = true`");
     refused("height = 'mag_1_c'", "mag_1_c");
     refused("flat_over_m = 0.0", "flat_over_m");
+    refused("permanent_change_sigma_nt = 5.0", "requires `core_field = true`");
+    refused("permanent_change_sigma_nt = 0.0\npermanent_change_tau_s = 9.0", "no effect without");
+    refused("permanent_change_sigma_nt = -1.0", "permanent_change_sigma_nt");
+    for filter in ["rts", "mpf", "crlb", "ekf_adaptive", "fixed_lag"] {
+        assert_refused(filter, "permanent_change_sigma_nt = 5.0", "available only in `ekf`, `iekf` and `ukf`");
+    }
     assert_refused("slam", "flat_over_m = 10.0", "belongs to");
     assert_refused("mpf", "flat_over_m = 10.0", "not available");
     assert_refused("crlb", "flat_over_m = 10.0", "no effect on the bound");

@@ -1,7 +1,7 @@
 //! Adaptive filter with further measurements in addition to the scalar field.
 
 use crate::navigation::aided::filter::{AidedFilter, MeasurementOutcome};
-use crate::navigation::aided::{AidedOutput, AidedParameters, Linearisation};
+use crate::navigation::aided::{AidedOutput, AidedParameters};
 use crate::navigation::aids::Aids;
 use crate::navigation::gaussian::AugmentedSensitivity;
 use crate::navigation::line::NavigationLine;
@@ -44,7 +44,7 @@ pub fn run_aided(
     magnetometers.iter().try_for_each(|magnetometer| magnetometer.check(rows))?;
     aids.check(rows)?;
     let AdaptiveParameters { gate_nis, keep_states, keep_covariance, .. } = *parameters;
-    let of_core = AidedParameters { linearisation: Linearisation::Once, gate_nis, keep_states, keep_covariance };
+    let of_core = AidedParameters { gate_nis, keep_states, keep_covariance, ..AidedParameters::default() };
     let mut core = AidedFilter::new(line, aids, &of_core);
     let learners: Vec<NoiseEstimator<'_>> =
         magnetometers.iter().map(|magnetometer| NoiseEstimator::new(parameters, line, *magnetometer)).collect();

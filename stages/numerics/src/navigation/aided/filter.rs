@@ -1,7 +1,7 @@
 //! Recursion along a line, in parts that filters with another use of the scalar field share.
 
 use crate::earth::field_value::FieldValue;
-use crate::navigation::aids::{AidStates, Aids, LinearisedAid, SampleInnovations, SampleUsage};
+use crate::navigation::aids::{AidStates, Aids, JacobianBlock, LinearisedAid, SampleInnovations, SampleUsage};
 use crate::navigation::field::{PredictedField, remainder_nt2};
 use crate::navigation::gaussian::covariance::add_scaled;
 use crate::navigation::gaussian::linearise::{FieldRegression, ScalarProblem, ScalarSearch};
@@ -26,21 +26,16 @@ struct AidedFieldMeasurement {
     further: (usize, f64),
     /// Index of the lag state, and the entry of H for this state.
     latency: (usize, f64),
-    /// Index of the first of the two errors of the map's slope, and their entries of H.
-    slope: Option<(usize, [f64; 2])>,
+    /// Entries of H for the change of the permanent field, or for the errors of the map's slope.
+    lasting: JacobianBlock,
 }
 
 impl AidedFieldMeasurement {
     /// Part of the measurement that does not come from the field.
     fn own(&self, v: &[f64]) -> f64 {
         let tilt: f64 = self.tilt.iter().zip(&v[TILT_N..]).map(|(h, x)| h * x).sum();
-        let slope: f64 = self.of_slope().map(|(state, entry)| entry * v[state]).sum();
-        self.temporal * v[S] + self.further.1 * v[self.further.0] + self.latency.1 * v[self.latency.0] + tilt + slope
-    }
-
-    /// Errors of the map's slope with their entries of H.
-    fn of_slope(&self) -> impl Iterator<Item = (usize, f64)> {
-        self.slope.into_iter().flat_map(|(first, entries)| (first..).zip(entries))
+        let lasting: f64 = self.lasting.iter().map(|(state, entry)| entry * v[state]).sum();
+        self.temporal * v[S] + self.further.1 * v[self.further.0] + self.latency.1 * v[self.latency.0] + tilt + lasting
     }
 
     /// Row of H of the 18 states.
@@ -52,7 +47,7 @@ impl AidedFieldMeasurement {
     }
 
     fn sensitivity<'a>(&'a self, row: &'a StateVector) -> AugmentedSensitivity<'a> {
-        let (first, regressors) = self.slope.as_ref().map_or((0, [].as_slice()), |(first, of)| (*first, of));
+        let (first, regressors) = (self.lasting.first, self.lasting.entries());
         AugmentedSensitivity {
             error: self.further,
             common: self.latency,
@@ -123,6 +118,8 @@ pub(crate) struct AidedFilter<'a> {
     pub(crate) gain: Vec<f64>,
     pub(crate) spare: Vec<f64>,
     pub(crate) output: AidedOutput,
+    /// Number of consecutive rejections of a measurement of the field.
+    rejected: usize,
     /// Whether the INS is the truth and the filter computes the covariance about it. No measurement then changes the
     /// state. An innovation is measurement minus truth, and its NIS uses the variance of noise and slow errors.
     bound: bool,
@@ -141,7 +138,20 @@ impl<'a> AidedFilter<'a> {
             field.offset(line.ins, line.measurement_nt, line.offset_window_s);
         let output = AidedOutput { navigation, ..AidedOutput::default() };
         let (gain, parameters) = (vec![0.0; layout.dim()], *parameters);
-        Self { line, aids, parameters, field, states, layout, gain, now, spare: vec![], output, bound: false }
+        Self {
+            line,
+            aids,
+            parameters,
+            field,
+            states,
+            layout,
+            gain,
+            now,
+            spare: vec![],
+            output,
+            rejected: 0,
+            bound: false,
+        }
     }
 
     /// Bound of an estimate about the INS of the line, which is the truth.
@@ -279,7 +289,7 @@ impl<'a> AidedFilter<'a> {
             tilt: [0.0; 3],
             further,
             latency,
-            slope: None,
+            lasting: self.states.of_permanent(self.aids, row),
         };
         let (line, flat) = (self.line, self.aids.is_flat(variance_nt2, slope));
         self.correct(of, row, centre, flat, |field, error| field.at_error(line.ins, row, moved(error, delayed)))
@@ -304,9 +314,12 @@ impl<'a> AidedFilter<'a> {
             return MeasurementOutcome::OffMap;
         };
         let variance_nt2 = of.sigma_nt * of.sigma_nt;
-        let slope = self.states.slope.map(|first| (first, of.slope_entries(line, row)));
+        let lasting = self.states.slope.map_or_else(JacobianBlock::default, |first| {
+            let [horizontal, upward] = of.slope_entries(line, row);
+            JacobianBlock { first, count: 2, entries: [horizontal, upward, 0.0, 0.0] }
+        });
         let (further, latency) = ((bias, 1.0), (S, 0.0));
-        let measured = AidedFieldMeasurement { value_nt, variance_nt2, temporal: 0.0, tilt, further, latency, slope };
+        let measured = AidedFieldMeasurement { value_nt, variance_nt2, temporal: 0.0, tilt, further, latency, lasting };
         let look_up = |field: &mut PredictedField<'a>, error| of.field(field, line, row, error).map(|(at, _)| at);
         self.correct(measured, row, centre, false, look_up)
     }
@@ -325,15 +338,22 @@ impl<'a> AidedFilter<'a> {
         let s = self.now.predict(&of.sensitivity(&first.row), variance_nt2, &mut self.gain);
         let lasting = (of.temporal * self.line.errors.fogm_sigma_nt).powi(2);
         let by_truth = || {
-            let of_map = self.states.variance(of.further.0).map_or(0.0, |variance| of.further.1.powi(2) * variance);
-            of.variance_nt2 + lasting + of_map + of.of_slope().map(|(_, entry)| entry * entry).sum::<f64>()
+            let of_state =
+                |state, entry: f64| self.states.variance(state).map_or(0.0, |variance| entry.powi(2) * variance);
+            let of_block: f64 = of.lasting.iter().map(|(state, entry)| of_state(state, entry)).sum();
+            of.variance_nt2 + lasting + of_state(of.further.0, of.further.1) + of_block
         };
         let innovation = self.innovation(first.residual_nt, s, by_truth);
         if self.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate) {
-            return MeasurementOutcome::Gated(innovation);
+            self.rejected += 1;
+            if self.parameters.recover_after.is_none_or(|most| self.rejected <= most) {
+                return MeasurementOutcome::Gated(innovation);
+            }
         }
+        self.rejected = 0;
         if flat {
-            let corrects = |state: usize| state == S || state == of.further.0;
+            let of_block = of.lasting.first..of.lasting.first + of.lasting.count;
+            let corrects = |state: usize| state == S || state == of.further.0 || of_block.contains(&state);
             self.now.consider(first.residual_nt, s, &mut self.gain, &mut self.spare, corrects);
             return MeasurementOutcome::Flat(innovation);
         }
@@ -401,7 +421,7 @@ impl<'a> AidedFilter<'a> {
         // Position, and the sum of the states that the measurement contains directly.
         let mut columns: [Vec<f64>; 4] = [LAT, LON, ALT, S].map(|state| self.now.p.row(state).to_vec());
         columns[3].iter_mut().for_each(|entry| *entry *= of.temporal);
-        for (state, entry) in [of.further, of.latency].into_iter().chain(of.of_slope()) {
+        for (state, entry) in [of.further, of.latency].into_iter().chain(of.lasting.iter()) {
             add_scaled(&mut columns[3], entry, self.now.p.row(state));
         }
         for (state, entry) in (TILT_N..).zip(of.tilt).filter(|(_, entry)| *entry != 0.0) {

@@ -34,7 +34,7 @@ fn scene(field_nt: fn(f64, f64) -> f64) -> AnalyticScene {
 }
 
 fn keep(linearisation: Linearisation) -> AidedParameters {
-    AidedParameters { linearisation, gate_nis: None, keep_states: true, keep_covariance: true }
+    AidedParameters { linearisation, keep_states: true, keep_covariance: true, ..AidedParameters::default() }
 }
 
 /// Largest difference of states, covariances and innovations, in standard deviations.
@@ -141,6 +141,7 @@ fn aids(read: &Read) -> Aids<'_> {
         }),
         height: Some(HeightAid { alt_m: &read.alt_m, sigma_m: 2.0, bias: GaussMarkov { sigma: 5.0, tau_s: 600.0 } }),
         map_error: Some(MapErrorProcess { sigma_nt: 4.0, length_m: 300.0 }),
+        permanent: None,
         latency_sigma_s: None,
         flat_over_m: None,
     }

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::earth::attitude::{body_to_ned, skew};
+use crate::earth::core_field::CoreField;
 use crate::earth::field_value::FieldValue;
 use crate::earth::geodesy::EarthModel;
 use crate::navigation::field::PredictedField;
@@ -61,15 +62,20 @@ pub(crate) struct LinearisedAid {
 
 /// Entries of the measurement row H for consecutive states.
 #[derive(Clone, Copy, Debug, Default)]
-struct JacobianBlock {
-    first: usize,
-    count: usize,
-    entries: [f64; 3],
+pub(crate) struct JacobianBlock {
+    pub(crate) first: usize,
+    pub(crate) count: usize,
+    pub(crate) entries: [f64; 4],
 }
 
 impl JacobianBlock {
-    fn entries(&self) -> &[f64] {
+    pub(crate) fn entries(&self) -> &[f64] {
         &self.entries[..self.count]
+    }
+
+    /// States with their entries.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, f64)> {
+        (self.first..).zip(self.entries).take(self.count)
     }
 }
 
@@ -279,7 +285,7 @@ impl Aids<'_> {
         let moved = ins[LAT] * x[LAT] + ins[LON] * x[LON] + ins[ALT] * x[ALT];
         let lasting = states.slope.map(|first| {
             let [horizontal, upward] = of.slope_entries(line, row);
-            JacobianBlock { first, count: 2, entries: [horizontal, upward, 0.0] }
+            JacobianBlock { first, count: 2, entries: [horizontal, upward, 0.0, 0.0] }
         });
         Some(Some(LinearisedAid {
             of: Aid::Difference,
@@ -314,7 +320,10 @@ impl Aids<'_> {
                 variance: of.sigma_nt * of.sigma_nt,
                 ins,
                 own: (bias + axis, 1.0),
-                lasting: JacobianBlock { first: crustal, count: 3, entries: predicted.crustal[axis] },
+                lasting: {
+                    let [north, east, down] = predicted.crustal[axis];
+                    JacobianBlock { first: crustal, count: 3, entries: [north, east, down, 0.0] }
+                },
             }
         })))
     }
@@ -347,6 +356,12 @@ impl Aids<'_> {
 pub(crate) fn rotation(ins: &InsSeries<'_>, row: usize) -> Matrix3<f64> {
     let [roll, pitch, yaw] = ins.point(row).euler_rad;
     body_to_ned(roll, pitch, yaw)
+}
+
+/// Unit vector of the core field along nose, right and down at a row, by position and attitude of the INS.
+pub fn field_direction(core: &CoreField, ins: &InsSeries<'_>, row: usize) -> [f64; 3] {
+    let field = Vector3::from(core.field_ned_nt(ins.lat_deg[row], ins.lon_deg[row], ins.alt_m[row]));
+    (rotation(ins, row).transpose() * (field / field.norm())).into()
 }
 
 /// Half of the baseline between the magnetometers, oriented by the attitude of the INS.

@@ -4,7 +4,11 @@ use crate::navigation::gaussian::StateLayout;
 use crate::navigation::pinson::S;
 use crate::signal::gauss_markov::GaussMarkov;
 
-use super::{Aids, SlopeError};
+use super::{Aids, JacobianBlock, SlopeError};
+
+/// Standard deviation of the constant offset beside a change of the permanent field, in nT. It exceeds the constants
+/// that calibration and map leave undetermined.
+const OFFSET_SIGMA_NT: f64 = 100.0;
 
 /// Gauss-Markov states of the further measurements, in consecutive order.
 #[derive(Clone, Debug, Default)]
@@ -18,6 +22,8 @@ pub(crate) struct AidStates {
     pub(crate) difference: Option<usize>,
     pub(crate) height: Option<usize>,
     pub(crate) map_error: Option<usize>,
+    /// Index of the first of the three components of the change of the permanent field; the constant offset follows.
+    pub(crate) permanent: Option<usize>,
     /// Index of the first of the two errors of the map's slope, horizontal and upward, in standard deviations.
     pub(crate) slope: Option<usize>,
     /// Index of the lag of the scalar magnetometer, in s.
@@ -39,6 +45,11 @@ impl AidStates {
         states.height = aids.height.map(|of| states.add(of.bias));
         states.map_error = aids.map_error.map(|of| states.add_along(of.sigma_nt, of.length_m));
         let constant = |sigma| GaussMarkov { sigma, tau_s: f64::INFINITY };
+        states.permanent = aids.permanent.map(|of| {
+            let [nose, _, _] = [(); 3].map(|()| states.add(of.process));
+            states.add(constant(OFFSET_SIGMA_NT));
+            nose
+        });
         states.latency = aids.latency_sigma_s.map(|sigma_s| states.add(constant(sigma_s)));
         states.vector = aids.vector.map(|of| {
             let biases = [(); 3].map(|()| states.add(of.bias));
@@ -69,6 +80,15 @@ impl AidStates {
     /// Index and entry of H of a scalar measurement for the map error.
     pub(crate) fn of_map(&self) -> (usize, f64) {
         self.map_error.map_or((S, 0.0), |state| (state, 1.0))
+    }
+
+    /// Entries of H of a scalar measurement for the change of the permanent field at a row.
+    pub(crate) fn of_permanent(&self, aids: &Aids<'_>, row: usize) -> JacobianBlock {
+        let there = self.permanent.zip(aids.permanent);
+        there.map_or_else(JacobianBlock::default, |(first, of)| {
+            let [nose, right, down] = of.direction[row];
+            JacobianBlock { first, count: 4, entries: [nose, right, down, 1.0] }
+        })
     }
 
     /// Variance of a state before the line, if the state is one of these.

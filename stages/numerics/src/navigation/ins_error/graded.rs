@@ -190,7 +190,10 @@ mod tests {
         assert_eq!(faults[0].help.as_deref(), Some("did you mean `tactical`?"));
         assert!(faults[1].what.contains("`vrw_sigma` must be 0 or above"), "{faults:?}");
         let docs = InsErrorSpec::docs(&ChoiceRegistry::default());
-        assert_eq!((docs[0].name, docs[0].absent), ("ins_grade", Some("`magnav`; in `navigate`, the flight's column `ins_grade` if it has one")));
+        assert_eq!(
+            (docs[0].name, docs[0].absent),
+            ("ins_grade", Some("`magnav`; in `navigate`, the flight's column `ins_grade` if it has one"))
+        );
         assert!(["magnav", "navigation", "tactical", "commercial"].iter().all(|word| docs[0].rule.contains(word)));
         assert_eq!(docs.len(), 1 + InsErrors::docs(&ChoiceRegistry::default()).len());
     }

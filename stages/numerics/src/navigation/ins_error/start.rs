@@ -78,7 +78,8 @@ impl StartFix {
         if let Some(aligned) = aligned {
             let replaced = if self.vel_ned_mps.is_some() { LAT..VN + 3 } else { LAT..ALT + 1 };
             for (row, of_alignment) in aligned.iter().enumerate().filter(|(row, _)| !replaced.contains(row)) {
-                for (column, value) in of_alignment.iter().enumerate().filter(|(column, _)| !replaced.contains(column)) {
+                for (column, value) in of_alignment.iter().enumerate().filter(|(column, _)| !replaced.contains(column))
+                {
                     p[row][column] = *value;
                 }
             }

@@ -1,5 +1,6 @@
 //! Measurements that an extended Kalman filter of the scalar field rejects.
 
+use crate::navigation::aided::{self, AidedParameters, Aids, PermanentChange, SampleUsage};
 use crate::navigation::field::PredictedField;
 use crate::navigation::gaussian::recursion::{self, FilterRecursion};
 use crate::navigation::gaussian::{Sensitivity, StateEstimate};
@@ -13,11 +14,21 @@ pub const GATE_NIS: f64 = 19.5;
 const RECOVERED_AFTER: usize = 20;
 
 /// Whether each measurement of a line is an outlier: its NIS exceeds [`GATE_NIS`] in an extended Kalman filter that
-/// does not use it. After 20 rejections in a row the next measurement is used, regardless of its innovation.
+/// does not use it. After 20 rejections in a row the next measurement is used, regardless of its innovation. With
+/// `permanent`, the change of the aircraft's permanent field is a state of this filter.
 ///
 /// # Errors
 /// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when a state or variance is not finite.
-pub fn outliers(line: &NavigationLine<'_>) -> Result<Vec<bool>, NavigationError> {
+pub fn outliers(
+    line: &NavigationLine<'_>,
+    permanent: Option<PermanentChange<'_>>,
+) -> Result<Vec<bool>, NavigationError> {
+    if permanent.is_some() {
+        let (gate_nis, recover_after) = (Some(GATE_NIS), Some(RECOVERED_AFTER));
+        let parameters = AidedParameters { gate_nis, recover_after, ..AidedParameters::default() };
+        let output = aided::run(line, &Aids { permanent, ..Aids::default() }, &parameters)?;
+        return Ok(output.usage.iter().map(|usage| *usage == SampleUsage::Gated).collect());
+    }
     line.check()?;
     let mut field = line.predicted();
     let (offset_nt, _) = field.offset(line.ins, line.measurement_nt, line.offset_window_s);

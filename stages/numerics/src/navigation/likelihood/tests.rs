@@ -1,8 +1,11 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
-use crate::navigation::flights::OsborneFlight;
+use crate::navigation::aided::field_direction;
+use crate::navigation::flights::{OsborneFlight, world};
 use crate::navigation::ins_error::InsErrors;
+use crate::navigation::ins_series::InsSeries;
 use crate::random::NormalGenerator;
+use crate::signal::gauss_markov::GaussMarkov;
 
 const FOGM_SIGMA_NT: f64 = 6.0;
 const FOGM_TAU_S: f64 = 200.0;
@@ -15,12 +18,20 @@ fn flown(seed: u64) -> OsborneFlight {
     OsborneFlight::flown(seed, 1500, 1.0, model)
 }
 
-fn found(flight: &OsborneFlight, measured_nt: &[f64], given: [Option<f64>; 3]) -> LineNoise {
+fn found(flight: &OsborneFlight, measured_nt: &[f64], given: NoiseParameters) -> LineNoise {
     let series = flight.ins.series();
     let sigma_nt = vec![1.0; measured_nt.len()];
     let line = flight.line(&series, measured_nt, &sigma_nt);
     let rows = rows_at(series.tt_s, 2.0);
-    let search_of = NoiseSearch { line: &line, rows: &rows, scale: &sigma_nt, known_nt: None, map_nt: None, given };
+    let search_of = NoiseSearch {
+        line: &line,
+        rows: &rows,
+        scale: &sigma_nt,
+        known_nt: None,
+        map_nt: None,
+        direction: None,
+        given,
+    };
     search(&search_of).unwrap().unwrap()
 }
 
@@ -28,7 +39,7 @@ fn found(flight: &OsborneFlight, measured_nt: &[f64], given: [Option<f64>; 3]) -
 fn law_the_simulated_noise_is_estimated() {
     for seed in 0..10 {
         let flight = flown(seed);
-        let noise = found(&flight, &flight.measured(50 + seed, SIGMA_NT), [None; 3]);
+        let noise = found(&flight, &flight.measured(50 + seed, SIGMA_NT), [None; PARAMETERS]);
         assert!((noise.sigma_nt.value / SIGMA_NT - 1.0).abs() < 0.25, "{seed}: {noise:?}");
         assert!((1.0 / 2.5..2.5).contains(&(noise.fogm_sigma_nt.value / FOGM_SIGMA_NT)), "{seed}: {noise:?}");
         // A factor of 1.3 in the variance is possible by chance.
@@ -43,7 +54,7 @@ fn law_the_simulated_noise_is_estimated() {
 fn law_an_offset_is_a_process_with_a_long_time_constant() {
     let flight = flown(3);
     let measured: Vec<f64> = flight.measured(4, SIGMA_NT).iter().map(|nt| nt + 400.0).collect();
-    let noise = found(&flight, &measured, [None; 3]);
+    let noise = found(&flight, &measured, [None; PARAMETERS]);
     assert!((noise.sigma_nt.value / SIGMA_NT - 1.0).abs() < 0.25, "{noise:?}");
     assert!(noise.fogm_sigma_nt.value > 60.0 && noise.fogm_tau_s.value > 2000.0, "{noise:?}");
 }
@@ -59,7 +70,8 @@ fn unit_a_given_parameter_is_kept_and_correlated_noise_is_inflated() {
         slow = 0.92 * slow + (1.0_f64 - 0.92 * 0.92).sqrt() * 8.0 * normals.draw();
         nt + slow
     });
-    let noise = found(&flight, &lasting.collect::<Vec<f64>>(), [None, Some(FOGM_SIGMA_NT), Some(FOGM_TAU_S)]);
+    let noise =
+        found(&flight, &lasting.collect::<Vec<f64>>(), [None, Some(FOGM_SIGMA_NT), Some(FOGM_TAU_S), None, None]);
     assert_eq!((noise.fogm_sigma_nt.low, noise.fogm_tau_s.value), (FOGM_SIGMA_NT, FOGM_TAU_S));
     assert!(noise.inflation > 1.4, "{noise:?}");
 }
@@ -72,12 +84,12 @@ fn law_spikes_are_outliers_and_healthy_measurements_are_not() {
     for (at, row) in spikes.iter().enumerate() {
         measured[*row] += if at % 2 == 0 { 300.0 } else { -80.0 };
     }
-    let noise = found(&flight, &measured, [None; 3]);
+    let noise = found(&flight, &measured, [None; PARAMETERS]);
     assert!((noise.sigma_nt.value / SIGMA_NT - 1.0).abs() < 0.3, "{noise:?}");
     flight.model.fogm_sigma_nt = noise.fogm_sigma_nt.value;
     let series = flight.ins.series();
     let sigma_nt = vec![noise.sigma_nt.value; measured.len()];
-    let rejected = outliers(&flight.line(&series, &measured, &sigma_nt)).unwrap();
+    let rejected = outliers(&flight.line(&series, &measured, &sigma_nt), None).unwrap();
     let healthy = (0..measured.len()).filter(|row| rejected[*row] && !spikes.contains(row)).count();
     assert!(spikes.iter().all(|row| rejected[*row]), "every spike");
     assert!(healthy <= 2, "{healthy}");
@@ -91,7 +103,88 @@ fn unit_too_few_measurements_give_no_noise() {
     let sigma_nt = vec![1.0; measured.len()];
     let line = flight.line(&series, &measured, &sigma_nt);
     let rows = rows_at(series.tt_s, 2.0);
-    let all =
-        NoiseSearch { line: &line, rows: &rows, scale: &sigma_nt, known_nt: None, map_nt: None, given: [None; 3] };
+    let all = NoiseSearch {
+        line: &line,
+        rows: &rows,
+        scale: &sigma_nt,
+        known_nt: None,
+        map_nt: None,
+        direction: None,
+        given: [None; PARAMETERS],
+    };
     assert_eq!(search(&all).unwrap(), None);
+}
+
+/// Noise found with the direction of the field, and this direction.
+fn with_direction(flight: &OsborneFlight, measured_nt: &[f64]) -> (LineNoise, Vec<[f64; 3]>) {
+    let series = flight.ins.series();
+    let direction = directions(&series);
+    let sigma_nt = vec![1.0; measured_nt.len()];
+    let line = flight.line(&series, measured_nt, &sigma_nt);
+    let rows = rows_at(series.tt_s, 2.0);
+    let search_of = NoiseSearch {
+        line: &line,
+        rows: &rows,
+        scale: &sigma_nt,
+        known_nt: None,
+        map_nt: None,
+        direction: Some(&direction),
+        given: [None; PARAMETERS],
+    };
+    (search(&search_of).unwrap().unwrap(), direction)
+}
+
+fn directions(series: &InsSeries<'_>) -> Vec<[f64; 3]> {
+    (0..series.len()).map(|row| field_direction(&world().core, series, row)).collect()
+}
+
+#[test]
+fn law_a_change_of_the_permanent_field_is_found_and_no_longer_moves_the_position() {
+    let (mut without_m2, mut with_m2, mut nees) = (0.0, 0.0, 0.0);
+    for seed in 0..5 {
+        let flight = flown(seed);
+        let mut normals = NormalGenerator::new(100 + seed);
+        let mut draw = || [0; 3].map(|_| 30.0 * normals.draw());
+        let (first, warming) = (draw(), draw());
+        // A constant and a warming, which the filter does not assume.
+        let change = |t_s: f64| [0, 1, 2].map(|k| first[k] + warming[k] * (1.0 - (-t_s / 600.0).exp()));
+        let along = |(row, own): (usize, &[f64; 3])| -> f64 {
+            own.iter().zip(change(row as f64)).map(|(own, change)| own * change).sum()
+        };
+        let effect: Vec<f64> = directions(&flight.truth.series()).iter().enumerate().map(along).collect();
+        let measured: Vec<f64> =
+            flight.measured(50 + seed, SIGMA_NT).iter().zip(&effect).map(|(nt, more)| nt + more).collect();
+        let without = found(&flight, &measured, [None; PARAMETERS]);
+        let (noise, direction) = with_direction(&flight, &measured);
+        let [sigma, tau_s] = noise.permanent.unwrap();
+        assert!(sigma.low < sigma.value && sigma.value < sigma.high, "{seed}: {sigma:?}");
+        let series = flight.ins.series();
+        let track = |noise: &LineNoise, permanent: Option<PermanentChange<'_>>| {
+            let (fogm_sigma_nt, fogm_tau_s) = (noise.fogm_sigma_nt.value, noise.fogm_tau_s.value);
+            let errors = InsErrorModel { fogm_sigma_nt, fogm_tau_s, ..flight.model };
+            let sigma_nt = vec![noise.sigma_nt.value; measured.len()];
+            let line = NavigationLine { errors, ..flight.line(&series, &measured, &sigma_nt) };
+            let aids = Aids { permanent, ..Aids::default() };
+            aided::run(&line, &aids, &AidedParameters::default()).unwrap().navigation
+        };
+        let process = GaussMarkov { sigma: sigma.value, tau_s: tau_s.value };
+        let (plain, aided) =
+            (track(&without, None), track(&noise, Some(PermanentChange { direction: &direction, process })));
+        without_m2 += flight.square_m2(&plain, 300) / 5.0;
+        with_m2 += flight.square_m2(&aided, 300) / 5.0;
+        let rows = (300..measured.len()).step_by(20);
+        nees += rows.clone().map(|row| flight.nees(&aided, row)).sum::<f64>() / rows.count() as f64 / 5.0;
+    }
+    assert!(with_m2 < 0.25 * without_m2, "{} m with these states, {} m without", with_m2.sqrt(), without_m2.sqrt());
+    assert!((1.0..4.0).contains(&nees), "{nees}");
+}
+
+#[test]
+fn law_a_constant_permanent_field_is_rarely_found_to_change() {
+    let changed = |seed: &u64| {
+        let flight = flown(*seed);
+        with_direction(&flight, &flight.measured(50 + seed, SIGMA_NT)).0.permanent.is_some()
+    };
+    let changed = (0..10).filter(changed).count();
+    assert!(changed <= 1, "{changed} of 10");
 }
