@@ -43,12 +43,12 @@ pub struct LineNoise {
     pub fogm_sigma_nt: IntervalEstimate,
     /// Time constant of the Gauss-Markov process, in s.
     pub fogm_tau_s: IntervalEstimate,
-    /// Change of the permanent field, if it is given or detected: standard deviation of each component, in nT, and time
-    /// constant, in s.
+    /// Change of the permanent field, if it is given or detected: standard deviation of each component, in nT, increased
+    /// like `sigma_nt`, and time constant, in s.
     pub permanent: Option<[IntervalEstimate; 2]>,
     /// Factor on the variance of the map's own error at each sample; 0 if no map error is given or detected.
     pub map_factor: f64,
-    /// Factor by which `sigma_nt` was increased; 1 for white innovations.
+    /// Factor by which these two were increased; 1 for white innovations.
     pub inflation: f64,
 }
 
@@ -157,15 +157,21 @@ pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationE
     let inflation = factor.sqrt();
     let has_permanent = has_permanent(&best.0);
     let [sigma, fogm_sigma, fogm_tau, permanent @ ..] = likelihood.intervals(best, least_used);
-    let inflated = |part: f64| inflation * part;
-    let sigma_nt =
-        IntervalEstimate { value: inflated(sigma.value), low: inflated(sigma.low), high: inflated(sigma.high) };
+    let inflated = |of: IntervalEstimate| IntervalEstimate {
+        value: inflation * of.value,
+        low: inflation * of.low,
+        high: inflation * of.high,
+    };
     let map_factor = likelihood.map_factor;
     Ok(Some(LineNoise {
-        sigma_nt,
+        sigma_nt: inflated(sigma),
         fogm_sigma_nt: fogm_sigma,
         fogm_tau_s: fogm_tau,
-        permanent: has_permanent.then_some(permanent),
+        permanent: has_permanent.then(|| {
+            let [permanent_nt, tau_s] = permanent;
+            let is_given = search.given[PERMANENT[0]].is_some();
+            [if is_given { permanent_nt } else { inflated(permanent_nt) }, tau_s]
+        }),
         map_factor,
         inflation,
     }))
