@@ -23,7 +23,7 @@ pub mod serve;
 
 use schemas::StageEntry;
 
-pub use cli::main;
+pub use cli::{command, main, run_summary};
 pub use expressions::deep;
 pub use stages::Catalogue;
 pub use {plan, report, results, run, store};

@@ -59,7 +59,16 @@ pub fn read_spec(path: &Path, sets: &[String]) -> Result<Spec, SpecFaults> {
     })?;
     let folder =
         path.parent().map(Path::to_owned).filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| PathBuf::from("."));
-    let spec = Spec::parse(&file, folder, text, sets)?;
+    parse_spec(&file, folder, text, sets)
+}
+
+/// Parses the text of a spec and applies the assignments of `--set`. `file` is its name in messages; its paths are
+/// relative to `folder`.
+///
+/// # Errors
+/// Fails when its form is wrong, or its store cannot be prepared.
+pub fn parse_spec(file: &str, folder: PathBuf, text: String, sets: &[String]) -> Result<Spec, SpecFaults> {
+    let spec = Spec::parse(file, folder, text, sets)?;
     if let Some((address, at)) = &spec.store_at {
         store::prepared(address).map_err(|fault| spec.faults(vec![fault.at(at.clone())]))?;
     }

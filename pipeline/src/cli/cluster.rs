@@ -15,7 +15,7 @@ use log::LevelFilter;
 use run::ballista::{self, ClusterTrust, WorkerConfig, WorkerExit};
 use store::shown;
 
-use super::{ExitReason, engine, note, task, tend::age, threads};
+use super::{ExitReason, engine, invocation, note, task, tend::age, threads};
 
 /// Delay before a worker that has lost its scheduler restarts.
 const AGAIN_AFTER: Duration = Duration::from_secs(1);
@@ -177,7 +177,7 @@ pub fn worker(args: &WorkerArgs) -> Result<(), ExitReason> {
             note(&format!("the connection to the scheduler at {at} is lost; restarting the worker"));
             sleep(AGAIN_AFTER);
             // Replaces this process, because parts of Ballista cannot be started twice in one process.
-            let e = Command::new(&config.program).args(std::env::args_os().skip(1)).exec();
+            let e = Command::new(&config.program).args(invocation::arguments()).exec();
             Err(ExitReason::Failed(format!("error: cannot start {}: {e}", config.program.display())))
         }
     }

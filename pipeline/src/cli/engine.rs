@@ -5,7 +5,7 @@ use std::time::Duration;
 use clap::Args;
 use url::Url;
 
-use super::{ExitReason, tend, threads};
+use super::{ExitReason, invocation, tend, threads};
 
 /// Default port of a scheduler.
 const PORT: u16 = 50050;
@@ -112,7 +112,7 @@ pub fn engine(args: &EngineArgs, threads: Option<usize>) -> Result<Box<dyn run::
 
 /// Path of this program.
 pub fn program() -> Result<std::path::PathBuf, ExitReason> {
-    std::env::current_exe().map_err(|e| ExitReason::Failed(format!("error: cannot find the magline executable: {e}")))
+    invocation::program().map_err(|e| ExitReason::Failed(format!("error: cannot find the magline executable: {e}")))
 }
 
 /// Error of a build without cluster support.

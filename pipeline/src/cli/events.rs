@@ -98,34 +98,35 @@ impl JsonEvents {
             Event::Finished { summary } => {
                 // `event` and `computed` come first: scripts look for them as text.
                 let head = merged(json!({ "event": "finished" }), counts(&summary.total()));
-                merged(head, self.finished(summary))
+                merged(head, finished(summary, self.begun.elapsed().as_secs_f64()))
             }
         }
     }
+}
 
-    fn finished(&self, summary: &RunSummary) -> Value {
-        let tables = summary.tables.iter().zip(&summary.seconds);
-        let tables: Map<_, _> = tables
-            .map(|((name, count), seconds)| (name.clone(), merged(counts(count), json!({ "seconds": seconds }))))
-            .collect();
-        json!({
-            "version": env!("CARGO_PKG_VERSION"),
-            "run": summary.run,
-            "time": clock::now(),
-            "seconds": self.begun.elapsed().as_secs_f64(),
-            "folder": summary.folder.display().to_string(),
-            "tables": tables,
-            "failures": summary.failures.iter().map(failure).collect::<Vec<_>>(),
-            "notes": summary.notes,
-            "warnings": summary.warnings.iter().map(warning).collect::<Vec<_>>(),
-            "scores": summary.scores.iter().flat_map(|(name, s)| scores(name, s)).collect::<Vec<_>>(),
-            "quality": summary.quality,
-            "left": summary.left,
-            "compared": summary.compared.iter().map(compared).collect::<Vec<_>>(),
-            "unused_bytes": summary.unused,
-            "interrupted": summary.interrupted,
-        })
-    }
+/// Summary of a run that took `seconds`, as an object: the keys of the event `finished` except the totals.
+pub fn finished(summary: &RunSummary, seconds: f64) -> Value {
+    let tables = summary.tables.iter().zip(&summary.seconds);
+    let tables: Map<_, _> = tables
+        .map(|((name, count), seconds)| (name.clone(), merged(counts(count), json!({ "seconds": seconds }))))
+        .collect();
+    json!({
+        "version": env!("CARGO_PKG_VERSION"),
+        "run": summary.run,
+        "time": clock::now(),
+        "seconds": seconds,
+        "folder": summary.folder.display().to_string(),
+        "tables": tables,
+        "failures": summary.failures.iter().map(failure).collect::<Vec<_>>(),
+        "notes": summary.notes,
+        "warnings": summary.warnings.iter().map(warning).collect::<Vec<_>>(),
+        "scores": summary.scores.iter().flat_map(|(name, s)| scores(name, s)).collect::<Vec<_>>(),
+        "quality": summary.quality,
+        "left": summary.left,
+        "compared": summary.compared.iter().map(compared).collect::<Vec<_>>(),
+        "unused_bytes": summary.unused,
+        "interrupted": summary.interrupted,
+    })
 }
 
 /// The number of units by outcome.

@@ -20,7 +20,7 @@ use nix::{
 use report::sql::memory;
 use schemas::Fault;
 
-use super::ExitReason;
+use super::{ExitReason, invocation};
 use crate::confine;
 
 /// Environment variable with the folder for temporary files. It is set only in the child.
@@ -65,8 +65,8 @@ pub fn limit(memory: usize) {
 /// Fails when the child fails. The child has already printed its message.
 pub fn run(memory: usize, folder: &Path, unfinished: impl Fn(u32) -> Option<PathBuf>) -> Result<(), ExitReason> {
     let failed = |e: &io::Error| Fault::machine(format!("cannot start the process of the query: {e}"));
-    let program = env::current_exe().map_err(|e| failed(&e))?;
-    let started = confine::command(&program).args(env::args_os().skip(1)).env(CHILD, folder).spawn();
+    let program = invocation::program().map_err(|e| failed(&e))?;
+    let started = confine::command(&program).args(invocation::arguments()).env(CHILD, folder).spawn();
     let mut child = started.map_err(|e| failed(&e))?;
     let number = i32::try_from(child.id()).unwrap_or(0);
     CHILD_PID.store(number, Ordering::SeqCst);

@@ -10,6 +10,7 @@ mod events;
 mod guard;
 mod ingest;
 mod interrupt;
+mod invocation;
 mod lines;
 mod map;
 mod onnx;
@@ -27,12 +28,16 @@ mod tend;
 mod threads;
 
 use std::{
-    path::PathBuf,
+    ffi::OsString,
+    path::{Path, PathBuf},
     process::ExitCode,
     sync::atomic::{AtomicBool, Ordering},
 };
 
+pub use events::finished as run_summary;
+
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use invocation::Invocation;
 use nix::sys::signal::{SigSet, Signal};
 use plan::{
     Plan, PlanGraph, read_spec,
@@ -261,8 +266,23 @@ impl From<Fault> for ExitReason {
     }
 }
 
-/// Runs the command with the stages of `catalogue`.
+/// Runs the command of this process with the stages of `catalogue`.
 pub fn main(catalogue: &[StageEntry]) -> ExitCode {
+    ExitCode::from(execute(catalogue, std::env::args_os()))
+}
+
+/// Runs a command with the stages of `catalogue` in a process of another program, such as a Python interpreter. The
+/// child processes of the command run `program`, which must run the same command as this function. Returns the exit
+/// status.
+pub fn command(catalogue: &[StageEntry], program: &Path, arguments: Vec<OsString>) -> u8 {
+    let name = OsString::from("magline");
+    let given: Vec<OsString> = std::iter::once(name).chain(arguments.iter().cloned()).collect();
+    Invocation { program: program.to_owned(), arguments }.set();
+    execute(catalogue, given)
+}
+
+/// Runs the command `arguments`, whose first element is the name of the program. Returns the exit status.
+fn execute(catalogue: &[StageEntry], arguments: impl IntoIterator<Item = OsString>) -> u8 {
     // A file beyond a size limit of the system then causes a write error instead of a silent end.
     let _ = SigSet::from(Signal::SIGXFSZ).thread_block();
     let mut names: Vec<&str> = catalogue.iter().map(|e| e.name).collect();
@@ -271,7 +291,7 @@ pub fn main(catalogue: &[StageEntry]) -> ExitCode {
         err!("error: the catalogue has two stages `{}`\n  help: rename one of them", pair[0]);
         return ended(2);
     }
-    let command = match Cli::try_parse() {
+    let command = match Cli::try_parse_from(arguments) {
         Ok(cli) => cli.command,
         Err(e) => {
             if e.use_stderr() {
@@ -348,13 +368,13 @@ pub fn main(catalogue: &[StageEntry]) -> ExitCode {
 }
 
 /// The exit status: success only if all output was written.
-fn ended(status: u8) -> ExitCode {
+fn ended(status: u8) -> u8 {
     match say::lost() {
         Some(why) if status == 0 => {
             err!("error: cannot write to standard output: {why}");
-            ExitCode::from(1)
+            1
         }
-        _ => ExitCode::from(status),
+        _ => status,
     }
 }
 

@@ -1,0 +1,71 @@
+"""TOML text of Python values: a spec from a dict, and the values of overrides."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from datetime import date, datetime, time
+from pathlib import PurePath
+from typing import Any
+
+
+def document(spec: Mapping[str, Any]) -> str:
+    """TOML document of a spec.
+
+    Parameters
+    ----------
+    spec : mapping
+        Keys of the spec. Values are bool, int, float, str, path, date, list, tuple, NumPy scalar
+        or array, or mapping. A value of None is omitted.
+
+    Returns
+    -------
+    str
+        The document: one line per key.
+    """
+    lines = [f"{_key(key)} = {value(item)}" for key, item in spec.items() if item is not None]
+    return "\n".join(lines) + "\n"
+
+
+def value(item: Any) -> str:
+    """TOML text of one value.
+
+    Raises
+    ------
+    TypeError
+        If the type has no form in TOML.
+    """
+    if hasattr(item, "tolist"):
+        item = item.tolist()
+    if isinstance(item, bool):
+        return "true" if item else "false"
+    if isinstance(item, int):
+        return str(item)
+    if isinstance(item, float):
+        return _number(item)
+    if isinstance(item, (str, PurePath)):
+        # JSON escapes are TOML escapes, except for the delete character.
+        return json.dumps(str(item), ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(item, (datetime, date, time)):
+        return item.isoformat()
+    if isinstance(item, Mapping):
+        pairs = (f"{_key(key)} = {value(one)}" for key, one in item.items() if one is not None)
+        return "{ " + ", ".join(pairs) + " }"
+    if isinstance(item, Sequence):
+        return "[" + ", ".join(value(one) for one in item) + "]"
+    raise TypeError(f"a spec cannot hold a value of type {type(item).__name__}: {item!r}")
+
+
+def _number(item: float) -> str:
+    if math.isnan(item):
+        return "nan"
+    if math.isinf(item):
+        return "inf" if item > 0 else "-inf"
+    return repr(item)
+
+
+def _key(key: object) -> str:
+    text = str(key)
+    bare = text.isascii() and text.replace("_", "").replace("-", "").isalnum()
+    return text if bare else value(text)

@@ -1,0 +1,286 @@
+"""Stores, pipelines and tables."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from magline import _magline
+
+_HTML_ROWS = 10
+
+
+class Table:
+    """Table of a store, or the result of a query, in Arrow format.
+
+    A table of a store is the whole logical table that ``magline sql`` shows: the axes of the
+    sweep, flight, line, the columns that pass through, and the columns of the stage. Its rows are
+    read at the first use and kept. The data are exchanged by Arrow's PyCapsule interface without
+    copies: ``polars.DataFrame(table)``, ``pyarrow.table(table)``.
+
+    Examples
+    --------
+    >>> import magline, tempfile
+    >>> run = magline.run("datasets/examples/tolles_lawson.toml", store=tempfile.mkdtemp())
+    >>> table = run.sql("select 1 as one")
+    >>> table.columns, len(table)
+    (['one'], 1)
+    """
+
+    def __init__(self, store: Path | str, query: str, memory_limit: int | None = None) -> None:
+        self._store = store
+        self._query = query
+        self._memory_limit = memory_limit
+
+    @cached_property
+    def _rows(self) -> _magline.QueryResult:
+        with tempfile.TemporaryDirectory(prefix="magline-") as spill:
+            return _magline.sql(self._store, self._query, spill, self._memory_limit)
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
+        """Capsule of an Arrow C stream over the rows."""
+        return self._rows.__arrow_c_stream__(requested_schema)
+
+    def __arrow_c_schema__(self) -> object:
+        """Capsule of the Arrow C schema."""
+        return self._rows.__arrow_c_schema__()
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the columns, in order."""
+        return self._rows.columns
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self._rows)
+
+    def to_arrow(self) -> Any:
+        """`pyarrow.Table` of the rows."""
+        import pyarrow
+
+        return pyarrow.table(self)
+
+    def pandas(self) -> Any:
+        """`pandas.DataFrame` of the rows. Requires pyarrow."""
+        return self.to_arrow().to_pandas()
+
+    def polars(self) -> Any:
+        """`polars.DataFrame` of the rows."""
+        import polars
+
+        return polars.DataFrame(self)
+
+    def lazy(self) -> Any:
+        """`polars.LazyFrame` of the rows.
+
+        A query reads only the columns that the frame needs, and only its first rows after
+        ``head``. Filters are applied to these columns after the query.
+        """
+        import polars
+        from polars.io.plugins import register_io_source
+
+        def batches(
+            columns: list[str] | None, predicate: Any, rows: int | None, size: int | None
+        ) -> Iterator[Any]:
+            chosen = "*" if columns is None else ", ".join(map(_quoted, columns)) or "null"
+            limit = "" if rows is None else f" limit {rows}"
+            query = f"select {chosen} from ({self._query}) as whole{limit}"
+            frame = polars.DataFrame(Table(self._store, query, self._memory_limit))
+            yield frame if predicate is None else frame.filter(predicate)
+
+        head = Table(self._store, f"select * from ({self._query}) as whole limit 0")
+        return register_io_source(batches, schema=polars.DataFrame(head).schema)
+
+    def __repr__(self) -> str:
+        return f"<magline.Table: {len(self)} rows of {', '.join(self.columns)}>"
+
+    def _repr_html_(self) -> str:
+        rows = self._rows.rows(_HTML_ROWS)
+        return _html_table(self.columns, rows, f"{len(self)} rows")
+
+
+class Pipeline:
+    """Published tables of a pipeline.
+
+    Attributes
+    ----------
+    name : str
+        Name of the pipeline.
+    """
+
+    def __init__(self, store: Store, name: str) -> None:
+        self._store = store
+        self.name = name
+
+    @property
+    def tables(self) -> list[str]:
+        """Names of the published tables."""
+        return self._store._published().get(self.name, [])
+
+    def __getitem__(self, table: str) -> Table:
+        """Table of the current version.
+
+        Raises
+        ------
+        KeyError
+            If the pipeline has not published this table.
+        """
+        known = self.tables
+        if table not in known:
+            raise KeyError(f"`{self.name}` has no table `{table}`; its tables are {', '.join(known)}")
+        return Table(self._store.path, f'select * from "{self.name}"."{table}"')
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.tables)
+
+    def __len__(self) -> int:
+        return len(self.tables)
+
+    def __repr__(self) -> str:
+        return f"<magline.Pipeline {self.name}: {', '.join(self.tables)}>"
+
+
+class Store:
+    """Store of results.
+
+    Parameters
+    ----------
+    path : path
+        Folder of the store, or its address such as ``s3://BUCKET/PREFIX``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the folder does not exist.
+
+    Examples
+    --------
+    >>> import magline, tempfile
+    >>> folder = tempfile.mkdtemp()
+    >>> _ = magline.run("datasets/examples/tolles_lawson.toml", store=folder)
+    >>> table = magline.Store(folder)["tolles_lawson"]["clean"]
+    >>> "mag_c" in table.columns
+    True
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        text = os.fspath(path)
+        if "://" not in text and not os.path.isdir(text):
+            raise FileNotFoundError(f"there is no store {text}; run a spec first, or give another folder")
+        self.path = text
+
+    @property
+    def pipelines(self) -> list[str]:
+        """Names of the pipelines with published tables."""
+        return list(self._published())
+
+    def _published(self) -> dict[str, list[str]]:
+        found: dict[str, list[str]] = {}
+        for name in _magline.tables(self.path):
+            pipeline, _, table = name.partition(".")
+            found.setdefault(pipeline, []).append(table)
+        return found
+
+    def __getitem__(self, pipeline: str) -> Pipeline:
+        """Pipeline of this name.
+
+        Raises
+        ------
+        KeyError
+            If the store has no such pipeline.
+        """
+        known = self.pipelines
+        if pipeline not in known:
+            raise KeyError(f"{self.path} has no pipeline `{pipeline}`; it has {', '.join(known)}")
+        return Pipeline(self, pipeline)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.pipelines)
+
+    def sql(self, query: str, *, memory_limit: int | None = None) -> Table:
+        """Result of a read-only query over the tables ``PIPELINE.TABLE``.
+
+        Parameters
+        ----------
+        query : str
+            Query in the SQL of ``magline sql``.
+        memory_limit : int, optional
+            Memory limit, bytes, without the result. Larger operations use temporary files.
+            Default: a quarter of the machine's memory, at most 8 GB.
+
+        Returns
+        -------
+        Table
+
+        Raises
+        ------
+        SpecError
+            If the query is wrong.
+        MachineError
+            If the query exceeds its memory limit.
+        """
+        table = Table(self.path, query, memory_limit)
+        table.columns  # reads the rows, so that a wrong query is reported here
+        return table
+
+    def __repr__(self) -> str:
+        return f"<magline.Store {self.path}: {', '.join(self.pipelines)}>"
+
+
+def sql(
+    query: str, store: str | os.PathLike[str] | Store = "store", *, memory_limit: int | None = None
+) -> Table:
+    """Result of a read-only query over the tables of a store. See `Store.sql`.
+
+    Parameters
+    ----------
+    query : str
+        Query in the SQL of ``magline sql``, over the tables ``PIPELINE.TABLE``.
+    store : path or Store, optional
+        Store. Default: the folder ``store`` in the current folder.
+    memory_limit : int, optional
+        Memory limit, bytes. Default: a quarter of the machine's memory, at most 8 GB.
+
+    Returns
+    -------
+    Table
+
+    Raises
+    ------
+    FileNotFoundError
+        If the store does not exist.
+    SpecError
+        If the query is wrong.
+
+    Examples
+    --------
+    >>> import magline, tempfile
+    >>> folder = tempfile.mkdtemp()
+    >>> _ = magline.run("datasets/examples/tolles_lawson.toml", store=folder)
+    >>> len(magline.sql("select * from tolles_lawson.clean where lambda = 0.25", folder))
+    1000
+    """
+    found = store if isinstance(store, Store) else Store(store)
+    return found.sql(query, memory_limit=memory_limit)
+
+
+def _quoted(name: str) -> str:
+    """Name of a column in SQL."""
+    return '"' + name.replace('"', '""') + '"'
+
+
+def _html_table(names: Sequence[str], rows: Sequence[Sequence[str | None]], caption: str) -> str:
+    """HTML table; a missing value is an empty cell."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in names)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(cell or '')}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    return (
+        f"<table><caption>{escape(caption)}</caption>"
+        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    )

@@ -1,0 +1,40 @@
+//! The extension module `magline._magline`. The package `magline` in the folder `magline/` wraps its functions.
+//!
+//! The module sets no allocator of its own, because a library that is loaded at run time has little thread-local memory.
+
+mod attended;
+mod command;
+mod core_field;
+mod faults;
+mod maps;
+mod metrics;
+mod runs;
+mod signal;
+mod tables;
+mod tolles_lawson;
+mod views;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+fn _magline(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_class::<tables::QueryResult>()?;
+    module.add_function(wrap_pyfunction!(command::command, module)?)?;
+    module.add_function(wrap_pyfunction!(runs::check, module)?)?;
+    module.add_function(wrap_pyfunction!(runs::run, module)?)?;
+    module.add_function(wrap_pyfunction!(views::explain, module)?)?;
+    module.add_function(wrap_pyfunction!(views::why, module)?)?;
+    module.add_function(wrap_pyfunction!(views::report, module)?)?;
+    module.add_function(wrap_pyfunction!(tables::sql, module)?)?;
+    module.add_function(wrap_pyfunction!(tables::tables, module)?)?;
+    module.add_function(wrap_pyfunction!(core_field::core_field, module)?)?;
+    module.add_function(wrap_pyfunction!(maps::open_map, module)?)?;
+    module.add_function(wrap_pyfunction!(maps::upward, module)?)?;
+    module.add_function(wrap_pyfunction!(signal::bandpass, module)?)?;
+    module.add_function(wrap_pyfunction!(tolles_lawson::a_matrix, module)?)?;
+    module.add_function(wrap_pyfunction!(tolles_lawson::fit, module)?)?;
+    module.add_function(wrap_pyfunction!(tolles_lawson::predict, module)?)?;
+    module.add_function(wrap_pyfunction!(tolles_lawson::term_names, module)?)?;
+    metrics::register(module)
+}

@@ -1,0 +1,130 @@
+//! Runs and checks of specs.
+
+use std::{
+    path::PathBuf,
+    sync::{Mutex, PoisonError, atomic::Ordering},
+    time::Instant,
+};
+
+use pipeline::{
+    plan::{
+        Plan, parse_spec, read_spec,
+        spec::{Spec, SpecFaults},
+    },
+    results::{made_by_another, score_table},
+    run::{INTERRUPTED, RunOptions, STARTED, SilentListener, search},
+    run_summary,
+    store::Store,
+};
+use pyo3::prelude::*;
+use rayon::ThreadPoolBuilder;
+use schemas::Fault;
+use serde_json::{Value, json};
+
+use crate::{
+    attended::attended,
+    faults::{record, spec_exception},
+};
+
+/// Lock of the run of this process: the flags of an interrupt belong to one run.
+static RUN: Mutex<()> = Mutex::new(());
+
+/// Maximum number of rows of a table of scores as text.
+const ROWS: usize = 100;
+
+/// A spec in a file, or as text.
+pub struct SpecSource {
+    /// The file, or the name of the text in messages.
+    pub file: PathBuf,
+    /// Folder to which the paths of a text are relative.
+    pub folder: PathBuf,
+    /// The text; without it, the file is read.
+    pub text: Option<String>,
+    /// Overrides, as of `--set`.
+    pub sets: Vec<String>,
+}
+
+impl SpecSource {
+    /// Reads the spec.
+    pub fn read(&self) -> Result<Spec, SpecFaults> {
+        match &self.text {
+            Some(text) => {
+                let name = self.file.display().to_string();
+                parse_spec(&name, self.folder.clone(), text.clone(), &self.sets)
+            }
+            None => read_spec(&self.file, &self.sets),
+        }
+    }
+}
+
+/// Runs a spec and returns its summary as JSON. Without `text`, the spec is read from `file`.
+#[pyfunction]
+#[pyo3(signature = (file, folder, text, sets, threads))]
+pub fn run(
+    py: Python<'_>,
+    file: PathBuf,
+    folder: PathBuf,
+    text: Option<String>,
+    sets: Vec<String>,
+    threads: Option<usize>,
+) -> PyResult<String> {
+    let source = SpecSource { file, folder, text, sets };
+    let done = attended(py, move || execute(&source, threads), || INTERRUPTED.store(true, Ordering::SeqCst))?;
+    done.map(|summary| summary.to_string()).map_err(|faults| spec_exception(py, &faults))
+}
+
+/// Checks a spec and returns `{tables, points, notes}` as JSON.
+#[pyfunction]
+#[pyo3(signature = (file, folder, text, sets))]
+pub fn check(
+    py: Python<'_>,
+    file: PathBuf,
+    folder: PathBuf,
+    text: Option<String>,
+    sets: Vec<String>,
+) -> PyResult<String> {
+    let source = SpecSource { file, folder, text, sets };
+    let checked = move || -> Result<Value, SpecFaults> {
+        let plan = Plan::new(source.read()?, &pipeline::catalogue())?;
+        let points: usize = plan.tables.iter().map(|t| plan.most_points(t)).sum();
+        let tables: Vec<&str> = plan.tables.iter().map(|t| t.name.as_str()).collect();
+        Ok(json!({ "tables": tables, "points": points, "notes": plan.notes }))
+    };
+    let done = attended(py, checked, || ())?;
+    done.map(|found| found.to_string()).map_err(|faults| spec_exception(py, &faults))
+}
+
+fn execute(source: &SpecSource, threads: Option<usize>) -> Result<Value, SpecFaults> {
+    let _one = RUN.lock().unwrap_or_else(PoisonError::into_inner);
+    INTERRUPTED.store(false, Ordering::SeqCst);
+    STARTED.store(false, Ordering::SeqCst);
+    let begun = Instant::now();
+    let catalogue = pipeline::catalogue();
+    let spec = source.read()?;
+    if let Some(other) = made_by_another(&spec) {
+        let what = format!("the pipeline `{}` in this store belongs to another spec, {other}", spec.name);
+        return Err(spec.faults(vec![Fault::new(what).help("change `store` or `name` in the spec")]));
+    }
+    let plan = Plan::new(spec, &catalogue)?;
+    let store = Store::open(&plan.spec.store).map_err(|f| plan.spec.faults(vec![f]))?;
+    let publisher = store.publisher(&plan.spec.name, false).map_err(|f| plan.spec.faults(vec![f]))?;
+    let pool = ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build();
+    let pool = pool.map_err(|e| plan.spec.faults(vec![Fault::machine(format!("cannot start threads: {e}"))]))?;
+    let ran = || search(plan, &catalogue, &store, &publisher, RunOptions::default(), &SilentListener);
+    let (plan, summary) = pool.install(ran)?;
+    let mut found = run_summary(&summary, begun.elapsed().as_secs_f64());
+    if let Some(failures) = found.get_mut("failures").and_then(Value::as_array_mut) {
+        for (one, failure) in failures.iter_mut().zip(&summary.failures) {
+            one["fault"] = record(&failure.fault, None);
+        }
+    }
+    let shown = |(name, scores): &(String, pipeline::results::scores::Scores)| {
+        let text = score_table::render(scores, score_table::WIDTH, ROWS);
+        let units: Vec<&str> = scores.metrics.iter().map(|m| m.unit).collect();
+        json!({ "stage": name, "over": scores.over(), "text": text, "units": units })
+    };
+    found["score_tables"] = summary.scores.iter().map(shown).collect();
+    found["pipeline"] = json!(plan.spec.name);
+    found["store"] = json!(plan.spec.store.display().to_string());
+    Ok(found)
+}
