@@ -58,7 +58,7 @@ def igrf(
     --------
     >>> from magline.core_field import igrf
     >>> igrf(45.0, -76.0, 300.0, 2020.5).round(1)
-    np.float64(53746.6)
+    np.float64(53710.9)
     """
     return _field(lat_deg, lon_deg, alt_m, decimal_year, component, False)
 

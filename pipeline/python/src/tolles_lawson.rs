@@ -29,6 +29,7 @@ pub fn term_names(groups: Vec<String>) -> PyResult<Vec<&'static str>> {
 /// The Tolles-Lawson matrix, one row per sample and one column per term. Differences do not cross gaps of `tt_s`.
 #[pyfunction]
 #[pyo3(signature = (x, y, z, groups, scalar, tt_s, bt_scale_nt))]
+#[allow(clippy::too_many_arguments)] // those of the Python function
 pub fn a_matrix<'py>(
     py: Python<'py>,
     x: Column<'py>,

@@ -19,7 +19,7 @@ def by_command(store: str, query: str) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
-@pytest.mark.parametrize("name", ["scores", "coefficients", "scores_pooled"])
+@pytest.mark.parametrize("name", ["coefficients", "scores_pooled"])
 def test_a_table_is_the_table_of_the_command(run: magline.Run, name: str) -> None:
     expected = pd.read_csv(io.StringIO(by_command(run.store.path, f"select * from tolles_lawson.{name}")))
     table = run.table(name)
@@ -27,7 +27,8 @@ def test_a_table_is_the_table_of_the_command(run: magline.Run, name: str) -> Non
     assert table.columns == list(expected.columns) == list(pandas.columns)
     assert len(table) == len(expected) > 0
     polars = table.polars()
-    for column in expected.select_dtypes("number"):
+    # A column without values has no type in CSV.
+    for column in expected.dropna(axis="columns", how="all").select_dtypes("number"):
         for found in (pandas[column], polars[column].to_pandas()):
             pd.testing.assert_series_equal(found.astype(float), expected[column].astype(float), check_names=False, rtol=0)
 
