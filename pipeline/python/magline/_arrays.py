@@ -1,4 +1,4 @@
-"""Conversion of arguments to arrays of the extension module."""
+"""Conversion of arguments to the arrays that the extension module requires."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ Column = NDArray[np.float64]
 
 
 def column(values: ArrayLike) -> Column:
-    """Contiguous array of float64 with one dimension.
+    """Contiguous one-dimensional array of float64.
 
     Raises
     ------
     ValueError
-        If the values do not have one dimension.
+        If the values are not one-dimensional.
     """
     array = np.ascontiguousarray(values, dtype=np.float64)
     if array.ndim != 1:
@@ -23,12 +23,13 @@ def column(values: ArrayLike) -> Column:
 
 
 def columns(**values: ArrayLike) -> list[Column]:
-    """Arrays of one dimension and equal length, in the order of the arguments.
+    """One-dimensional arrays of equal length, in the order of the arguments.
 
     Raises
     ------
     ValueError
-        If a shape differs. The message has the names and shapes.
+        If an argument is not one-dimensional, or if the lengths differ. For different lengths, the
+        message contains the names and shapes.
     """
     arrays = [column(one) for one in values.values()]
     if len({array.shape for array in arrays}) > 1:
@@ -38,12 +39,12 @@ def columns(**values: ArrayLike) -> list[Column]:
 
 
 def matrix(values: ArrayLike) -> NDArray[np.float64]:
-    """Contiguous array of float64 with two dimensions, row-major.
+    """Contiguous two-dimensional array of float64, row-major.
 
     Raises
     ------
     ValueError
-        If the values do not have two dimensions.
+        If the values are not two-dimensional.
     """
     array = np.ascontiguousarray(values, dtype=np.float64)
     if array.ndim != 2:

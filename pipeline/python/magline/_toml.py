@@ -1,4 +1,4 @@
-"""TOML text of Python values: a spec from a dict, and the values of overrides."""
+"""Conversion of Python values to TOML, for specs given as dicts and for overrides."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ def document(spec: Mapping[str, Any]) -> str:
     Parameters
     ----------
     spec : mapping
-        Keys of the spec. Values are bool, int, float, str, path, date, list, tuple, NumPy scalar
-        or array, or mapping. A value of None is omitted.
+        Keys of the spec. A value is a bool, int, float, str, path, date, time, list, tuple, NumPy
+        scalar or array, or mapping. A key with the value None is omitted; None in a list is an
+        error.
 
     Returns
     -------
     str
-        The document: one line per key.
+        The document, with one line per top-level key.
     """
     lines = [f"{_key(key)} = {value(item)}" for key, item in spec.items() if item is not None]
     return "\n".join(lines) + "\n"
@@ -34,7 +35,7 @@ def value(item: Any) -> str:
     Raises
     ------
     TypeError
-        If the type has no form in TOML.
+        If the type has no TOML equivalent.
     """
     if hasattr(item, "tolist"):
         item = item.tolist()

@@ -22,33 +22,33 @@ def igrf(
     *,
     component: Component = "magnitude",
 ) -> NDArray[np.float64]:
-    """Core field by IGRF-14, from 1900 to 2030.
+    """Core field of IGRF-14 (degree 13), valid from 1900.0 to 2030.0.
 
-    The magnitude equals the stage ``core_field`` to the last bit.
+    The field is bit-identical to the field that the stage ``core_field`` computes. The four
+    positional arguments are broadcast against each other.
 
     Parameters
     ----------
     lat_deg, lon_deg : array_like
-        Geodetic latitude and longitude, degrees.
+        Geodetic latitude, -90 to 90, and longitude east, -180 to 360, degrees.
     alt_m : array_like
-        Height above the WGS-84 ellipsoid, m.
+        Height above the WGS-84 ellipsoid, m, from -10 km to 2000 km.
     decimal_year : array_like
-        Date, years. The four arguments are broadcast against each other.
-
+        Date as a decimal year, such as 2020.5.
     component : {"magnitude", "north", "east", "down"}, optional
-        Magnitude, or a component in the local geodetic frame. Default: magnitude.
+        Total field, or one component in the local geodetic frame. Default: magnitude, the total
+        field.
 
     Returns
     -------
     numpy.ndarray
-        Field, nT, in the broadcast shape of the arguments. NaN at positions that are not finite.
+        Field, nT, in the broadcast shape of the arguments; a NumPy scalar if all arguments are
+        scalars. NaN where a coordinate or date is not finite.
 
     Raises
     ------
     ValueError
-        For a date outside the model's range, a latitude beyond a pole, a longitude outside -180
-        to 360 degrees, a height outside -10 to 2000 km, or an unknown
-        component.
+        If a date or coordinate is outside its range, or if the component is unknown.
 
     References
     ----------
@@ -71,9 +71,10 @@ def wmm(
     *,
     component: Component = "magnitude",
 ) -> NDArray[np.float64]:
-    """Core field by the World Magnetic Models of 2020 and 2025, from 2020 to 2030.
+    """Core field of the World Magnetic Model (degree 12), valid from 2020.0 to 2030.0.
 
-    Parameters, result and errors as for `igrf`.
+    WMM2020 applies before 2025.0, and WMM2025 from 2025.0. At the change of model, a component
+    jumps by up to 314 nT. `igrf` describes the parameters, the result and the errors.
 
     References
     ----------

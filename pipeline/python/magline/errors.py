@@ -1,4 +1,7 @@
-"""Errors of magline, by the party that corrects them."""
+"""Exceptions of magline, with one class for each party that corrects the error.
+
+The functions on arrays raise `ValueError` for wrong arguments.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault, with its place and remedy. Every part of the place is optional.
+    """One fault, with its place and remedy. An unknown part of the place is None.
 
     Attributes
     ----------
@@ -21,9 +24,10 @@ class Fault:
     file, flight, line, column : str or None
         Place in the data.
     row : int or None
-        Row within the line, from 0; within the file if the line is unknown.
+        Row within the line, from 0. If the line is unknown, row within the file.
     spec_line : int or None
-        Line of the spec, from 1.
+        Line number in the spec, from 1. For a spec given as a dict, every top-level key is one
+        line.
     """
 
     what: str
@@ -38,14 +42,14 @@ class Fault:
 
 
 class MaglineError(Exception):
-    """Base of all errors of magline.
+    """Base class of all exceptions of magline.
 
     Attributes
     ----------
     faults : tuple of Fault
         All faults, in the order of the message.
     help : str or None
-        Remedy of the first fault.
+        Remedy of the first fault; None if there is no fault or no remedy.
     """
 
     def __init__(self, message: str, faults: tuple[Fault, ...] = ()) -> None:
@@ -59,19 +63,19 @@ class MaglineError(Exception):
 
 
 class SpecError(MaglineError, ValueError):
-    """The spec or an argument is wrong."""
+    """Error in the spec or in an argument, including a file that does not exist."""
 
 
 class DataError(MaglineError, ValueError):
-    """The data are wrong: a file, flight, line, column or row."""
+    """Error in the data: a file, flight, line, column or row."""
 
 
 class MachineError(MaglineError, OSError):
-    """The machine lacks a resource, such as disk, permission or memory. A retry may help."""
+    """Lack of disk space, permission, memory or another resource. A retry may succeed."""
 
 
 class BugError(MaglineError, RuntimeError):
-    """An error in magline. Please report it, with the spec."""
+    """Defect in magline. Please report it together with the spec."""
 
 
 Error = MaglineError
@@ -85,7 +89,7 @@ _OWNERS: dict[str, type[MaglineError]] = {
 
 
 def _from_json(message: str, records: str) -> MaglineError:
-    """Error for the faults of a JSON array; its class is the owner of the first fault."""
+    """Exception for the faults in a JSON array. The owner of the first fault selects its class."""
     faults = tuple(Fault(**record) for record in json.loads(records))
     owner = faults[0].owner if faults else "bug"
     return _OWNERS.get(owner, MaglineError)(message.removeprefix("error: "), faults)

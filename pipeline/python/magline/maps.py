@@ -1,4 +1,4 @@
-"""Maps of the magnetic anomaly."""
+"""Maps of the total field anomaly."""
 
 from __future__ import annotations
 
@@ -23,17 +23,18 @@ class Map:
     Attributes
     ----------
     x : numpy.ndarray, shape (columns,)
-        Eastings or longitudes, ascending, in ``unit``.
+        Eastings or longitudes of the columns, ascending, in ``unit``.
     y : numpy.ndarray, shape (rows,)
-        Northings or latitudes, ascending, in ``unit``.
+        Northings or latitudes of the rows, ascending, in ``unit``.
     anomaly_nt : numpy.ndarray, shape (rows, columns)
-        Anomaly, nT; NaN where unknown.
+        Total field anomaly, nT; NaN where unknown.
     alt_m : numpy.ndarray, shape (rows, columns)
         Height of each node above the WGS-84 ellipsoid, m; NaN where unknown.
     epsg : int
-        EPSG code of the coordinates.
+        EPSG code of the coordinate system.
     unit : str
-        Unit of the coordinates: ``deg``, ``m`` or ``ft``; empty if it has no common name.
+        Unit of ``x`` and ``y``: ``deg``, ``m``, ``ft`` (international foot) or ``us-ft`` (US survey
+        foot). It is empty for any other unit.
     """
 
     x: NDArray[np.float64]
@@ -44,7 +45,11 @@ class Map:
     unit: str
 
     def xarray(self) -> Any:
-        """`xarray.DataArray` of the anomaly with the dimensions ``y`` and ``x``."""
+        """Map as an `xarray.DataArray` with the dimensions ``y`` and ``x``.
+
+        The values are ``anomaly_nt``. The heights are the coordinate ``alt_m``; the attributes are
+        ``units``, ``epsg`` and ``coordinate_unit``.
+        """
         import xarray
 
         coordinates = {"y": self.y, "x": self.x, "alt_m": (("y", "x"), self.alt_m)}
@@ -63,16 +68,20 @@ def open(
 ) -> Map:
     """Read a map in any format that ``magline map info`` reads.
 
+    The formats include GeoTIFF, NetCDF, GMT, Surfer, Geosoft GXF and xyz.
+
     Parameters
     ----------
     path : path
-        File.
+        File of the map.
     epsg : int, optional
-        EPSG code of the coordinates. Default: as in the file.
+        EPSG code of the coordinate system. It overrides the file. Default: read from the file.
     alt_m : float, optional
-        Height above the WGS-84 ellipsoid, m. Default: as in the file.
+        Height of the map above the WGS-84 ellipsoid, m. It overrides the file. Default: read from
+        the file.
     unit : str, optional
-        Unit of the anomaly. Default: as in the file, otherwise nT.
+        Unit of the anomaly in the file, such as ``uT``. It overrides the file; the result is always
+        in nT. Default: read from the file, or nT if the file has no unit.
 
     Returns
     -------
@@ -81,9 +90,10 @@ def open(
     Raises
     ------
     DataError
-        For a file that is missing, damaged or in no known format.
+        If the file is damaged or has no known format.
     SpecError
-        If neither the file nor an argument gives the height or the coordinate system.
+        If the file does not exist, or if an argument is wrong or missing. The height and the
+        coordinate system must be in the file or in the arguments.
 
     Examples
     --------
@@ -98,30 +108,37 @@ def open(
 def upward(grid: ArrayLike, spacing_m: float | tuple[float, float], dz_m: float) -> Any:
     """Upward continuation of a map between level surfaces, in the wavenumber domain.
 
-    The map is extended at its edges with the padding of the stage ``map_continue``.
+    The mean along the edge is subtracted, and the map is padded on each side. The padding is at
+    least ten times the distance and a tenth of the side, up to 5000 nodes. The stage
+    ``map_continue`` has the same default padding.
 
     Parameters
     ----------
     grid : array_like or xarray.DataArray, shape (rows, columns)
-        Map without unknown nodes, in any unit. Rows ascend to the north, columns to the east.
+        Map in any unit, with finite values only. Rows run from south to north and columns from west
+        to east.
     spacing_m : float or (float, float)
-        Spacing of the nodes, m; a pair gives the spacing of rows and of columns.
+        Spacing of the nodes, m. A pair holds the northward spacing of the rows and the eastward
+        spacing of the columns.
     dz_m : float
-        Distance upward, m, at least 0.
+        Distance of the continuation, m, 0 or more, positive upward.
 
     Returns
     -------
     numpy.ndarray or xarray.DataArray, shape (rows, columns)
-        Map at the new height, in the unit and type of ``grid``.
+        Map at the new height, in the unit of ``grid``. It is a DataArray if ``grid`` is a
+        DataArray; a coordinate ``alt_m`` is then increased by ``dz_m``, and the other coordinates
+        are copied.
 
     Raises
     ------
     ValueError
-        For unknown nodes, fewer than two nodes on a side, or a negative distance.
+        If a value is not finite, a side has fewer than two nodes, a spacing is not positive, or
+        the distance is negative.
 
     References
     ----------
-    R. J. Blakely, Potential Theory in Gravity and Magnetic Applications, 1996, (12.8)
+    R. J. Blakely, Potential Theory in Gravity and Magnetic Applications, 1996, eq. 12.8
 
     Examples
     --------
@@ -134,4 +151,7 @@ def upward(grid: ArrayLike, spacing_m: float | tuple[float, float], dz_m: float)
     north_m, east_m = (float(one) for one in pair)
     raised = _magline.upward(matrix(grid), (north_m, east_m), float(dz_m))
     copy = getattr(grid, "copy", None)
-    return copy(data=raised) if copy is not None and hasattr(grid, "dims") else raised
+    if copy is None or not hasattr(grid, "dims"):
+        return raised
+    found = copy(data=raised)
+    return found.assign_coords(alt_m=found["alt_m"] + dz_m) if "alt_m" in found.coords else found

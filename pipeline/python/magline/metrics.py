@@ -1,6 +1,7 @@
-"""Metrics of positions and of compensated signals.
+"""Metrics of position errors and of compensated signals.
 
-Samples with a value that is not finite are excluded. The result is NaN without samples.
+A sample with a value that is not finite is excluded, and the result is NaN without samples.
+`position_nees` has one result per sample and excludes none.
 """
 
 from __future__ import annotations
@@ -24,17 +25,17 @@ __all__ = [
 
 
 def drms(north_m: ArrayLike, east_m: ArrayLike) -> float:
-    """Distance root mean square: square root of the mean of north^2 + east^2.
+    """Distance root mean square (DRMS): square root of the mean of north^2 + east^2.
 
     Parameters
     ----------
     north_m, east_m : array_like, shape (samples,)
-        Position errors relative to the truth, m.
+        Horizontal position errors: estimate minus truth, m.
 
     Returns
     -------
     float
-        m.
+        DRMS, m.
 
     Raises
     ------
@@ -52,17 +53,17 @@ def drms(north_m: ArrayLike, east_m: ArrayLike) -> float:
 
 
 def cep(north_m: ArrayLike, east_m: ArrayLike) -> float:
-    """Circular error probable: radius about the truth that contains half of the samples.
+    """Circular error probable (CEP): radius about the truth that contains 50 % of the samples.
 
     Parameters
     ----------
     north_m, east_m : array_like, shape (samples,)
-        Position errors relative to the truth, m.
+        Horizontal position errors: estimate minus truth, m.
 
     Returns
     -------
     float
-        m; linear between order statistics.
+        CEP, m, interpolated linearly between order statistics.
 
     Raises
     ------
@@ -82,7 +83,7 @@ def cep(north_m: ArrayLike, east_m: ArrayLike) -> float:
 def r95(north_m: ArrayLike, east_m: ArrayLike) -> float:
     """Radius about the truth that contains 95 % of the samples.
 
-    Parameters, result and errors as for `cep`.
+    `cep` describes the parameters, the result (m) and the errors.
 
     Examples
     --------
@@ -95,7 +96,7 @@ def r95(north_m: ArrayLike, east_m: ArrayLike) -> float:
 
 
 def rms(x: ArrayLike) -> float:
-    """Root mean square.
+    """Root mean square, including the mean.
 
     Parameters
     ----------
@@ -105,7 +106,7 @@ def rms(x: ArrayLike) -> float:
     Returns
     -------
     float
-        In the unit of ``x``.
+        Root mean square, in the unit of ``x``.
 
     Examples
     --------
@@ -117,7 +118,7 @@ def rms(x: ArrayLike) -> float:
 
 
 def std(x: ArrayLike) -> float:
-    """Standard deviation, with n - 1.
+    """Sample standard deviation, with the divisor n - 1.
 
     Parameters
     ----------
@@ -127,7 +128,7 @@ def std(x: ArrayLike) -> float:
     Returns
     -------
     float
-        In the unit of ``x``.
+        Standard deviation, in the unit of ``x``; NaN for fewer than two samples.
 
     Examples
     --------
@@ -144,11 +145,12 @@ def improvement_ratio(uncompensated: ArrayLike, compensated: ArrayLike) -> float
     Parameters
     ----------
     uncompensated, compensated : array_like, shape (samples,)
-        Signals in the same unit, usually band-passed.
+        Signals in the same unit, usually band-passed. If a truth is known, subtract it from both.
 
     Returns
     -------
     float
+        Improvement ratio, dimensionless; above 1 if compensation reduces the signal.
 
     Raises
     ------
@@ -157,7 +159,7 @@ def improvement_ratio(uncompensated: ArrayLike, compensated: ArrayLike) -> float
 
     References
     ----------
-    van der Meer, 2025, (2.40)
+    F. van der Meer, MS thesis, TU Delft, 2025, eq. 2.40
 
     Examples
     --------
@@ -175,13 +177,14 @@ def signal_to_noise(estimate: ArrayLike, truth: ArrayLike, anomaly: ArrayLike) -
     Parameters
     ----------
     estimate, truth : array_like, shape (samples,)
-        Measured and true field, nT.
+        Compensated and true total field, nT.
     anomaly : array_like, shape (samples,)
-        Truth minus core field and temporal variation, nT.
+        Truth minus the core field and minus the temporal variation, nT.
 
     Returns
     -------
     float
+        Signal-to-noise ratio, dimensionless (not dB).
 
     Raises
     ------
@@ -190,7 +193,7 @@ def signal_to_noise(estimate: ArrayLike, truth: ArrayLike, anomaly: ArrayLike) -
 
     References
     ----------
-    A. Gnadt, PhD thesis, MIT, 2022, (3.46)
+    A. Gnadt, PhD thesis, MIT, 2022, eq. 3.46
 
     Examples
     --------
@@ -209,22 +212,23 @@ def position_nees(
     sd_e_m: ArrayLike,
     cov_ne_m2: ArrayLike,
 ) -> NDArray[np.float64]:
-    """Normalised estimation error squared of the horizontal position, at each sample.
+    """Normalised estimation error squared (NEES) of the horizontal position, at each sample.
 
-    Its expected value is 2 for a consistent filter.
+    The expected value is 2 for a consistent filter.
 
     Parameters
     ----------
     north_m, east_m : array_like, shape (samples,)
-        Position errors, m.
+        Horizontal position errors: estimate minus truth, m.
     sd_n_m, sd_e_m : array_like, shape (samples,)
-        Standard deviations of the errors, m.
+        Standard deviations of the north and east errors, m, as estimated by the filter.
     cov_ne_m2 : array_like, shape (samples,)
-        Covariance of the errors, m^2.
+        Covariance of the north and east errors, m^2, as estimated by the filter.
 
     Returns
     -------
     numpy.ndarray, shape (samples,)
+        NEES, dimensionless. NaN where an argument is NaN.
 
     Raises
     ------
@@ -233,7 +237,8 @@ def position_nees(
 
     References
     ----------
-    Bar-Shalom, Li and Kirubarajan, 2001, section 5.4
+    Y. Bar-Shalom, X. R. Li and T. Kirubarajan, Estimation with Applications to Tracking and
+    Navigation, 2001, section 5.4
 
     Examples
     --------

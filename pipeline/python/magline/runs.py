@@ -1,4 +1,9 @@
-"""Runs and checks of specs."""
+"""Runs and checks of specs.
+
+A spec describes a pipeline: tables, stages and axes. A point is one combination of the values of
+all axes; a sweep is all points. A unit is the smallest stored result: one stage at one line and
+point, or one fit at one point.
+"""
 
 from __future__ import annotations
 
@@ -20,26 +25,26 @@ SpecLike = str | os.PathLike[str] | Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Warning:
-    """Warning about an unreliable result.
+    """Warning about an untrustworthy result.
 
     Attributes
     ----------
     stage : str
-        Table of scores, model or map.
+        Name of the table of scores, the model or the map.
     axes : dict
-        Sweep point: value of each axis.
+        Value of each axis at the point.
     flight, line : str or None
-        Flight and line; None for a fit.
+        Identifiers of the flight and line; None for a fit.
     kind : str
-        Subject, such as ``nees_high`` or ``fit``.
+        Kind of the warning, such as ``nees_high`` or ``fit``.
     value, limit : float or None
-        Flagged figure and its limit, in ``unit``.
+        Flagged value and the limit that it violates, in ``unit``.
     unit : str
-        Unit of the figure.
+        Unit of ``value`` and ``limit``.
     text : str
         Description in one sentence.
     cause : str or None
-        Likely cause.
+        Likely cause; None if it is unknown.
     """
 
     stage: str
@@ -64,15 +69,15 @@ class Failure:
     Attributes
     ----------
     stage : str
-        Table or source.
+        Name of the stage or of the table of files.
     axes : dict
-        Sweep point: value of each axis.
+        Value of each axis at the point.
     flight, line : str or None
-        Flight and line; None for a survey stage.
+        Identifiers of the flight and line; None for a stage that processes the whole survey.
     error : str
-        Message.
+        Error message.
     fault : Fault
-        Fault, with its owner, place and remedy.
+        Same error, with its owner, place and remedy as attributes.
     """
 
     stage: str
@@ -88,20 +93,24 @@ class Failure:
 
 @dataclass(frozen=True)
 class ScoreTable:
-    """Scores of a sweep, pooled over the lines as the terminal shows them.
+    """Scores of each point of a sweep, pooled over lines as in the terminal.
+
+    Lines in sample are excluded, unless all lines are in sample. A line is in sample if the score
+    depends on a model, noise or map that was fitted to it, or a parameter that was chosen on it.
 
     Attributes
     ----------
     name : str
-        Table of scores.
+        Name of the table of scores.
     over : str
-        Lines of the pooled values, in words.
-    units : dict
+        Description of the pooled lines, such as ``pooled over 3 held-out lines``.
+    units : dict of str to str
         Unit of each metric.
     rows : list of dict
-        One row per sweep point: ``axes``, ``metrics`` (pooled values), ``lines``, ``marked``
-        (number of flagged lines), ``best``, ``in_sample`` and the keys of the event ``finished``
-        that ``magline run --help`` lists.
+        One dict per point. ``axes`` holds the axis values as text, and ``metrics`` the pooled value
+        of each metric, or None. ``lines`` is the number of lines, and ``marked`` the number of
+        flagged lines. ``best`` is True at the best point. ``in_sample`` is True if all lines are in
+        sample.
     """
 
     name: str
@@ -111,7 +120,10 @@ class ScoreTable:
     _text: str = field(repr=False, compare=False)
 
     def records(self) -> list[dict[str, Any]]:
-        """Rows as flat dicts: axes, then metrics, ``lines``, ``flagged`` and ``best``."""
+        """Rows as flat dicts: axes, metrics, ``lines``, ``flagged`` and ``best``, in this order.
+
+        Axis values are numbers where possible. ``flagged`` is the number of flagged lines.
+        """
         return [
             {
                 **{name: _axis(text) for name, text in row["axes"].items()},
@@ -124,13 +136,13 @@ class ScoreTable:
         ]
 
     def pandas(self) -> Any:
-        """`pandas.DataFrame` of `records`."""
+        """Table of `records` as a `pandas.DataFrame`."""
         import pandas
 
         return pandas.DataFrame(self.records())
 
     def polars(self) -> Any:
-        """`polars.DataFrame` of `records`."""
+        """Table of `records` as a `polars.DataFrame`."""
         import polars
 
         return polars.DataFrame(self.records(), infer_schema_length=None)
@@ -155,11 +167,11 @@ class Check:
     Attributes
     ----------
     tables : list of str
-        Tables of the stages, each after its inputs.
+        Names of the tables of the stages, in order of computation.
     points : int
-        Number of sweep points of all tables together.
+        Maximum number of points, summed over all tables.
     notes : list of str
-        Choices made automatically.
+        Choices that magline makes because the spec does not, such as the reference of a score.
     """
 
     tables: list[str]
@@ -170,29 +182,31 @@ class Check:
 class Run:
     """Result of a run.
 
+    `report`, `explain` and `why` read the spec file again; they reflect its current content.
+
     Attributes
     ----------
     id : str
-        Hash of the computation and its data: equal for the same spec and inputs.
+        Hash of the spec and its inputs. It is the same when a run is repeated.
     pipeline : str
         Name of the pipeline.
     store : Store
         Store of the results.
     scores : dict of str to ScoreTable
-        Pooled scores of each table of scores.
+        Pooled scores by the name of their table.
     warnings : list of Warning
-        Warnings about results.
+        Warnings about untrustworthy results.
     failures : list of Failure
         Units that could not be computed.
     notes : list of str
-        Choices made automatically.
-    counts : dict
-        For each table the number of units ``computed``, ``reused``, ``failed`` and ``skipped``,
-        and its ``seconds``.
+        Choices that magline made because the spec did not.
+    counts : dict of str to dict
+        For each table: the number of units ``computed``, ``reused``, ``failed`` and ``skipped``,
+        and the duration ``seconds``, s.
     seconds : float
         Duration of the run, s.
     folder : Path
-        Folder of the tables.
+        Folder of the published Parquet tables of this pipeline.
     """
 
     def __init__(self, summary: dict[str, Any], source: _Source) -> None:
@@ -221,11 +235,12 @@ class Run:
         Parameters
         ----------
         name : str
-            Name of the stage, or ``warnings``, ``quality`` or ``scores_pooled``.
+            Name of a stage, or of a summary table: ``warnings``, ``quality`` or ``scores_pooled``.
 
         Returns
         -------
         Table
+            All rows and columns. The table is read at its first use.
 
         Raises
         ------
@@ -235,42 +250,49 @@ class Run:
         return self.store[self.pipeline][name]
 
     def sql(self, query: str) -> Table:
-        """Result of a query over the store. See `Store.sql`."""
+        """Result of a read-only query over all tables of the store. See `Store.sql`."""
         return self.store.sql(query)
 
     def report(self, path: str | os.PathLike[str]) -> Path:
-        """Write the report: one self-contained HTML page of tables and plots.
+        """Write the report of the run: one self-contained HTML page with tables and plots.
 
         Parameters
         ----------
         path : path
-            Output file.
+            Output file. An existing file is replaced.
 
         Returns
         -------
         Path
-            The output file.
+            Path of the output file.
 
         Raises
         ------
         OSError
             If the file cannot be written.
+        SpecError
+            If the spec is no longer valid.
         """
         page = Path(path)
         page.write_text(_magline.report(*self._source), encoding="utf-8")
         return page
 
     def explain(self) -> str:
-        """Plan as text: tables, axes, stored results and the cost of each stage."""
+        """Plan of the run as text: tables, axes, stored results and cost of each stage."""
         return _magline.explain(*self._source)
 
     def why(self, table: str) -> str:
-        """Reason, as text, why a table would run again: the changes since its last computation.
+        """Changes since a table was last computed, as text. They cause a recomputation.
+
+        Parameters
+        ----------
+        table : str
+            Name of the table.
 
         Raises
         ------
         SpecError
-            If the spec has no such table.
+            If the spec has no table of this name.
         """
         return _magline.why(*self._source, table)
 
@@ -305,31 +327,37 @@ def run(
 ) -> Run:
     """Run a spec: compute the results that are missing from the store.
 
-    Ctrl-C ends the run after the units in progress and raises `KeyboardInterrupt`. Finished
-    results are stored, and the same call resumes. Other Python threads continue during the run.
-    A process runs one spec at a time; a second call waits.
+    The first Ctrl-C ends the run after the units in progress and raises `KeyboardInterrupt`.
+    Finished results are stored, and the same call resumes the run. Other Python threads continue
+    during a run. A process runs one spec at a time; a call in a second thread waits for the first.
 
     Parameters
     ----------
     spec : path or mapping
-        TOML file, or the keys of a spec as a dict. The paths of a dict are relative to the
-        current folder.
+        TOML file, or the keys of a spec as a dict. Paths in a file are relative to the folder of
+        the file; paths in a dict are relative to the current folder.
     set : mapping, optional
-        Overrides, as ``--set`` of the command, such as ``{"axes.lambda": [0.0, 0.025]}``.
-        Default: none.
+        Overrides of the spec: dotted key to new value, such as ``{"axes.lambda": [0.0, 0.025]}``.
+        They correspond to ``--set`` of the command. Default: no overrides.
     threads : int, optional
-        Number of threads. Results do not depend on it. Default: all cores.
+        Number of threads, 1 or more. Results do not depend on it. Default: one per core.
     store : path, optional
-        Folder of the store, instead of the folder in the spec.
+        Folder of the store, relative to the current folder, or its address, such as
+        ``s3://BUCKET/PREFIX``. It overrides the spec. Default: the store of the spec.
 
     Returns
     -------
     Run
+        Scores, tables, warnings and failures.
 
     Raises
     ------
     SpecError, DataError, MachineError
-        If nothing could be run. Units that fail are in `Run.failures`.
+        If the run as a whole fails. A failed unit does not raise: check `Run.failures`.
+    ValueError
+        If ``threads`` is below 1.
+    TypeError
+        If a value of a dict or an override has no TOML equivalent.
     KeyboardInterrupt
         After Ctrl-C.
 
@@ -355,18 +383,19 @@ def check(spec: SpecLike, *, set: Mapping[str, Any] | None = None) -> Check:
     Parameters
     ----------
     spec : path or mapping
-        TOML file, or the keys of a spec as a dict.
+        TOML file, or the keys of a spec as a dict, as for `run`.
     set : mapping, optional
-        Overrides, as for `run`.
+        Overrides, as for `run`. Default: no overrides.
 
     Returns
     -------
     Check
+        Tables, number of points and notes.
 
     Raises
     ------
     SpecError, DataError
-        With all faults of the spec.
+        If the spec or its input files are wrong. The attribute ``faults`` lists all faults.
 
     Examples
     --------
@@ -380,7 +409,7 @@ def check(spec: SpecLike, *, set: Mapping[str, Any] | None = None) -> Check:
 def _source(
     spec: SpecLike, set: Mapping[str, Any] | None, store: str | os.PathLike[str] | None
 ) -> _Source:
-    """File, folder, text and overrides of a spec."""
+    """File, folder, text and overrides of a spec. The text is None for a file."""
     sets = [f"{key}={_toml.value(item)}" for key, item in (set or {}).items()]
     if store is not None:
         # An override is relative to the spec's folder, an argument to the current folder.
@@ -404,7 +433,7 @@ def _score_tables(summary: dict[str, Any]) -> Iterator[tuple[str, ScoreTable]]:
 
 
 def _axis(text: str) -> Any:
-    """Number for the text of an axis value, or the text itself."""
+    """Axis value as an int or float if its text is a number, otherwise as text."""
     for kind in (int, float):
         try:
             return kind(text)

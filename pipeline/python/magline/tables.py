@@ -1,4 +1,4 @@
-"""Stores, pipelines and tables."""
+"""Access to stores, pipelines and tables."""
 
 from __future__ import annotations
 
@@ -18,10 +18,12 @@ _HTML_ROWS = 10
 class Table:
     """Table of a store, or the result of a query, in Arrow format.
 
-    A table of a store is the whole logical table that ``magline sql`` shows: the axes of the
-    sweep, flight, line, the columns that pass through, and the columns of the stage. Its rows are
-    read at the first use and kept. The data are exchanged by Arrow's PyCapsule interface without
-    copies: ``polars.DataFrame(table)``, ``pyarrow.table(table)``.
+    A table of a store has the same columns as in ``magline sql``: axes, flight, line, columns that
+    pass through the stage, and columns of the stage. All rows are read into memory at the first
+    use and kept there. Any library with Arrow's PyCapsule interface can read the table, without a
+    copy of the Arrow data: ``polars.DataFrame(table)``, ``pyarrow.table(table)``.
+
+    Sort the rows or use ``order by`` before you apply functions that require increasing times.
 
     Examples
     --------
@@ -43,11 +45,11 @@ class Table:
             return _magline.sql(self._store, self._query, spill, self._memory_limit)
 
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
-        """Capsule of an Arrow C stream over the rows."""
+        """Capsule with an Arrow C stream of the rows. ``requested_schema`` has no effect."""
         return self._rows.__arrow_c_stream__(requested_schema)
 
     def __arrow_c_schema__(self) -> object:
-        """Capsule of the Arrow C schema."""
+        """Capsule with the Arrow C schema."""
         return self._rows.__arrow_c_schema__()
 
     @property
@@ -60,26 +62,26 @@ class Table:
         return len(self._rows)
 
     def to_arrow(self) -> Any:
-        """`pyarrow.Table` of the rows."""
+        """All rows as a `pyarrow.Table`. Requires pyarrow."""
         import pyarrow
 
         return pyarrow.table(self)
 
     def pandas(self) -> Any:
-        """`pandas.DataFrame` of the rows. Requires pyarrow."""
+        """All rows as a `pandas.DataFrame`. Requires pandas and pyarrow."""
         return self.to_arrow().to_pandas()
 
     def polars(self) -> Any:
-        """`polars.DataFrame` of the rows."""
+        """All rows as a `polars.DataFrame`. Requires polars."""
         import polars
 
         return polars.DataFrame(self)
 
     def lazy(self) -> Any:
-        """`polars.LazyFrame` of the rows.
+        """Lazy table as a `polars.LazyFrame`. Requires polars.
 
-        A query reads only the columns that the frame needs, and only its first rows after
-        ``head``. Filters are applied to these columns after the query.
+        ``collect`` reads only the required columns and, after ``head(n)``, only n rows. Polars
+        applies filters after the columns are read. For large tables, use a ``where`` in `sql`.
         """
         import polars
         from polars.io.plugins import register_io_source
@@ -105,7 +107,7 @@ class Table:
 
 
 class Pipeline:
-    """Published tables of a pipeline.
+    """Published tables of a pipeline. Iteration yields their names.
 
     Attributes
     ----------
@@ -123,7 +125,7 @@ class Pipeline:
         return self._store._published().get(self.name, [])
 
     def __getitem__(self, table: str) -> Table:
-        """Table of the current version.
+        """Published table of this name. It is read at its first use, in the version of that time.
 
         Raises
         ------
@@ -146,12 +148,12 @@ class Pipeline:
 
 
 class Store:
-    """Store of results.
+    """Store of results. Iteration yields the names of its pipelines.
 
     Parameters
     ----------
     path : path
-        Folder of the store, or its address such as ``s3://BUCKET/PREFIX``.
+        Folder of the store, or its address, such as ``s3://BUCKET/PREFIX``.
 
     Raises
     ------
@@ -176,7 +178,7 @@ class Store:
 
     @property
     def pipelines(self) -> list[str]:
-        """Names of the pipelines with published tables."""
+        """Names of the pipelines that have published tables."""
         return list(self._published())
 
     def _published(self) -> dict[str, list[str]]:
@@ -192,7 +194,7 @@ class Store:
         Raises
         ------
         KeyError
-            If the store has no such pipeline.
+            If the store has no pipeline of this name.
         """
         known = self.pipelines
         if pipeline not in known:
@@ -208,21 +210,23 @@ class Store:
         Parameters
         ----------
         query : str
-            Query in the SQL of ``magline sql``.
+            Query in the SQL dialect of ``magline sql``, Apache DataFusion.
         memory_limit : int, optional
-            Memory limit, bytes, without the result. Larger operations use temporary files.
-            Default: a quarter of the machine's memory, at most 8 GB.
+            Memory limit of the query, bytes. The result is not counted. Larger sorts and joins use
+            temporary files. Default: a quarter of the memory of the machine or of its control
+            group, from 256 MiB to 8 GiB.
 
         Returns
         -------
         Table
+            Result. Its rows are already in memory.
 
         Raises
         ------
         SpecError
-            If the query is wrong.
+            If the query is wrong or not read-only.
         MachineError
-            If the query exceeds its memory limit.
+            If the query exceeds its memory limit in spite of temporary files.
         """
         table = Table(self.path, query, memory_limit)
         table.columns  # reads the rows, so that a wrong query is reported here
@@ -240,22 +244,25 @@ def sql(
     Parameters
     ----------
     query : str
-        Query in the SQL of ``magline sql``, over the tables ``PIPELINE.TABLE``.
+        Query in the SQL dialect of ``magline sql``, over the tables ``PIPELINE.TABLE``.
     store : path or Store, optional
-        Store. Default: the folder ``store`` in the current folder.
+        Store, its folder or its address. Default: the folder ``store`` in the current folder.
     memory_limit : int, optional
-        Memory limit, bytes. Default: a quarter of the machine's memory, at most 8 GB.
+        Memory limit of the query, bytes, without the result. Default: as in `Store.sql`.
 
     Returns
     -------
     Table
+        Result. Its rows are already in memory.
 
     Raises
     ------
     FileNotFoundError
         If the store does not exist.
     SpecError
-        If the query is wrong.
+        If the query is wrong or not read-only.
+    MachineError
+        If the query exceeds its memory limit in spite of temporary files.
 
     Examples
     --------
@@ -270,7 +277,7 @@ def sql(
 
 
 def _quoted(name: str) -> str:
-    """Name of a column in SQL."""
+    """Quoted name of a column for SQL."""
     return '"' + name.replace('"', '""') + '"'
 
 

@@ -18,20 +18,24 @@ _TERMS = ("permanent", "induced", "eddy")
 
 @dataclass(frozen=True)
 class Fit:
-    """Fitted coefficients.
+    """Fitted Tolles-Lawson coefficients and diagnostics of the fit.
 
     Attributes
     ----------
     coefficients : numpy.ndarray, shape (terms,)
-        Coefficient of each column: unit of the target over unit of the column.
+        Coefficient of each column. For a target in nT, the unit is nT; for derivative terms it is
+        samples.
     residual_std : float
-        Standard deviation of the residual, in the unit of the target.
+        Standard deviation of the residual, in the unit of the target. The divisor is the number of
+        rows minus the effective number of parameters. With ``rate_hz``, the residual is
+        band-passed.
     condition : float
-        Ratio of the largest to the smallest singular value of the matrix.
+        Condition number: ratio of the largest to the smallest singular value of A. With
+        ``rate_hz``, A is band-passed.
     rows : int
-        Number of rows used.
+        Number of rows in the fit, after exclusions and trimming.
     lambda_ : float
-        Ridge parameter.
+        Ridge parameter, as passed to `fit`.
     """
 
     coefficients: NDArray[np.float64]
@@ -42,21 +46,23 @@ class Fit:
 
 
 def term_names(terms: Sequence[str] = _TERMS) -> list[str]:
-    """Names of the columns of `a_matrix`.
+    """Names of the columns of `a_matrix`, in their order.
 
     Parameters
     ----------
     terms : sequence of str, optional
-        Groups of terms, as for `a_matrix`.
+        Groups of terms, as for `a_matrix`. Default: permanent, induced, eddy (18 terms).
 
     Returns
     -------
     list of str
+        One name per term, such as ``x``, ``xy`` or ``xy_dot``.
 
     Raises
     ------
     ValueError
-        For an unknown group, or two groups of the same terms.
+        If a group is unknown, two groups are alternatives, such as ``eddy`` and ``eddy8``, or
+        there is no group.
 
     Examples
     --------
@@ -76,45 +82,58 @@ def a_matrix(
     tt: ArrayLike | None = None,
     bt_scale_nt: float = 50_000.0,
 ) -> NDArray[np.float64]:
-    """Matrix of the Tolles-Lawson terms.
+    """A-matrix: the Tolles-Lawson terms, one row per sample and one column per term.
 
-    B is the vector, Bt its magnitude or ``scalar``, dB the central difference of B per sample and
-    s ``bt_scale_nt``. The terms are: permanent B_i/Bt, induced B_i B_j/(Bt s), eddy
-    B_i dB_j/(Bt s), derivative dB_i, bias 1. It equals the stage ``a_matrix`` to the last bit if
-    ``tt`` is given.
+    B is the field vector, Bt its magnitude (or ``scalar``), and s is ``bt_scale_nt``, all in nT.
+    dB is the central difference of B, nT per sample, and one-sided at the ends of a run. A run is
+    a sequence of finite samples without a gap in ``tt``. The terms are:
+
+    - permanent: B_i / Bt
+    - induced: B_i B_j / (Bt s)
+    - eddy: B_i dB_j / (Bt s)
+    - derivative: dB_i, nT per sample
+    - bias: 1
+
+    The other terms are dimensionless. With ``tt``, the result is bit-identical to the result of
+    the stage ``a_matrix``.
 
     Parameters
     ----------
     flux : array_like, shape (samples, 3)
         Vector magnetometer in the body frame (nose, right wing, down), nT.
     rate_hz : float, optional
-        Sample rate, Hz. With ``tt``, it must agree with the times within 1 %. The differences are
-        per sample, so the matrix does not depend on it; coefficients of eddy and derivative terms
-        apply only at the rate of their fit. Default: unset.
+        Sample rate, Hz. It only serves as a check: if ``tt`` is given, the rates must agree within
+        1 %. The matrix does not depend on the rate, because dB is per sample. Apply coefficients
+        of eddy and derivative terms only to data of the same sample rate. Default: no check.
     terms : sequence of str, optional
-        Groups: ``permanent``, ``induced`` (or ``induced5``, ``induced3``), ``eddy`` (or ``eddy8``,
-        ``eddy3``), ``derivative``, ``bias``. Default: permanent, induced, eddy.
+        Groups of terms. ``permanent`` has 3 terms, ``induced`` 6, ``eddy`` 9, ``derivative`` 3 and
+        ``bias`` 1. ``induced5`` and ``eddy8`` omit the term zz; ``induced3`` and ``eddy3`` have
+        only the diagonal. The columns are always in the order permanent, induced, eddy, derivative,
+        bias. Default: permanent, induced, eddy (18 terms).
     scalar : array_like, shape (samples,), optional
-        Scalar magnetometer whose reading replaces Bt, nT. Default: the magnitude of the vector.
+        Scalar magnetometer, nT, that replaces the magnitude of the vector as Bt. Default: the
+        magnitude of the vector.
     tt : array_like, shape (samples,), optional
-        Times, s, evenly spaced except for gaps. Differences do not cross a gap. Default: no gaps.
+        Times, s, strictly increasing. A step of at least 1.5 median steps is a gap, and differences
+        do not cross it. Any other step must equal the median step within 1 %. Default: no gaps.
     bt_scale_nt : float, optional
-        Scale of induced and eddy terms, nT. Default: 50 000.
+        Scale s of induced and eddy terms, nT. Default: 50 000.
 
     Returns
     -------
     numpy.ndarray, shape (samples, terms)
-        NaN where a term is undefined.
+        A-matrix. A sample whose vector is not finite is NaN in all terms except the bias. A term is
+        also NaN if its Bt is 0 or not finite, or if its difference is in a run of one sample.
 
     Raises
     ------
     ValueError
-        For different lengths, an unknown group, uneven times, times of another rate, or a scale
-        that is not positive.
+        If lengths differ, times are uneven, ``rate_hz`` contradicts ``tt``, or the scale is not
+        positive. Groups are checked as in `term_names`.
 
     References
     ----------
-    W. E. Tolles and J. D. Lawson, 1950; A. Gnadt, PhD thesis, MIT, 2022, (3.13) to (3.20)
+    W. E. Tolles and J. D. Lawson, 1950; A. Gnadt, PhD thesis, MIT, 2022, eqs. 3.13 to 3.20
 
     Examples
     --------
@@ -130,12 +149,17 @@ def a_matrix(
         raise ValueError(f"`flux` has the shape (samples, 3), not {vector.shape}")
     x, y, z = (column(vector[:, axis]) for axis in range(3))
     bt = None if scalar is None else column(scalar)
+    return _magline.a_matrix(x, y, z, list(terms), bt, _times(tt, rate_hz), bt_scale_nt)
+
+
+def _times(tt: ArrayLike | None, rate_hz: float | None) -> NDArray[np.float64] | None:
+    """Times as an array, if their rate agrees with ``rate_hz`` within 1 %."""
     times = None if tt is None else column(tt)
     if rate_hz is not None and times is not None and times.size > 1:
         found = 1.0 / float(np.median(np.diff(times)))
         if not abs(found / rate_hz - 1.0) < 0.01:
             raise ValueError(f"`rate_hz` is {rate_hz} Hz, but the rate of `tt` is {found:.6g} Hz")
-    return _magline.a_matrix(x, y, z, list(terms), bt, times, bt_scale_nt)
+    return times
 
 
 def fit(
@@ -143,47 +167,62 @@ def fit(
     y: ArrayLike,
     rate_hz: float | None = None,
     *,
+    tt: ArrayLike | None = None,
     lambda_: float = 0.025,
     low_hz: float | None = 0.1,
     high_hz: float | None = 0.9,
     order: int = 4,
     trim: int = 20,
 ) -> Fit:
-    """Ridge fit: minimises |y - A b|^2 + lambda |b|^2, with unscaled columns and no constant.
+    """Ridge fit of the coefficients b: minimises |y - A b|^2 + lambda |b|^2.
 
-    With ``rate_hz``, the columns of A and y are band-passed first, and the fit equals the model
-    ``tolles_lawson`` of the stage ``fit`` on one line to the last bit.
+    Columns are not scaled, and no intercept is added. With ``rate_hz``, the columns of A and y are
+    first filtered as by `magline.signal.bandpass`. A constant column, such as the bias, is not
+    filtered. For one line, with ``tt``, the coefficients are then bit-identical to the coefficients
+    of the stage ``fit`` with the model ``tolles_lawson``.
+
+    A run is a sequence of finite rows without a gap in ``tt``. The coefficients of the eddy terms
+    hold for the sample rate of ``a``, because these terms contain changes per sample: compensate
+    only data of the same rate.
 
     Parameters
     ----------
     a : array_like, shape (samples, terms)
-        Matrix. A row with a value that is not finite is excluded and ends a run of the filter.
+        A-matrix. A row with a value that is not finite, here or in ``y``, is excluded and ends a
+        run.
     y : array_like, shape (samples,)
         Target, such as a scalar magnetometer, nT.
     rate_hz : float, optional
-        Sample rate, Hz. Default: no filter, and no samples are removed.
+        Sample rate, Hz. Default: neither filter nor trimming.
+    tt : array_like, shape (samples,), optional
+        Times, s, ascending, at which the filter detects gaps. Default: no gaps.
     lambda_ : float, optional
-        Ridge parameter; 0 is ordinary least squares. Default: 0.025.
+        Ridge parameter lambda, 0 or more; 0 is ordinary least squares. Default: 0.025.
     low_hz, high_hz : float or None, optional
-        Corners of the zero-phase filter, Hz. None removes a corner. Default: 0.1 and 0.9.
+        Lower and upper corner frequency of the filter, Hz; None omits a corner. Unused without
+        ``rate_hz``. Default: 0.1 and 0.9.
     order : int, optional
-        Order of the Butterworth prototype. Default: 4.
+        Order of the Butterworth prototype, 1 to 12. Unused without ``rate_hz``. Default: 4.
     trim : int, optional
-        Number of samples that are removed at both ends of each run after the filter. Default: 20.
+        Number of samples removed at each end of each filtered run. Runs that are too short for the
+        filter or for trimming are excluded. Unused without ``rate_hz``. Default: 20.
 
     Returns
     -------
     Fit
+        Coefficients, residual and condition number.
 
     Raises
     ------
     ValueError
-        For different lengths, no rows, a negative ``lambda_``, a corner that is not between 0 and
-        half the rate, and dependent columns without a ridge.
+        If lengths differ, times are uneven, ``rate_hz`` contradicts ``tt``, no rows remain, or
+        ``lambda_`` is negative. Linearly dependent columns
+        are an error if ``lambda_`` is 0. The corners and the order are checked as in
+        `magline.signal.bandpass`.
 
     References
     ----------
-    A. Gnadt, PhD thesis, MIT, 2022, (3.19) to (3.43)
+    A. Gnadt, PhD thesis, MIT, 2022, eqs. 3.19 to 3.43
 
     Examples
     --------
@@ -196,32 +235,35 @@ def fit(
     band: dict[str, float | None] | None = None
     if rate_hz is not None:
         band = {"rate_hz": rate_hz, "low_hz": low_hz, "high_hz": high_hz, "order": order, "trim": trim}
-    found = _magline.fit(matrix(a), column(y), lambda_, band)
+    times = _times(tt, rate_hz)
+    found = _magline.fit(matrix(a), column(y), lambda_, band, times)
     coefficients, residual_std, condition, rows = found
     return Fit(coefficients, residual_std, condition, rows, lambda_)
 
 
 def predict(a: ArrayLike, coefficients: ArrayLike, *, detrend: bool = False) -> NDArray[np.float64]:
-    """Aircraft field of a model.
+    """Predicted aircraft field, A b.
 
     Parameters
     ----------
     a : array_like, shape (samples, terms)
-        Matrix.
+        A-matrix, with the groups of terms and the scale of the fit.
     coefficients : array_like, shape (terms,)
-        Coefficients, such as ``Fit.coefficients``.
+        Coefficients b, such as ``Fit.coefficients``.
     detrend : bool, optional
-        Subtracts the mean. Default: False.
+        True subtracts the mean of the prediction over all samples; no slope is removed. Default:
+        False.
 
     Returns
     -------
     numpy.ndarray, shape (samples,)
-        Aircraft field in the unit of the target, nT.
+        Aircraft field in the unit of the target of the fit, usually nT. NaN where a row of ``a``
+        contains NaN.
 
     Raises
     ------
     ValueError
-        If the numbers of columns and coefficients differ.
+        If the number of columns differs from the number of coefficients.
 
     Examples
     --------
@@ -235,35 +277,37 @@ def predict(a: ArrayLike, coefficients: ArrayLike, *, detrend: bool = False) -> 
 def compensate(
     mag: ArrayLike, a: ArrayLike, coefficients: ArrayLike, *, detrend: bool = False
 ) -> NDArray[np.float64]:
-    """Scalar magnetometer minus the aircraft field of a model.
+    """Compensated field: scalar magnetometer minus the predicted aircraft field.
 
-    It equals the column ``mag_c`` of the stage ``compensate`` to the last bit.
+    For one line, the result is bit-identical to the column ``mag_c`` of the stage ``compensate``
+    with the same ``detrend``.
 
     Parameters
     ----------
     mag : array_like, shape (samples,)
-        Scalar magnetometer, nT.
+        Scalar magnetometer, uncompensated, nT.
     a : array_like, shape (samples, terms)
-        Matrix.
+        A-matrix, with the groups of terms and the scale of the fit.
     coefficients : array_like, shape (terms,)
-        Coefficients.
+        Coefficients, such as ``Fit.coefficients``.
     detrend : bool, optional
-        Leaves the mean of the aircraft field in the signal, for models fitted to filtered data.
-        Default: False.
+        True keeps the mean of the predicted aircraft field in the signal. Use True for a model
+        fitted with ``rate_hz``, because band-passed data do not determine this mean. Default:
+        False.
 
     Returns
     -------
     numpy.ndarray, shape (samples,)
-        Compensated field, nT.
+        Compensated field, nT. NaN where ``mag`` or a row of ``a`` contains NaN.
 
     Raises
     ------
     ValueError
-        If lengths differ.
+        If lengths differ, or if the number of columns differs from the number of coefficients.
 
     References
     ----------
-    A. Gnadt, PhD thesis, MIT, 2022, (3.22)
+    A. Gnadt, PhD thesis, MIT, 2022, eq. 3.22
 
     Examples
     --------

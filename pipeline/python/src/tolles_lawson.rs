@@ -56,15 +56,17 @@ fn runs_of(vector: [&[f64]; 3], tt_s: Option<&[f64]>) -> PyResult<Vec<Range<usiz
     if vector.iter().any(|column| column.len() != rows) {
         return Ok(vec![]);
     }
-    let finite = vector.iter().fold(RowMask::all(rows), |mask, column| mask.and_finite(column));
-    match tt_s {
-        None => Ok(finite.runs()),
-        Some(tt) if tt.len() == rows => {
-            let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(value_error)?;
-            Ok(finite.runs_in_time(tt, rate_hz))
-        }
-        Some(tt) => Err(value_error(format!("`tt` has {} samples, but the vector has {rows}", tt.len()))),
+    if let Some(tt) = tt_s.filter(|tt| tt.len() != rows) {
+        return Err(value_error(format!("`tt` has {} samples, but the vector has {rows}", tt.len())));
     }
+    split(vector.iter().fold(RowMask::all(rows), |mask, column| mask.and_finite(column)), tt_s)
+}
+
+/// Runs of the rows of a mask without a gap of `tt_s`.
+fn split(rows: RowMask, tt_s: Option<&[f64]>) -> PyResult<Vec<Range<usize>>> {
+    let Some(tt) = tt_s else { return Ok(rows.runs()) };
+    let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(value_error)?;
+    Ok(rows.runs_in_time(tt, rate_hz))
 }
 
 /// Filter of a fit.
@@ -84,15 +86,17 @@ pub struct FitFilter {
 }
 
 /// Ridge fit of `y` to the columns of `a` without a constant. Returns the coefficients, the standard deviation of the
-/// residual, the condition number and the number of rows. Rows with a value that is not finite are excluded.
+/// residual, the condition number and the number of rows. Rows with a value that is not finite are excluded; they and the
+/// gaps of `tt_s` end a run of the filter.
 #[pyfunction]
-#[pyo3(signature = (a, y, lambda, filter))]
+#[pyo3(signature = (a, y, lambda, filter, tt_s))]
 pub fn fit<'py>(
     py: Python<'py>,
     a: PyReadonlyArray2<'py, f64>,
     y: Column<'py>,
     lambda: f64,
     filter: Option<FitFilter>,
+    tt_s: Option<Column<'py>>,
 ) -> PyResult<(Bound<'py, PyArray1<f64>>, f64, f64, usize)> {
     let terms = a.as_array().ncols();
     let (a, y) = (a.as_slice()?, y.as_slice()?);
@@ -100,7 +104,12 @@ pub fn fit<'py>(
         let rows = a.len() / terms.max(1);
         return Err(value_error(format!("`a` has {rows} rows of {terms} columns, but `y` has {}", y.len())));
     }
-    let moments = py.detach(|| moments_of(a, y, terms, filter))?;
+    let tt_s = tt_s.as_ref().map(|column| column.as_slice()).transpose()?;
+    if let Some(tt) = tt_s.filter(|tt| tt.len() != y.len()) {
+        return Err(value_error(format!("`tt` has {} samples, but `y` has {}", tt.len(), y.len())));
+    }
+    let runs = split(RowMask::all(y.len()).and_finite(y).and_finite_rows(a, terms), tt_s)?;
+    let moments = py.detach(|| moments_of(a, y, &runs, filter))?;
     let names: Vec<String> = (0..terms).map(|i| format!("column {i}")).collect();
     let prepared = moments.prepare(ColumnScaling::None, false).map_err(value_error)?;
     let path = prepared.ridge(&[lambda], &names).map_err(value_error)?;
@@ -111,16 +120,21 @@ pub fn fit<'py>(
 }
 
 /// Moments of the filtered and trimmed rows, folded run by run as in the stage `fit`.
-fn moments_of(a: &[f64], y: &[f64], terms: usize, filter: Option<FitFilter>) -> PyResult<RegressionMoments> {
-    let runs = RowMask::all(y.len()).and_finite(y).and_finite_rows(a, terms).runs();
+fn moments_of(
+    a: &[f64],
+    y: &[f64],
+    runs: &[Range<usize>],
+    filter: Option<FitFilter>,
+) -> PyResult<RegressionMoments> {
+    let terms = a.len() / y.len().max(1);
     let (mut a, mut y) = (Cow::Borrowed(a), Cow::Borrowed(y));
     let (mut least, mut trim) = (1, 0);
     if let Some(filter) = filter {
         let band = FilterBand::between(filter.low_hz, filter.high_hz).map_err(value_error)?;
         let design = ZeroPhaseFilter::new(band, filter.rate_hz, filter.order).map_err(value_error)?;
         (least, trim) = (design.least_rows().max(2 * filter.trim + 1), filter.trim);
-        filter_matrix(&design, a.to_mut(), terms, &runs, ConstantColumns::Keep).map_err(value_error)?;
-        filter_matrix(&design, y.to_mut(), 1, &runs, ConstantColumns::Filter).map_err(value_error)?;
+        filter_matrix(&design, a.to_mut(), terms, runs, ConstantColumns::Keep).map_err(value_error)?;
+        filter_matrix(&design, y.to_mut(), 1, runs, ConstantColumns::Filter).map_err(value_error)?;
     }
     let mut moments = MomentsAccumulator::new(terms, 1);
     for run in runs.iter().filter(|run| run.len() >= least) {

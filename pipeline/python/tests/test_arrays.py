@@ -168,3 +168,18 @@ def test_any_layout_and_number_type_is_accepted(sample: Sample) -> None:
     y = np.arange(len(a), dtype=np.int32)
     one = tolles_lawson.fit(np.asfortranarray(a), y)
     assert np.array_equal(one.coefficients, tolles_lawson.fit(a, y.astype(float)).coefficients)
+
+
+def test_a_fit_does_not_filter_across_a_gap(sample: Sample) -> None:
+    b, mag, tt = vector(sample), sample["mag_1_uc_nt"], sample["time_s"].copy()
+    tt[500:] += 60.0
+    a = tolles_lawson.a_matrix(b, 10.0, tt=tt)
+    found = tolles_lawson.fit(a, mag, 10.0, tt=tt).coefficients
+    # A row without a value ends a run as well.
+    split = np.insert(a, 500, np.nan, axis=0), np.insert(mag, 500, np.nan)
+    assert np.array_equal(found, tolles_lawson.fit(*split, 10.0).coefficients)
+    assert not np.array_equal(found, tolles_lawson.fit(a, mag, 10.0).coefficients)
+    with pytest.raises(ValueError, match="samples"):
+        tolles_lawson.fit(a, mag, 10.0, tt=tt[1:])
+    with pytest.raises(ValueError, match="rate"):
+        tolles_lawson.fit(a, mag, 20.0, tt=tt)

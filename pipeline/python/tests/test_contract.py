@@ -85,4 +85,5 @@ def test_a_map_is_opened_on_its_native_grid() -> None:
     array = found.xarray()
     assert isinstance(array, xarray.DataArray) and array.attrs["epsg"] == found.epsg
     raised = magline.maps.upward(array.fillna(0.0), 100.0, 100.0)
+    np.testing.assert_array_equal(raised["alt_m"], array["alt_m"] + 100.0)
     assert raised.dims == array.dims and bool((raised.x == array.x).all())
