@@ -120,12 +120,7 @@ pub fn fit<'py>(
 }
 
 /// Moments of the filtered and trimmed rows, folded run by run as in the stage `fit`.
-fn moments_of(
-    a: &[f64],
-    y: &[f64],
-    runs: &[Range<usize>],
-    filter: Option<FitFilter>,
-) -> PyResult<RegressionMoments> {
+fn moments_of(a: &[f64], y: &[f64], runs: &[Range<usize>], filter: Option<FitFilter>) -> PyResult<RegressionMoments> {
     let terms = a.len() / y.len().max(1);
     let (mut a, mut y) = (Cow::Borrowed(a), Cow::Borrowed(y));
     let (mut least, mut trim) = (1, 0);

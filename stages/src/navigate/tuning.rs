@@ -221,7 +221,7 @@ impl Navigate {
         columns.push(Column::float(
             "noise_inflation",
             "1",
-            "factor in `noise_sigma` and `noise_permanent_sigma` for correlated innovations; 1 where they are white",
+            "factor in `noise_sigma` for correlated innovations; 1 where they are white. `noise_permanent_tau` is divided by its square",
         ));
         columns
     }

@@ -210,7 +210,7 @@ fn unit_existing_columns_are_used_instead_of_derived_ones() {
 #[test]
 fn unit_the_column_of_the_grade_has_the_error_sources() {
     let grade_of = |stage: &SimulateIns| {
-        let arrays = stage.run(&line("1", &flown(&at_hz(10.0, 10.0), 10.0)), &()).unwrap();
+        let arrays = stage.run(&line("1", &true_track(&at_hz(10.0, 10.0), 10.0)), &()).unwrap();
         arrays.last().unwrap().as_string::<i32>().value(7).to_owned()
     };
     assert_eq!(grade_of(&stage(InsGrade::Tactical)), "tactical");

@@ -43,12 +43,12 @@ pub struct LineNoise {
     pub fogm_sigma_nt: IntervalEstimate,
     /// Time constant of the Gauss-Markov process, in s.
     pub fogm_tau_s: IntervalEstimate,
-    /// Change of the permanent field, if it is given or detected: standard deviation of each component, in nT, increased
-    /// like `sigma_nt`, and time constant, in s.
+    /// Change of the permanent field, if it is given or detected: standard deviation of each component, in nT, and time
+    /// constant, in s, reduced so that the process noise increases by the same factor.
     pub permanent: Option<[IntervalEstimate; 2]>,
     /// Factor on the variance of the map's own error at each sample; 0 if no map error is given or detected.
     pub map_factor: f64,
-    /// Factor by which these two were increased; 1 for white innovations.
+    /// Factor by which `sigma_nt` was increased; 1 for white innovations.
     pub inflation: f64,
 }
 
@@ -157,20 +157,17 @@ pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationE
     let inflation = factor.sqrt();
     let has_permanent = has_permanent(&best.0);
     let [sigma, fogm_sigma, fogm_tau, permanent @ ..] = likelihood.intervals(best, least_used);
-    let inflated = |of: IntervalEstimate| IntervalEstimate {
-        value: inflation * of.value,
-        low: inflation * of.low,
-        high: inflation * of.high,
-    };
+    let scaled =
+        |of: IntervalEstimate, by: f64| IntervalEstimate { value: by * of.value, low: by * of.low, high: by * of.high };
     let map_factor = likelihood.map_factor;
     Ok(Some(LineNoise {
-        sigma_nt: inflated(sigma),
+        sigma_nt: scaled(sigma, inflation),
         fogm_sigma_nt: fogm_sigma,
         fogm_tau_s: fogm_tau,
         permanent: has_permanent.then(|| {
             let [permanent_nt, tau_s] = permanent;
-            let is_given = search.given[PERMANENT[0]].is_some();
-            [if is_given { permanent_nt } else { inflated(permanent_nt) }, tau_s]
+            let is_given = search.given[PERMANENT[1]].is_some();
+            [permanent_nt, scaled(tau_s, if is_given { 1.0 } else { 1.0 / factor })]
         }),
         map_factor,
         inflation,
