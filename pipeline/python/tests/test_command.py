@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 import sysconfig
-import time
 from pathlib import Path
 
 import magline
@@ -43,19 +42,7 @@ def test_worker_processes_are_started(spec: Path, tmp_path: Path) -> None:
     assert "computed" in done.stdout
 
 
-def test_the_import_is_quick() -> None:
-    code = "import time; a = time.perf_counter(); import magline; print(time.perf_counter() - a)"
-    # The first import reads the module from disk.
-    times = [float(subprocess.check_output([sys.executable, "-c", code])) for _ in range(4)][1:]
-    assert min(times) < 0.3, times
-
-
-def test_a_call_has_little_overhead() -> None:
-    import numpy as np
-
-    x = np.ones(4)
-    begun = time.perf_counter()
-    for _ in range(10_000):
-        magline.metrics.rms(x)
-    # A few microseconds on an idle machine; the limit allows for a busy one.
-    assert (time.perf_counter() - begun) / 10_000 < 50e-6
+def test_the_import_loads_no_optional_library() -> None:
+    optional = ["pandas", "polars", "pyarrow", "xarray"]
+    code = f"import sys, magline; print([name for name in {optional} if name in sys.modules])"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
