@@ -224,12 +224,14 @@ mod tests {
         let vel_ned_mps = Some([4, 5, 6].map(|column: usize| columns[column][2]));
         let later = StartFix { lat_lon_deg: [columns[1][2], columns[2][2]], vel_ned_mps, ..fix };
         let at_third = correction_along(&model, &series(&ins), 2, later.error(&rest));
-        for (corrections, row) in [&at_first, &at_third].into_iter().flat_map(|of| [0, 450, 899].map(|row| (of, row))) {
+        // For errors of up to 1 km the linear model is accurate to some decimetres; the step back to the first sample adds
+        // some.
+        let both = [(&at_first, 0.5), (&at_third, 1.0)];
+        for (corrections, within_m, row) in both.into_iter().flat_map(|(of, m)| [0, 450, 899].map(|row| (of, m, row))) {
             let off_m = |column: usize, of: usize| {
                 (ins[column][row] + corrections[of][row] - columns[column][row]).abs() * 111_000.0
             };
-            // For errors of up to 1 km the linear model is accurate to a metre.
-            assert!(off_m(1, 0) < 1.0 && off_m(2, 1) < 1.0, "{row}: {} {}", off_m(1, 0), off_m(2, 1));
+            assert!(off_m(1, 0) < within_m && off_m(2, 1) < within_m, "{row}: {} {}", off_m(1, 0), off_m(2, 1));
         }
         let p = fix.covariance(&model, None);
         assert!((p[VN][VN].sqrt() - 0.1).abs() < 1e-12 && (p[LAT][LAT].sqrt() * 6.37e6 - 3.0).abs() < 0.1);
