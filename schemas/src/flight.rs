@@ -10,6 +10,15 @@ pub const VERSION: u32 = 1;
 /// The columns that every flight table has.
 pub const KEYS: [&str; 3] = ["flight", "line", "tt"];
 
+/// Column with the grade of the INS and the error sources that differ from it.
+pub const INS_GRADE: &str = "ins_grade";
+
+/// Columns of the position by a GNSS receiver.
+pub const GNSS_POSITION: [&str; 3] = ["gnss_lat", "gnss_lon", "gnss_alt"];
+
+/// Columns of the velocity by a GNSS receiver.
+pub const GNSS_VELOCITY: [&str; 3] = ["gnss_vn", "gnss_ve", "gnss_vd"];
+
 const fn d(unit: &'static str, role: Role, description: &'static str) -> ColumnDescription {
     ColumnDescription { unit, role, description }
 }

@@ -17,7 +17,9 @@ use numerics::{
     signal::local_fit::smoothed,
 };
 use schemas::{
-    Column, Fault, LineInput, LineOutput, LineStage, Rule, Stage, StageSchema, Table, TableShape, choice, flight, stage,
+    Column, Fault, LineInput, LineOutput, LineStage, Rule, Stage, StageSchema, Table, TableShape, choice,
+    flight::{self, INS_GRADE},
+    stage,
 };
 
 use crate::columns::{array, data, faults_of, floats, shape};
@@ -95,9 +97,6 @@ const MADE: [&str; 13] = [
     "ins_aligned",
 ];
 
-/// Column with the grade of the INS and the error sources that differ from it.
-const GRADE: &str = "ins_grade";
-
 /// Largest position error for which an error model or a map is valid, m.
 const ERROR_LIMIT_M: f64 = 1e6;
 
@@ -110,7 +109,8 @@ impl SimulateIns {
 
     /// Fault of an existing INS without `replace = true`.
     fn kept(&self, shape: &TableShape) -> Option<Fault> {
-        let have = MADE.into_iter().chain([GRADE]).find(|name| shape.get(name).is_some()).filter(|_| !self.replace)?;
+        let have =
+            MADE.into_iter().chain([INS_GRADE]).find(|name| shape.get(name).is_some()).filter(|_| !self.replace)?;
         let what = format!("the flight already has an INS: `{have}`");
         Some(Fault::new(what).help("set `replace = true` to replace it by the simulated INS").of_param("replace"))
     }
@@ -227,7 +227,7 @@ impl Stage for SimulateIns {
             let known = flight::describe(name);
             Column::float(name, known.unit, format!("simulated {}", known.description)).from(0, &reads)
         };
-        let grade = Column::text(GRADE, flight::describe(GRADE).description);
+        let grade = Column::text(INS_GRADE, flight::describe(INS_GRADE).description);
         let mut yields = StageSchema::append(MADE.map(made).into_iter().chain([grade]).collect(), &reads);
         for (three, from) in [(VELOCITY, "the positions"), (ATTITUDE, "the course, level")] {
             if !reads.contains(&three[0].0) {

@@ -5,9 +5,6 @@ use schemas::{Rule, params};
 use super::{reading::SynthSection, scene::SynthLineContext, trajectory::TrueTrajectory};
 use numerics::navigation::ins_error::InsErrorModel;
 
-/// The columns of the receiver, in their order.
-pub(super) const COLUMNS: [&str; 6] = ["gnss_lat", "gnss_lon", "gnss_alt", "gnss_vn", "gnss_ve", "gnss_vd"];
-
 params! {
     /// The table `gnss`: a receiver whose positions and velocities have white noise.
     pub struct GnssReceiver, all default;
@@ -27,7 +24,8 @@ pub(super) fn gnss(root: &SynthSection) -> Option<GnssReceiver> {
 }
 
 impl GnssReceiver {
-    /// The columns of [`COLUMNS`] along a line; NaN between two positions.
+    /// Position and velocity along a line, in the order of [`schemas::flight::GNSS_POSITION`] and
+    /// [`schemas::flight::GNSS_VELOCITY`]; NaN between two positions.
     pub(super) fn along(&self, scene: &SynthLineContext, truth: &TrueTrajectory) -> [Vec<f64>; 6] {
         let rows = truth.tt_s.len();
         let mut columns: [Vec<f64>; 6] = std::array::from_fn(|_| vec![f64::NAN; rows]);

@@ -25,7 +25,10 @@ use parquet::{
     file::properties::WriterProperties,
 };
 use rayon::prelude::*;
-use schemas::{field, flight};
+use schemas::{
+    field,
+    flight::{self, GNSS_POSITION, GNSS_VELOCITY, INS_GRADE},
+};
 
 use self::lines::LineSimulator;
 
@@ -93,14 +96,14 @@ impl Simulation {
 
     /// The schema of every line.
     pub fn schema(&self) -> SchemaRef {
-        let gnss = self.spec.gnss.iter().flat_map(|_| &gnss::COLUMNS);
-        let before = TRUTH.iter().chain(&ins::COLUMNS).chain([&ins::GRADE]).chain(gnss).chain(&FIELD);
+        let gnss = self.spec.gnss.iter().flat_map(|_| GNSS_POSITION.iter().chain(&GNSS_VELOCITY));
+        let before = TRUTH.iter().chain(&ins::COLUMNS).chain([&INS_GRADE]).chain(gnss).chain(&FIELD);
         let mut names: Vec<String> = before.map(|&name| name.to_owned()).collect();
         names.extend(aircraft::columns(&self.spec.aircraft));
         let fields = names.iter().map(|name| {
             let known = flight::describe(name);
             let data_type = match name.as_str() {
-                "flight" | "line" | ins::GRADE => DataType::Utf8,
+                "flight" | "line" | INS_GRADE => DataType::Utf8,
                 "year" | "doy" => DataType::Int64,
                 _ => DataType::Float64,
             };

@@ -5,7 +5,9 @@ use datasets::{
     table::{ColumnTable, ColumnValues},
 };
 
-use super::{aircraft, earth, gnss, ins, scene::SynthLineContext, trajectory::TrueTrajectory};
+use schemas::flight::{GNSS_POSITION, GNSS_VELOCITY, INS_GRADE};
+
+use super::{aircraft, earth, ins, scene::SynthLineContext, trajectory::TrueTrajectory};
 
 /// Columns of the earth's field along a line and of the sensor readings.
 pub(super) struct SimulatedColumns {
@@ -42,8 +44,9 @@ impl SynthLineContext<'_> {
         let numbers = |table: &mut ColumnTable, name: &str, column| table.push(name, "", ColumnValues::Number(column));
         ins::COLUMNS.into_iter().zip(ins).for_each(|(name, column)| numbers(&mut table, name, column));
         let grade = self.spec.ins.model.sources.description();
-        table.push(ins::GRADE, "", ColumnValues::Text(vec![grade; truth.tt_s.len()]));
-        let gnss = self.spec.gnss.iter().flat_map(|gnss| gnss::COLUMNS.into_iter().zip(gnss.along(self, truth)));
+        table.push(INS_GRADE, "", ColumnValues::Text(vec![grade; truth.tt_s.len()]));
+        let of_gnss = GNSS_POSITION.into_iter().chain(GNSS_VELOCITY);
+        let gnss = self.spec.gnss.iter().flat_map(|gnss| of_gnss.clone().zip(gnss.along(self, truth)));
         gnss.chain(around.earth).for_each(|(name, column)| numbers(&mut table, name, column));
         for (name, column) in around.readings {
             table.push(&name, "", ColumnValues::Number(column));

@@ -178,11 +178,10 @@ fn flown<'a>(
     let each = stage.filter.keys.each_magnetometer().then(|| flown.magnetometers.clone());
     flown.combine()?;
     let finds_noise = stage.finds_noise(map.is_some());
-    flown.permanent = stage.permanent(&flown, finds_noise);
+    flown.permanent = stage.given_permanent(&flown);
     if let Some(map) = map.filter(|_| finds_noise) {
         stage.tune(&mut flown, map, &AssumedNoise { sigma_nt, ..expected }, found)?;
     }
-    flown.permanent = flown.permanent.take().filter(|permanent| permanent.process.sigma > 0.0);
     if let Some((map, length_m)) = map.zip(stage.map_error_length_m) {
         flown.map_sigma_nt =
             map.errors.own_nt(&NavigationLine { fixes: flown.fixes(), ..flown.line()? }, ins.step_m(), length_m)?;

@@ -9,7 +9,11 @@ use numerics::{
     },
     random::NormalGenerator,
 };
-use schemas::{Fault, Role, Rule, TableShape, choice, params};
+use schemas::{
+    Fault, Role, Rule, TableShape, choice,
+    flight::{GNSS_POSITION, GNSS_VELOCITY, INS_GRADE},
+    params,
+};
 
 use super::Navigate;
 use crate::columns::{faults_of, floats, role_of};
@@ -58,12 +62,8 @@ params! {
 
 /// Column with the time of the last alignment of the INS.
 pub(super) const ALIGNED: &str = "ins_aligned";
-/// Column with the grade of the INS and the error sources that differ from it.
-pub(super) const GRADE: &str = "ins_grade";
 const TRUTH: [&str; 3] = ["lat", "lon", "alt"];
 const TRUE_VELOCITY: [&str; 3] = ["vn", "ve", "vd"];
-const GNSS: [&str; 3] = ["gnss_lat", "gnss_lon", "gnss_alt"];
-const GNSS_VELOCITY: [&str; 3] = ["gnss_vn", "gnss_ve", "gnss_vd"];
 /// Longest time from the start of a line to the position and velocity fix of the line, in s.
 const FIX_WITHIN_S: f64 = 2.0;
 /// Longest time from an alignment to a line, in s.
@@ -97,7 +97,7 @@ fn has(shape: &TableShape, names: &[&str]) -> bool {
 
 /// Columns of a position by GNSS: of the receiver if the flight has them, else the flight's position.
 pub(super) fn gnss_columns(given: Option<&[String; 3]>, shape: &TableShape) -> [String; 3] {
-    let usual = if has(shape, &GNSS) { GNSS } else { TRUTH };
+    let usual = if has(shape, &GNSS_POSITION) { GNSS_POSITION } else { TRUTH };
     given.cloned().unwrap_or_else(|| usual.map(str::to_owned))
 }
 
@@ -106,7 +106,7 @@ impl Navigate {
     pub(super) fn start_from(&self, shape: &TableShape) -> Result<StartSource, Fault> {
         let chosen = match self.start.start {
             StartSource::Auto if !self.is_auto() || self.ins.start_given => StartSource::Given,
-            StartSource::Auto if self.start.fix.is_some() || has(shape, &GNSS) => StartSource::Fix,
+            StartSource::Auto if self.start.fix.is_some() || has(shape, &GNSS_POSITION) => StartSource::Fix,
             StartSource::Auto if shape.number(ALIGNED, "s").is_ok() => StartSource::Alignment,
             StartSource::Auto if has(shape, &TRUTH) => StartSource::Fix,
             StartSource::Auto => {
@@ -157,17 +157,17 @@ impl Navigate {
 
     /// The columns of the fix's velocity.
     fn velocity_columns(&self, shape: &TableShape) -> Option<[String; 3]> {
-        let usual = if self.fix_columns(shape) == GNSS { GNSS_VELOCITY } else { TRUE_VELOCITY };
+        let usual = if self.fix_columns(shape) == GNSS_POSITION { GNSS_VELOCITY } else { TRUE_VELOCITY };
         let usual = has(shape, &usual).then(|| usual.map(str::to_owned));
         self.start.fix_velocity.clone().or(usual)
     }
 
-    /// Whether the error sources of the INS are those of the flight's column [`GRADE`]: no key of the INS is set, and
+    /// Whether the error sources of the INS are those of the flight's column [`INS_GRADE`]: no key of the INS is set, and
     /// the initial standard deviations hold at the alignment.
     pub(super) fn takes_grade(&self, shape: &TableShape) -> bool {
         let start = self.start_from(shape);
         let at_alignment = matches!(start, Ok(StartSource::Alignment | StartSource::Fix));
-        self.is_auto() && !self.ins.given && shape.get(GRADE).is_some() && at_alignment
+        self.is_auto() && !self.ins.given && shape.get(INS_GRADE).is_some() && at_alignment
     }
 
     /// Error sources of the INS of a line.
@@ -175,17 +175,17 @@ impl Navigate {
         if !self.takes_grade(&TableShape::from_schema(&batch.schema())) {
             return Ok(self.ins.sources);
         }
-        let texts = batch.column_by_name(GRADE).and_then(|column| column.as_string_opt::<i32>());
+        let texts = batch.column_by_name(INS_GRADE).and_then(|column| column.as_string_opt::<i32>());
         let Some(text) = texts.and_then(|texts| texts.iter().flatten().next()) else { return Ok(self.ins.sources) };
         InsErrors::from_description(text).map_err(|fault| {
             let help = "give a grade, such as `tactical`, or set `ins_grade` in the spec";
-            Fault::data(fault.what).in_column(GRADE).help(fault.help.unwrap_or_else(|| help.to_owned()))
+            Fault::data(fault.what).in_column(INS_GRADE).help(fault.help.unwrap_or_else(|| help.to_owned()))
         })
     }
 
     /// Columns that the initial estimate requires.
     pub(super) fn start_reads(&self, shape: &TableShape) -> Vec<String> {
-        let grade = self.takes_grade(shape).then(|| GRADE.to_owned());
+        let grade = self.takes_grade(shape).then(|| INS_GRADE.to_owned());
         let aligned = has(shape, &[ALIGNED]).then(|| ALIGNED.to_owned());
         match self.start_from(shape) {
             Ok(StartSource::Alignment) => aligned.into_iter().chain(grade).collect(),
@@ -328,7 +328,7 @@ mod tests {
     }
 
     fn grade(text: &str) -> (&'static str, &'static str, ArrayRef) {
-        (GRADE, "", Arc::new(StringArray::from(vec![text; ROWS])))
+        (INS_GRADE, "", Arc::new(StringArray::from(vec![text; ROWS])))
     }
 
     /// Positions of a receiver from the second sample, 4 m north of the truth.
@@ -379,7 +379,7 @@ mod tests {
         assert_eq!(spread(own("tactical"), "tuning = 'magnav'\nstart = 'alignment'"), spread(vec![aligned(0.0)], ""));
         assert!(spread(own("tactical, acc_sigma_mps2 = 0.1"), "") > 2.0 * tactical);
         let fault = run("", &added(own("tactcal"))).unwrap_err();
-        assert_eq!(fault.place.column.as_deref(), Some(GRADE));
+        assert_eq!(fault.place.column.as_deref(), Some(INS_GRADE));
         assert!(fault.what.contains("tactcal"), "{fault:?}");
     }
 

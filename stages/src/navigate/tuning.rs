@@ -189,15 +189,11 @@ impl Navigate {
         [sigma, fogm_sigma, fogm_tau, permanent, permanent_tau]
     }
 
-    /// States for a change of the permanent field on a line: those of the keys, and with `found` those that the
-    /// likelihood may require, with a standard deviation of 0.
-    pub(super) fn permanent(&self, flown: &FilterInput, found: bool) -> Option<PermanentStates> {
+    /// States for the change of the permanent field that the keys give.
+    pub(super) fn given_permanent(&self, flown: &FilterInput) -> Option<PermanentStates> {
         let keys = self.filter.keys.further().filter(|_| self.filter.keys.takes_permanent())?;
-        let sigma = keys.permanent_change_sigma_nt.or(found.then_some(0.0))?;
-        let core = flown.core.as_ref().filter(|_| sigma > 0.0 || keys.permanent_change_sigma_nt.is_none())?;
-        let tau_s = keys.permanent_change_tau_s.unwrap_or(f64::INFINITY);
-        let direction = (0..flown.ins.len()).map(|row| field_direction(core, &flown.ins, row)).collect();
-        Some(PermanentStates { direction, process: GaussMarkov { sigma, tau_s } })
+        let sigma = keys.permanent_change_sigma_nt.filter(|sigma| *sigma > 0.0)?;
+        flown.permanent_states(GaussMarkov { sigma, tau_s: keys.permanent_change_tau_s.unwrap_or(f64::INFINITY) })
     }
 
     /// Whether the map's own error is used.
@@ -316,7 +312,9 @@ impl LineNoiseEstimate {
         let rows = likelihood::rows_at(flown.ins.tt_s, INTERVAL_S);
         let (scale, known) = (flown.scale(), flown.known_nt());
         let known_nt = known.as_deref();
-        let direction = flown.permanent.as_ref().map(|permanent| permanent.direction.as_slice());
+        let [_, _, _, permanent_nt, _] = given;
+        let directions = if permanent_nt == Some(0.0) { None } else { flown.field_directions(&rows) };
+        let direction = directions.as_deref();
         let first = NoiseSearch { line: &line, rows: &rows, scale: &scale, known_nt, map_nt: None, direction, given };
         let mut noise = likelihood::search(&first).map_err(data)?;
         let mut map_nt = None;
@@ -340,8 +338,7 @@ impl LineNoiseEstimate {
             flown.errors.fogm_sigma_nt = noise.fogm_sigma_nt.value;
             flown.errors.fogm_tau_s = noise.fogm_tau_s.value;
             let process = noise.permanent.map(|[sigma, tau_s]| GaussMarkov { sigma: sigma.value, tau_s: tau_s.value });
-            flown.permanent =
-                flown.permanent.take().zip(process).map(|(of, process)| PermanentStates { process, ..of });
+            flown.permanent = process.and_then(|process| flown.permanent_states(process));
             let factor = noise.map_factor.sqrt();
             let of_map = |nt: &Vec<f64>| nt.iter().map(|nt| if nt.is_finite() { factor * nt } else { 0.0 }).collect();
             flown.map_sigma_nt = self.map_nt.as_ref().filter(|_| factor > 0.0).map(of_map);
@@ -356,6 +353,18 @@ impl LineNoiseEstimate {
 }
 
 impl FilterInput<'_> {
+    /// Unit vectors of the core field along nose, right and down at some samples; `None` without a core field.
+    fn field_directions(&self, rows: &[usize]) -> Option<Vec<[f64; 3]>> {
+        let core = self.core.as_ref()?;
+        Some(rows.iter().map(|row| field_direction(core, &self.ins, *row)).collect())
+    }
+
+    /// States for a change of the permanent field by this process; `None` without a core field.
+    fn permanent_states(&self, process: GaussMarkov) -> Option<PermanentStates> {
+        let rows: Vec<usize> = (0..self.ins.len()).collect();
+        Some(PermanentStates { direction: self.field_directions(&rows)?, process })
+    }
+
     /// Factor from the white noise of a magnetometer to that of each measurement.
     fn scale(&self) -> Vec<f64> {
         let factor = |row: usize| self.noise_factors.as_ref().map_or(1.0, |factors| factors[row]);

@@ -52,9 +52,6 @@ pub(super) const COLUMNS: [&str; 13] = [
     "ins_aligned",
 ];
 
-/// The column with the grade and the error sources of the INS, after [`COLUMNS`].
-pub(super) const GRADE: &str = "ins_grade";
-
 /// The INS of one flight, continued from line to line.
 pub(super) struct FlightIns {
     member: usize,

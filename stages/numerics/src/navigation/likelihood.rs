@@ -15,9 +15,8 @@
 //! that spikes have little influence.
 //!
 //! The permanent field of an aircraft changes after its calibration, by landings, temperature, or parts that are
-//! magnetised. In turns this change is not a Gauss-Markov process of time. If three states for it increase the likelihood
-//! by more than a threshold, they are used, with the most likely standard deviation and time
-//! constant.
+//! magnetised. In turns this change is not a Gauss-Markov process of time. If three states for it increase the
+//! likelihood by more than a threshold, they are used, with the most likely standard deviation and time constant.
 
 mod outliers;
 mod permanent;
@@ -77,7 +76,7 @@ pub struct NoiseSearch<'a> {
     pub known_nt: Option<&'a [f64]>,
     /// Standard deviation of the map's own error at each sample, in nT.
     pub map_nt: Option<&'a [f64]>,
-    /// Direction of the field at each sample; see [`PermanentChange`]. Without it the permanent field is constant.
+    /// Direction of the field at each of `rows`; see [`PermanentChange`]. Without it the permanent field is constant.
     pub direction: Option<&'a [[f64; 3]]>,
     /// Given parameters: white noise in nT, standard deviation of the process in nT, its time constant in s, standard
     /// deviation of the change of the permanent field in nT (0 for none), and its time constant in s.

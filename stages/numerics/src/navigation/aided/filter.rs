@@ -314,10 +314,7 @@ impl<'a> AidedFilter<'a> {
             return MeasurementOutcome::OffMap;
         };
         let variance_nt2 = of.sigma_nt * of.sigma_nt;
-        let lasting = self.states.slope.map_or_else(JacobianBlock::default, |first| {
-            let [horizontal, upward] = of.slope_entries(line, row);
-            JacobianBlock { first, count: 2, entries: [horizontal, upward, 0.0, 0.0] }
-        });
+        let lasting = of.slope_block(&self.states, line, row);
         let (further, latency) = ((bias, 1.0), (S, 0.0));
         let measured = AidedFieldMeasurement { value_nt, variance_nt2, temporal: 0.0, tilt, further, latency, lasting };
         let look_up = |field: &mut PredictedField<'a>, error| of.field(field, line, row, error).map(|(at, _)| at);

@@ -283,17 +283,13 @@ impl Aids<'_> {
         (ins[LAT], ins[LON], ins[ALT]) = (at.d_lat_nt_per_rad, at.d_lon_nt_per_rad, at.d_alt_nt_per_m);
         ins[TILT_N..TILT_N + 3].copy_from_slice(&tilt);
         let moved = ins[LAT] * x[LAT] + ins[LON] * x[LON] + ins[ALT] * x[ALT];
-        let lasting = states.slope.map(|first| {
-            let [horizontal, upward] = of.slope_entries(line, row);
-            JacobianBlock { first, count: 2, entries: [horizontal, upward, 0.0, 0.0] }
-        });
         Some(Some(LinearisedAid {
             of: Aid::Difference,
             value: value_nt - at.value_nt + moved,
             variance: of.sigma_nt * of.sigma_nt,
             ins,
             own: (bias, 1.0),
-            lasting: lasting.unwrap_or_default(),
+            lasting: of.slope_block(states, line, row),
         }))
     }
 
@@ -386,10 +382,13 @@ impl BaselineArm {
 }
 
 impl DifferenceAid<'_> {
-    /// Entries of H for the two errors of the map's slope, in nT.
-    pub(crate) fn slope_entries(&self, line: &NavigationLine<'_>, row: usize) -> [f64; 2] {
+    /// Entries of H for the two errors of the map's slope, in nT; empty without these states.
+    pub(crate) fn slope_block(&self, states: &AidStates, line: &NavigationLine<'_>, row: usize) -> JacobianBlock {
+        let Some(first) = states.slope else { return JacobianBlock::default() };
         let along = rotation(line.ins, row) * Vector3::from(self.baseline_m);
-        [along.x.hypot(along.y) * self.slope.horizontal_nt_per_m, -along.z * self.slope.upward_at(row)]
+        let horizontal_nt = along.x.hypot(along.y) * self.slope.horizontal_nt_per_m;
+        let upward_nt = -along.z * self.slope.upward_at(row);
+        JacobianBlock { first, count: 2, entries: [horizontal_nt, upward_nt, 0.0, 0.0] }
     }
 
     /// Half of the baseline at a row.

@@ -2,13 +2,13 @@
 
 use super::{
     AidedParameters, Aids, GATE_NIS, InsErrorModel, NavigationError, NavigationLine, NavigationOutput, NoiseLikelihood,
-    NoisePoint, PERMANENT, PermanentChange, aided, has_permanent,
+    NoisePoint, PERMANENT, PermanentChange, aided,
 };
 use crate::signal::gauss_markov::GaussMarkov;
 
 /// Smallest increase of the logarithm of the likelihood for which the permanent field becomes a state. With two
 /// parameters that have no influence, an increase of 4 has a probability below 2 %.
-pub const LEAST_GAIN: f64 = 4.0;
+const LEAST_GAIN: f64 = 4.0;
 
 /// Time constant from which the search starts, in s.
 pub(super) const USUAL_TAU_S: f64 = 2e4;
@@ -74,10 +74,6 @@ impl NoiseLikelihood<'_> {
     pub(super) fn output_with_permanent(&self, point: &NoisePoint) -> Result<NavigationOutput, NavigationError> {
         let [_, fogm_sigma_nt, fogm_tau_s, sigma, tau_s] = *point;
         let line = self.search.line;
-        let direction: Vec<[f64; 3]> = match self.search.direction.filter(|_| has_permanent(point)) {
-            Some(direction) => self.search.rows.iter().map(|row| direction[*row]).collect(),
-            None => vec![[0.0; 3]; self.search.rows.len()],
-        };
         let line = NavigationLine {
             ins: &self.thinned.ins(),
             measurement_nt: &self.thinned.measurement_nt,
@@ -86,9 +82,10 @@ impl NoiseLikelihood<'_> {
             errors: InsErrorModel { fogm_sigma_nt, fogm_tau_s, ..line.errors },
             ..*line
         };
-        let permanent = PermanentChange { direction: &direction, process: GaussMarkov { sigma, tau_s } };
+        let process = GaussMarkov { sigma, tau_s };
+        let permanent = self.search.direction.map(|direction| PermanentChange { direction, process });
         let parameters = AidedParameters { gate_nis: Some(GATE_NIS), ..AidedParameters::default() };
-        let aids = Aids { permanent: Some(permanent), ..Aids::default() };
+        let aids = Aids { permanent, ..Aids::default() };
         aided::run(&line, &aids, &parameters).map(|output| output.navigation)
     }
 }

@@ -19,17 +19,28 @@ fn flown(seed: u64) -> OsborneFlight {
 }
 
 fn found(flight: &OsborneFlight, measured_nt: &[f64], given: NoiseParameters) -> LineNoise {
+    found_with(flight, measured_nt, None, given)
+}
+
+/// Noise found with the direction of the field at each sample.
+fn found_with(
+    flight: &OsborneFlight,
+    measured_nt: &[f64],
+    directions: Option<&[[f64; 3]]>,
+    given: NoiseParameters,
+) -> LineNoise {
     let series = flight.ins.series();
     let sigma_nt = vec![1.0; measured_nt.len()];
     let line = flight.line(&series, measured_nt, &sigma_nt);
     let rows = rows_at(series.tt_s, 2.0);
+    let direction: Option<Vec<[f64; 3]>> = directions.map(|of| rows.iter().map(|row| of[*row]).collect());
     let search_of = NoiseSearch {
         line: &line,
         rows: &rows,
         scale: &sigma_nt,
         known_nt: None,
         map_nt: None,
-        direction: None,
+        direction: direction.as_deref(),
         given,
     };
     search(&search_of).unwrap().unwrap()
@@ -115,25 +126,6 @@ fn unit_too_few_measurements_give_no_noise() {
     assert_eq!(search(&all).unwrap(), None);
 }
 
-/// Noise found with the direction of the field, and this direction.
-fn with_direction(flight: &OsborneFlight, measured_nt: &[f64]) -> (LineNoise, Vec<[f64; 3]>) {
-    let series = flight.ins.series();
-    let direction = directions(&series);
-    let sigma_nt = vec![1.0; measured_nt.len()];
-    let line = flight.line(&series, measured_nt, &sigma_nt);
-    let rows = rows_at(series.tt_s, 2.0);
-    let search_of = NoiseSearch {
-        line: &line,
-        rows: &rows,
-        scale: &sigma_nt,
-        known_nt: None,
-        map_nt: None,
-        direction: Some(&direction),
-        given: [None; PARAMETERS],
-    };
-    (search(&search_of).unwrap().unwrap(), direction)
-}
-
 fn directions(series: &InsSeries<'_>) -> Vec<[f64; 3]> {
     (0..series.len()).map(|row| field_direction(&world().core, series, row)).collect()
 }
@@ -155,7 +147,8 @@ fn law_a_change_of_the_permanent_field_is_found_with_its_size() {
         let measured: Vec<f64> =
             flight.measured(50 + seed, SIGMA_NT).iter().zip(&effect).map(|(nt, more)| nt + more).collect();
         let without = found(&flight, &measured, [None; PARAMETERS]);
-        let (noise, direction) = with_direction(&flight, &measured);
+        let direction = directions(&flight.ins.series());
+        let noise = found_with(&flight, &measured, Some(&direction), [None; PARAMETERS]);
         let [sigma, tau_s] = noise.permanent.unwrap();
         // Each component is 60 nT before and 60 nT after the warming.
         assert!((25.0..150.0).contains(&sigma.value), "{seed}: {sigma:?}");
@@ -186,7 +179,9 @@ fn law_a_change_of_the_permanent_field_is_found_with_its_size() {
 fn law_a_constant_permanent_field_is_rarely_found_to_change() {
     let changed = |seed: &u64| {
         let flight = flown(*seed);
-        with_direction(&flight, &flight.measured(50 + seed, SIGMA_NT)).0.permanent.is_some()
+        let directions = directions(&flight.ins.series());
+        let measured = flight.measured(50 + seed, SIGMA_NT);
+        found_with(&flight, &measured, Some(&directions), [None; PARAMETERS]).permanent.is_some()
     };
     let changed = (0..10).filter(changed).count();
     assert!(changed <= 1, "{changed} of 10");

@@ -162,8 +162,8 @@ impl<'a> ParticleFields<'a> {
         let [d_lat, d_lon, d_alt] = slopes.each_ref().map(|sums| if share > 0.0 { total(sums) / share } else { 0.0 });
         let [core_lat, core_lon] = self.core.as_ref().map_or([0.0; 2], CoreExpansion::gradient);
         let tilt = arm.by_tilt(d_lat + core_lat, d_lon + core_lon, d_alt);
-        let slope = self.states.slope.map(|first| (first..).zip(of.slope_entries(self.line, row)));
-        Some((TILT_N..).zip(tilt).chain([(bias, 1.0)]).chain(slope.into_iter().flatten()).collect())
+        let slope = of.slope_block(&self.states, self.line, row);
+        Some((TILT_N..).zip(tilt).chain([(bias, 1.0)]).chain(slope.iter()).collect())
     }
 
     /// Component of the field vector. The core field is linear over the cloud, and the effect of the tilt is linearised
