@@ -138,7 +138,8 @@ def reference() -> None:
         for part, text in parts:
             kind, entry = re.fullmatch(r"The (model|filter) `(\w+)`", part).groups()
             lists[kind].append((entry, first_sentence(text)))
-            write(f"reference/{kind}s/{entry}.md", f"# `{entry}`\n\nA {kind} of [`{name}`](../stages/{name}.md).\n{text}")
+            page = f"# `{entry}`\n\nA {kind} of [`{name}`](../stages/{name}.md).\n{text}"
+            write(f"reference/{kind}s/{entry}.md", page)
         for kind, entries in lists.items():
             if entries:
                 links = "\n".join(f"| [`{e}`](../{kind}s/{e}.md) | {text} |" for e, text in entries)

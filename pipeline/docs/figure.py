@@ -3,8 +3,8 @@
 
 python3 figure.py REPORT.html LABEL OUTPUT.svg
 
-LABEL is the start of the figure's text for screen readers, such as `Tracks on the map`. The first figure with this label
-is written. The colours are those of the light theme.
+LABEL is the start of the figure's text for screen readers, such as `Tracks on the map`. The first figure with this
+label is written. The colours are those of the light theme.
 """
 
 import re
