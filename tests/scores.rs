@@ -454,10 +454,11 @@ fn user_a_run_without_truth_has_the_metrics_that_need_none() {
     assert!(!err.contains("not scored without `truth`"), "{err}");
 }
 
-/// The two queries of the README for the scores of `osborne`.
+/// The two queries of the page on tables for the scores of `osborne`.
 #[test]
-fn user_the_queries_of_the_readme_read_the_pooled_table() {
-    let text = fs::read_to_string(crate::support::repository().join("README.md")).unwrap();
+fn user_the_queries_of_the_page_on_tables_read_the_pooled_table() {
+    let page = "pipeline/docs/how-to/read-tables.md";
+    let text = fs::read_to_string(crate::support::repository().join(page)).unwrap();
     let asked: Vec<&str> = text.lines().filter(|l| l.contains("store/tables/osborne/scores")).collect();
     assert_eq!(asked.len(), 2, "{asked:?}");
     assert!(asked.iter().all(|line| line.contains("osborne/scores_pooled/")), "{asked:?}");

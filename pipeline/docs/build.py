@@ -1,0 +1,206 @@
+#!/usr/bin/env python3
+"""Builds the site: python3 build.py MAGLINE OUTPUT
+
+MAGLINE is the program, OUTPUT the folder of the pages. The source folder OUTPUT/source consists of the pages of this
+folder, of other pages of the repository (`PAGES`), and of the reference, which is derived from the program's output.
+Links between these pages become links of the site. Links to other files of the repository become downloads.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+DOCS = Path(__file__).resolve().parent
+REPOSITORY = DOCS.parent.parent
+
+# Pages of the repository that are part of the site, by their place on the site.
+PAGES = {
+    "how-to/object-stores.md": "pipeline/OBJECTS.md",
+    "how-to/cluster.md": "pipeline/CLUSTER.md",
+    "how-to/slurm.md": "datasets/examples/cluster/README.md",
+    "how-to/schedule.md": "datasets/examples/schedule/README.md",
+    "how-to/serve.md": "pipeline/SERVE.md",
+    "how-to/benchmark.md": "datasets/BENCH.md",
+    "how-to/extend.md": "stages/CONTRIBUTING.md",
+    "explanation/navigation-results.md": "datasets/examples/NAVIGATION.md",
+    "explanation/network-results.md": "datasets/examples/NETWORKS.md",
+    "explanation/uav.md": "datasets/examples/UAV.md",
+    "explanation/presets.md": "datasets/simulate/presets/README.md",
+    "explanation/scale.md": "pipeline/SCALE.md",
+    "explanation/speed-numerics.md": "stages/numerics/benches/README.md",
+    "explanation/speed-pipeline.md": "pipeline/benches/README.md",
+    "explanation/security.md": "SECURITY.md",
+    "reference/examples.md": "datasets/examples/README.md",
+    "reference/samples.md": "datasets/samples/README.md",
+    "reference/simulator.md": "datasets/simulate/SIMULATOR.md",
+    "reference/mappings.md": "datasets/mappings/README.md",
+    "reference/python.md": "pipeline/python/README.md",
+    "reference/tasks.md": "pipeline/TASKS.md",
+    "reference/readers.md": "tests/readers/README.md",
+    "reference/glossary.md": "schemas/GLOSSARY.md",
+    "reference/bibliography.md": "schemas/BIBLIOGRAPHY.md",
+}
+SITES = {page: site for site, page in PAGES.items()}
+GENERATED = "reference/stages", "reference/models", "reference/filters", "reference/commands"
+
+LINK = re.compile(r"(?<!\!)\[((?:[^\[\]`]|`[^`]*`)+)\]\(([^()\s]+)\)")
+FENCE = re.compile(r"^ *(```+|~~~+|:::+)")
+
+
+def outside_code(text: str, change) -> str:
+    """Applies `change` to each stretch of lines outside fenced code."""
+    parts, lines, fence = [], [], None
+    for line in text.split("\n"):
+        mark = FENCE.match(line)
+        if fence is None and mark and mark.group(1)[0] != ":":
+            parts += [change("\n".join(lines))] if lines else []
+            lines, fence = [line], mark.group(1)
+        elif fence is not None and mark and line.strip() == fence:
+            parts.append("\n".join([*lines, line]))
+            lines, fence = [], None
+        else:
+            lines.append(line)
+    parts += [change("\n".join(lines)) if fence is None else "\n".join(lines)] if lines else []
+    return "\n".join(parts)
+
+
+def rewrite(text: str, page: str, site: str) -> str:
+    """Returns the text with the links of `page` (a path in the repository) changed for its place on the site."""
+    here = os.path.dirname(site)
+
+    def link(match):
+        label, target = match.groups()
+        if re.match(r"[a-z]+:|#", target):
+            return match.group()
+        path, mark, anchor = target.partition("#")
+        file = os.path.normpath(os.path.join(os.path.dirname(page), path))
+        if file == "stages/REFERENCE.md":
+            to, mark, anchor = "reference/stages/index.md", "", ""
+        elif file == "README.md":
+            to, mark, anchor = "index.md", "", ""
+        elif file in SITES:
+            to = SITES[file]
+        elif file.startswith("pipeline/docs/"):
+            to = file.removeprefix("pipeline/docs/")
+        elif (REPOSITORY / file).is_file():
+            return f"[{label}]({os.path.relpath(REPOSITORY / file, OUTPUT / 'source' / here)})"
+        else:
+            # Folders are not part of the site.
+            return label
+        return f"[{label}]({os.path.relpath(to, here or '.')}{mark}{anchor})"
+
+    return outside_code(text, lambda part: LINK.sub(link, part))
+
+
+def write(site: str, text: str) -> None:
+    file = OUTPUT / "source" / site
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text, encoding="utf-8")
+
+
+def copied() -> None:
+    """Copies the pages of this folder and of the repository."""
+    for file in sorted(DOCS.rglob("*")):
+        site = file.relative_to(DOCS).as_posix()
+        if file.suffix == ".md":
+            write(site, rewrite(file.read_text(encoding="utf-8"), f"pipeline/docs/{site}", site))
+        elif file.suffix in (".svg", ".png") or site == "conf.py":
+            (OUTPUT / "source" / site).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, OUTPUT / "source" / site)
+    for site, page in PAGES.items():
+        write(site, rewrite((REPOSITORY / page).read_text(encoding="utf-8"), page, site))
+
+
+def contents(names: list[str], caption: str = "") -> str:
+    options = ":maxdepth: 1\n" + (f":caption: {caption}\n" if caption else "")
+    return "\n```{toctree}\n" + options + "\n" + "\n".join(names) + "\n```\n"
+
+
+def sections(text: str, heading: str) -> tuple[str, list[tuple[str, str]]]:
+    """Returns the text before the first heading of this kind, and the title and text of each section."""
+    parts = re.split(rf"(?m)^{heading} (.*)$", text)
+    return parts[0], list(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def reference() -> None:
+    """Derives one page a stage, model and filter, and the metrics, from `magline stages --markdown`."""
+    intro, stages = sections(output("stages", "--markdown"), "##")
+    rows, names = [], []
+    for title, body in stages:
+        name = title.split("`")[1]
+        names.append(name)
+        rows.append(f"| [`{name}`]({name}.md) | {first_sentence(body)} |")
+        body, parts = sections(body, "###")
+        lists = {"model": [], "filter": []}
+        for part, text in parts:
+            kind, entry = re.fullmatch(r"The (model|filter) `(\w+)`", part).groups()
+            lists[kind].append((entry, first_sentence(text)))
+            page = f"# `{entry}`\n\nA {kind} of [`{name}`](../stages/{name}.md).\n{text}"
+            write(f"reference/{kind}s/{entry}.md", page)
+        for kind, entries in lists.items():
+            if entries:
+                links = "\n".join(f"| [`{e}`](../{kind}s/{e}.md) | {text} |" for e, text in entries)
+                body += f"\n## {kind.title()}s\n\n| {kind} | description |\n|---|---|\n{links}\n"
+                index = f"# {kind.title()}s\n\nThe {kind}s of [`{name}`](../stages/{name}.md).\n\n"
+                index += f"| {kind} | description |\n|---|---|\n" + links.replace(f"../{kind}s/", "") + "\n"
+                write(f"reference/{kind}s/index.md", index + contents([e for e, _ in entries]))
+        write(f"reference/stages/{name}.md", f"# {title}\n{body}")
+        if name == "score":
+            table = re.search(r"(?m)^\| metric \|.*\n(?:\|.*\n)+", body).group()
+            write("reference/metrics.md", "# Metrics\n\nThe metrics of [`score`](stages/score.md).\n\n" + table)
+    listed = "\n## All stages\n\n| stage | description |\n|---|---|\n" + "\n".join(rows) + "\n"
+    write("reference/stages/index.md", intro.rstrip() + "\n" + listed + contents(names))
+
+
+def first_sentence(text: str) -> str:
+    paragraph = text.strip().split("\n")[0]
+    return re.split(r"(?<=[.:])\s", paragraph)[0].rstrip(":").replace("|", "\\|")
+
+
+def commands() -> None:
+    """Derives one page a command from `--help`."""
+    listing = re.search(r"(?ms)^Commands:\n(.*?)\n\n", output("--help")).group(1)
+    rows, names = [], []
+    for name, about in re.findall(r"(?m)^  (\w[\w-]*) +(.*)$", listing):
+        if name == "help":
+            continue
+        names.append(name)
+        rows.append(f"| [`magline {name}`]({name}.md) | {about} |")
+        text = output(name, "--help")
+        page = f"# `magline {name}`\n\n```text\n{text.rstrip()}\n```\n"
+        inner = re.search(r"(?ms)^Commands:\n(.*?)\n\n", text)
+        for sub in re.findall(r"(?m)^  (\w[\w-]*) ", inner.group(1)) if inner else []:
+            if sub != "help":
+                page += f"\n## `magline {name} {sub}`\n\n```text\n{output(name, sub, '--help').rstrip()}\n```\n"
+        write(f"reference/commands/{name}.md", page)
+    page = "# Command line\n\n| command | description |\n|---|---|\n" + "\n".join(rows) + "\n" + contents(names)
+    write("reference/commands/index.md", page)
+
+
+def output(*arguments: str) -> str:
+    run = subprocess.run([MAGLINE, *arguments], capture_output=True, text=True, check=True)
+    # Usage lines hold the name of the file.
+    return run.stdout.replace(f"Usage: {Path(MAGLINE).name}", "Usage: magline")
+
+
+def main() -> int:
+    shutil.rmtree(OUTPUT / "source", ignore_errors=True)
+    copied()
+    reference()
+    commands()
+    sphinx = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-j", "auto", "-b", "html"]
+    status = subprocess.run([*sphinx, OUTPUT / "source", OUTPUT / "html"]).returncode
+    pages = len(list((OUTPUT / "source").rglob("*.md")))
+    print(f"{pages} pages in {OUTPUT / 'html'}")
+    return status
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        raise SystemExit(__doc__)
+    MAGLINE = os.path.abspath(sys.argv[1])
+    OUTPUT = Path(sys.argv[2]).resolve()
+    raise SystemExit(main())

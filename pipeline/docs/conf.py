@@ -1,0 +1,31 @@
+"""Settings of the site. `build.py` prepares the source folder and runs Sphinx."""
+
+from importlib.metadata import distribution
+
+project = "magline"
+author = "The magline authors"
+copyright = author
+extensions = ["myst_parser", "sphinx_copybutton", "sphinx_design", "sphinx.ext.mathjax"]
+myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 4
+# Code of the program's own formats, for which Pygments has no lexer.
+suppress_warnings = ["misc.highlighting_failure"]
+nitpicky = True
+
+html_theme = "pydata_sphinx_theme"
+html_title = "magline"
+html_static_path = [str(distribution("sphinx-mathjax-offline").locate_file(
+    "sphinx-mathjax-offline/static/mathjax/tex-svg.js"))]
+mathjax_path = "tex-svg.js"
+html_copy_source = False
+html_show_sphinx = False
+html_theme_options = {
+    "show_toc_level": 2,
+    "navigation_with_keys": False,
+    "show_prev_next": True,
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+}
+copybutton_prompt_text = "$ "
+copybutton_only_copy_prompt_lines = True
