@@ -7,7 +7,9 @@ use super::ticks::{self, AxisTick};
 const WIDTH: f64 = 940.0;
 /// Width of a chart in a row of two, with letters of the same size.
 const HALF: f64 = 466.0;
+/// Least width of the labels of the vertical axis, and width of a digit.
 const LEFT: f64 = 64.0;
+const DIGIT: f64 = 6.6;
 const RIGHT: f64 = 14.0;
 const TOP: f64 = 8.0;
 const BOTTOM: f64 = 40.0;
@@ -89,6 +91,8 @@ struct PixelAxis {
     log: bool,
     from_px: f64,
     to_px: f64,
+    /// Margin of the labels left of the plot, px.
+    left_px: f64,
 }
 
 impl PixelAxis {
@@ -110,7 +114,7 @@ impl PixelAxis {
 impl LineChart {
     /// Plot with title, legend and caption; `None` without data.
     pub fn draw(&self) -> Option<Markup> {
-        let (x, y) = (self.side(&self.x, true)?, self.side(&self.y, false)?);
+        let (x, y) = self.sides()?;
         Some(html! {
             figure {
                 h4 { (self.title) }
@@ -123,7 +127,7 @@ impl LineChart {
 
     /// Plot as a part of a figure, with its title, legend and caption; `None` without data.
     pub fn part(&self) -> Option<Markup> {
-        let (x, y) = (self.side(&self.x, true)?, self.side(&self.y, false)?);
+        let (x, y) = self.sides()?;
         Some(
             html! { div { h5 { (self.title) } (self.legend()) (self.picture(&x, &y, None)) p.caption { (self.caption) } } },
         )
@@ -131,8 +135,17 @@ impl LineChart {
 
     /// Plot as a separate file with its style sheet; `None` without data.
     pub fn file(&self, style: &str) -> Option<Markup> {
-        let (x, y) = (self.side(&self.x, true)?, self.side(&self.y, false)?);
+        let (x, y) = self.sides()?;
         Some(self.picture(&x, &y, Some(style)))
+    }
+
+    /// Both axes; the labels of the vertical axis determine the left margin.
+    fn sides(&self) -> Option<(PixelAxis, PixelAxis)> {
+        let y = self.side(&self.y, (self.height - BOTTOM, TOP), false)?;
+        let longest = y.ticks(6).iter().map(|tick| tick.label.chars().count()).max().unwrap_or(0);
+        let left_px = LEFT.max(30.0 + DIGIT * longest as f64);
+        let x = self.side(&self.x, (left_px, self.width() - RIGHT), true)?;
+        Some((PixelAxis { left_px, ..x }, PixelAxis { left_px, ..y }))
     }
 
     fn width(&self) -> f64 {
@@ -141,15 +154,18 @@ impl LineChart {
 
     fn picture(&self, x: &PixelAxis, y: &PixelAxis, style: Option<&str>) -> Markup {
         let label = format!("{}: {} over {}", self.title, self.y.label, self.x.label);
-        let (wide, high) = (self.width() - LEFT - RIGHT, self.height - TOP - BOTTOM);
+        let left = x.left_px;
+        let (wide, high) = (self.width() - left - RIGHT, self.height - TOP - BOTTOM);
+        // The script of the page zooms with these figures.
+        let data = |axis: &PixelAxis| format!("{} {} {}", axis.low, axis.high, u8::from(axis.log));
         html! {
-            svg xmlns=[style.map(|_| "http://www.w3.org/2000/svg")] viewBox=(format!("0 0 {} {}", self.width(), self.height)) role="img" aria-label=(label) {
+            svg.plot data-x=(data(x)) data-y=(data(y)) data-x-name=(self.x.label) data-y-name=(self.y.label) xmlns=[style.map(|_| "http://www.w3.org/2000/svg")] viewBox=(format!("0 0 {} {}", self.width(), self.height)) role="img" aria-label=(label) {
                 @if let Some(style) = style { style { (style) } }
                 (self.grid(x, y))
-                svg x=(LEFT) y=(TOP) width=(wide) height=(high) viewBox=(format!("{LEFT} {TOP} {wide} {high}")) {
+                svg x=(left) y=(TOP) width=(wide) height=(high) viewBox=(format!("{left} {TOP} {wide} {high}")) preserveAspectRatio="none" {
                     (self.inside(x, y))
                 }
-                rect class="frame" x=(LEFT) y=(TOP) width=(wide) height=(high) {}
+                rect class="frame" x=(left) y=(TOP) width=(wide) height=(high) {}
                 (self.marked(x, y))
             }
         }
@@ -167,9 +183,8 @@ impl LineChart {
         }
     }
 
-    fn side(&self, dim: &ChartAxis, across: bool) -> Option<PixelAxis> {
-        let (from_px, to_px) = if across { (LEFT, self.width() - RIGHT) } else { (self.height - BOTTOM, TOP) };
-        let side = |low, high| PixelAxis { low, high, log: dim.log, from_px, to_px };
+    fn side(&self, dim: &ChartAxis, (from_px, to_px): (f64, f64), across: bool) -> Option<PixelAxis> {
+        let side = |low, high| PixelAxis { low, high, log: dim.log, from_px, to_px, left_px: LEFT };
         if let Some((low, high)) = dim.range {
             return (low < high).then(|| side(low, high));
         }
@@ -199,9 +214,9 @@ impl LineChart {
     }
 
     fn grid(&self, x: &PixelAxis, y: &PixelAxis) -> Markup {
-        let (bottom, right) = (self.height - BOTTOM, self.width() - RIGHT);
+        let (bottom, right, left) = (self.height - BOTTOM, self.width() - RIGHT, x.left_px);
         let middle = 0.5 * (TOP + bottom);
-        html! {
+        html! { g class="ticks" {
             @for tick in x.ticks(if self.half { 5 } else { 9 }) {
                 @let at = px(x.at(tick.at));
                 line.grid x1=(at) x2=(at) y1=(TOP) y2=(bottom) {}
@@ -209,28 +224,29 @@ impl LineChart {
             }
             @for tick in y.ticks(6) {
                 @let at = y.at(tick.at);
-                line.grid x1=(LEFT) x2=(right) y1=(px(at)) y2=(px(at)) {}
-                text.tick x=(LEFT - 7.0) y=(px(at + 4.0)) text-anchor="end" { (tick.label) }
+                line.grid x1=(left) x2=(right) y1=(px(at)) y2=(px(at)) {}
+                text.tick x=(left - 7.0) y=(px(at + 4.0)) text-anchor="end" { (tick.label) }
             }
-            text.name x=(px(0.5 * (LEFT + right))) y=(self.height - 5.0) text-anchor="middle" { (self.x.label) }
+            text.name x=(px(0.5 * (left + right))) y=(self.height - 5.0) text-anchor="middle" { (self.x.label) }
             text.name transform=(format!("translate(13 {}) rotate(-90)", px(middle))) text-anchor="middle" { (self.y.label) }
-        }
+        } }
     }
 
     fn inside(&self, x: &PixelAxis, y: &PixelAxis) -> Markup {
+        let left = x.left_px;
         html! {
             @if let Some((_, from, to)) = &self.stretch {
                 rect.stretch x=(px(x.at(*from))) width=(px(x.at(*to) - x.at(*from))) y=(TOP) height=(self.height - TOP - BOTTOM) {}
             }
             @for band in &self.bands { path.area d=(area(band, x, y)) {} }
             @if !y.log && y.low < 0.0 && y.high > 0.0 {
-                line.zero x1=(LEFT) x2=(self.width() - RIGHT) y1=(px(y.at(0.0))) y2=(px(y.at(0.0))) {}
+                line.zero x1=(left) x2=(self.width() - RIGHT) y1=(px(y.at(0.0))) y2=(px(y.at(0.0))) {}
             }
             @for (_, height) in &self.levels {
-                line.level x1=(LEFT) x2=(self.width() - RIGHT) y1=(px(y.at(*height))) y2=(px(y.at(*height))) {}
+                line.level x1=(left) x2=(self.width() - RIGHT) y1=(px(y.at(*height))) y2=(px(y.at(*height))) {}
             }
             @for line in &self.lines {
-                path class=(format!("line {}", line.class)) d=(path(line.points.iter().map(|p| spot(x, y, p.0, p.1)))) {}
+                path class=(format!("line {}", line.class)) data-name=(line.name) d=(path(line.points.iter().map(|p| spot(x, y, p.0, p.1)))) {}
             }
         }
     }
@@ -338,8 +354,16 @@ mod tests {
     }
 
     #[test]
+    fn bug_the_label_of_the_axis_overlapped_wide_tick_labels() {
+        let left = |height: f64| chart(vec![(0.0, -height), (1.0, height)]).sides().unwrap().0.left_px;
+        assert_eq!(left(50.0), LEFT);
+        // "\u{2212}1000000" has 8 characters; the rotated label ends at 17 px.
+        assert!(left(1e6) > 7.0 + 8.0 * DIGIT + 17.0);
+    }
+
+    #[test]
     fn unit_logarithmic_axis_spaces_decades_evenly() {
-        let side = PixelAxis { low: 1.0, high: 100.0, log: true, from_px: 0.0, to_px: 200.0 };
+        let side = PixelAxis { low: 1.0, high: 100.0, log: true, from_px: 0.0, to_px: 200.0, left_px: LEFT };
         assert!((side.at(10.0) - 100.0).abs() < 1e-9);
         assert_eq!(px(-0.04), "0");
         assert_eq!(px(12.34), "12.3");
@@ -347,7 +371,7 @@ mod tests {
 
     #[test]
     fn unit_band_has_one_shape_per_interval() {
-        let side = |to_px| PixelAxis { low: 0.0, high: 10.0, log: false, from_px: 0.0, to_px };
+        let side = |to_px| PixelAxis { low: 0.0, high: 10.0, log: false, from_px: 0.0, to_px, left_px: LEFT };
         let nan = f64::NAN;
         let points = vec![(0.0, 1.0, 2.0), (1.0, 1.0, 2.0), (2.0, nan, nan), (3.0, 0.0, 1.0), (4.0, 0.0, 1.0)];
         let drawn = area(&ChartBand { name: String::new(), points }, &side(10.0), &side(10.0));

@@ -1,7 +1,13 @@
 //! The pooled scores of one table, and its best point.
 
-use results::{pooled, scores::Scores, warnings::Warning};
-use schemas::Fault;
+use std::collections::BTreeMap;
+
+use results::{
+    pooled::{self, PooledMetric},
+    scores::Scores,
+    warnings::Warning,
+};
+use schemas::{Fault, metric::Metric};
 use store::parts;
 
 use super::source::ReportSource;
@@ -14,6 +20,34 @@ pub struct ScoreBoard {
     pub scores: Scores,
     /// The instance behind each row.
     pub instances: Vec<usize>,
+    /// The metrics that have a value and no column in the table of scores.
+    pub more: Vec<MoreScores>,
+}
+
+/// A metric without a column in the table of scores.
+pub struct MoreScores {
+    /// The metric.
+    pub metric: Metric,
+    /// Its value at each row.
+    pub values: Vec<Option<f64>>,
+    /// Whether the value of each row is of lines in sample only.
+    pub in_sample: Vec<bool>,
+}
+
+/// The metrics of the table `t` among `pooled` that are not in `scores`.
+fn more(source: &ReportSource, t: usize, pooled: &[PooledMetric], scores: &Scores, rows: &[usize]) -> Vec<MoreScores> {
+    let mut of: BTreeMap<&str, BTreeMap<usize, &PooledMetric>> = BTreeMap::new();
+    for one in pooled.iter().filter(|p| p.table == t) {
+        of.entry(one.metric.name).or_default().insert(one.instance, one);
+    }
+    let others = source.graph.plan.tables[t].entry.metrics.iter().filter(|m| scores.metric(m.name).is_none());
+    let column = |metric: &Metric| {
+        let own = of.get(metric.name)?;
+        let values: Vec<Option<f64>> = rows.iter().map(|i| own.get(i).and_then(|p| p.shown().value)).collect();
+        let in_sample = rows.iter().map(|i| own.get(i).is_some_and(|p| p.is_in_sample())).collect();
+        values.iter().any(Option::is_some).then_some(MoreScores { metric: *metric, values, in_sample })
+    };
+    others.filter_map(column).collect()
 }
 
 impl ScoreBoard {
@@ -34,7 +68,8 @@ impl ScoreBoard {
             let (mut scores, instances) = Scores::new(plan, table, &pooled);
             scores.mark(name, warnings);
             if !scores.rows.is_empty() {
-                found.push(ScoreBoard { table, scores, instances });
+                let more = more(source, table, &pooled, &scores, &instances);
+                found.push(ScoreBoard { table, scores, instances, more });
             }
         }
         Ok(found)
@@ -91,6 +126,7 @@ pub mod tests {
             table: 0,
             scores: Scores { axes, metrics, rows, lines: 6, marks, cautious: vec![], in_sample: vec![] },
             instances: vec![0, 1, 2, 3],
+            more: vec![],
         }
     }
 

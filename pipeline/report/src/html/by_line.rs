@@ -9,7 +9,12 @@ use plan::{InSampleLines, LineId, PlanUnit};
 use results::text::number;
 use schemas::{Fault, metric::Metric};
 
-use super::{board::ScoreBoard, source::ReportSource, warnings::Warning};
+use super::{
+    answer::{baseline, baseline_words},
+    board::ScoreBoard,
+    source::ReportSource,
+    warnings::Warning,
+};
 
 /// Maximum numbers of tables, columns and rows of a page.
 const TABLES: usize = 3;
@@ -17,9 +22,8 @@ const COLUMNS: usize = 12;
 const ROWS: usize = 200;
 /// Maximum number of rows of a table that is not folded.
 const OPEN: usize = 30;
-/// Metrics of a track, and of the INS alone.
+/// Metric of a track.
 const DRMS: &str = "drms";
-const INS: &str = "ins_drms";
 
 /// Table of one metric by line and sweep point.
 struct LineScoreTable {
@@ -31,8 +35,8 @@ struct LineScoreTable {
     columns: Vec<LineScoreColumn>,
     /// Flight and line of each row.
     lines: Vec<(String, String)>,
-    /// The INS alone, if it is the same for all columns: a value for each line, and the pooled value.
-    ins: Option<(Vec<Option<f64>>, Option<f64>)>,
+    /// The baseline of the metric, if it is the same for all columns: a value for each line, and the pooled value.
+    baseline: Option<(Vec<Option<f64>>, Option<f64>)>,
     /// Total numbers of lines and columns; only the first lines and columns are shown.
     all: (usize, usize),
 }
@@ -52,7 +56,7 @@ struct LineScoreColumn {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct LineScoreCell {
     value: Option<f64>,
-    ins: Option<f64>,
+    baseline: Option<f64>,
     marked: bool,
     in_sample: bool,
 }
@@ -95,12 +99,13 @@ pub fn tables(source: &ReportSource, board: &ScoreBoard, warnings: &[Warning]) -
         let of_axis = axis.and_then(|a| spec.axes.get(a)).map(|a| a.name.clone());
         let others = point.iter().filter(|(k, _)| Some(*k) != of_axis.as_ref()).map(|(k, v)| format!("{k} = {v}"));
         let others = others.collect::<Vec<_>>().join(", ");
-        let pooled_ins = board.scores.metric(INS).and_then(|m| board.value(best, m));
+        let of = baseline(board.scores.metrics[metric].name).and_then(|name| board.scores.metric(name));
+        let pooled_baseline = of.and_then(|m| board.value(best, m));
         let table = LineScoreTable {
             metric: board.scores.metrics[metric],
             axis: of_axis,
             others,
-            ins: ins(&columns, lines.len()).map(|each| (each, pooled_ins)),
+            baseline: same_baseline(&columns, lines.len()).map(|each| (each, pooled_baseline)),
             columns,
             lines: lines.iter().map(name).collect(),
             all,
@@ -124,12 +129,13 @@ fn column(
     for line in lines {
         let unit = PlanUnit { table: board.table, instance, line: Some(*line) };
         let name = board.scores.metrics[metric].name;
-        let [value, ins] = match source.tidy(unit, &["metric", "value"])? {
+        let [value, baseline] = match source.tidy(unit, &["metric", "value"])? {
             Some(batch) => {
                 let words = batch.column(0).as_string_opt::<i32>();
                 let values = batch.column(1).as_primitive_opt::<Float64Type>();
-                [name, INS].map(|wanted| {
+                [Some(name), baseline(name)].map(|wanted| {
                     let (words, values) = (words?, values?);
+                    let wanted = wanted?;
                     let at = words.iter().position(|w| w == Some(wanted)).filter(|i| values.is_valid(*i))?;
                     Some(values.value(at)).filter(|v| v.is_finite())
                 })
@@ -137,7 +143,7 @@ fn column(
             None => [None, None],
         };
         let marked = source.graph.lines.get(*line).is_some_and(|l| spoilt.is_some_and(|s| s.contains(l)));
-        cells.push(LineScoreCell { value, ins, marked, in_sample: seen.has(instance, *line) });
+        cells.push(LineScoreCell { value, baseline, marked, in_sample: seen.has(instance, *line) });
     }
     let value_of = |a: usize| plan.tables[board.table].grid().place(instance).find(|(axis, _)| *axis == a);
     let name = axis.and_then(value_of).and_then(|(a, at)| plan.spec.axes.get(a)?.values.get(at));
@@ -150,12 +156,12 @@ fn column(
     })
 }
 
-/// The INS of each line, if it is the same for all columns.
-fn ins(columns: &[LineScoreColumn], lines: usize) -> Option<Vec<Option<f64>>> {
+/// The baseline of each line, if it is the same for all columns.
+fn same_baseline(columns: &[LineScoreColumn], lines: usize) -> Option<Vec<Option<f64>>> {
     let mut each = vec![None; lines];
     for column in columns {
         for (known, cell) in each.iter_mut().zip(&column.cells) {
-            match (*known, cell.ins) {
+            match (*known, cell.baseline) {
                 (Some(a), Some(b)) if a != b => return None,
                 (None, Some(b)) => *known = Some(b),
                 (_, _) => {}
@@ -178,6 +184,10 @@ impl LineScoreTable {
         }
     }
 
+    fn baseline_name(&self) -> &'static str {
+        baseline(self.metric.name).map(baseline_words).unwrap_or_default()
+    }
+
     fn title(&self) -> String {
         let Metric { name, unit, .. } = self.metric;
         let unit = if unit == "1" { String::new() } else { format!(" [{unit}]") };
@@ -189,7 +199,7 @@ impl LineScoreTable {
         let several = self.columns.len() > 1;
         let pooled = |c: &LineScoreColumn| LineScoreCell {
             value: c.pooled,
-            ins: None,
+            baseline: None,
             marked: c.marks > 0,
             in_sample: c.in_sample,
         };
@@ -200,18 +210,18 @@ impl LineScoreTable {
                     thead { tr {
                         @for name in ["flight", "line"] { th scope="col" { button { (name) } } }
                         @for column in &self.columns { th.n scope="col" { button { (if several { &column.name } else { self.metric.name }) } } }
-                        @if self.ins.is_some() { th.n scope="col" { button { "INS alone" } } }
+                        @if self.baseline.is_some() { th.n scope="col" { button { (self.baseline_name()) } } }
                     } }
                     tbody { @for (i, (flight, line)) in self.lines.iter().enumerate() {
                         @let cells: Vec<LineScoreCell> = self.columns.iter().filter_map(|c| c.cells.get(i)).copied().collect();
                         tr { td { (flight) } td { (line) }
                             (self.cells(&cells))
-                            @if let Some((each, _)) = &self.ins { td.n { (number(each.get(i).copied().flatten())) } }
+                            @if let Some((each, _)) = &self.baseline { td.n { (number(each.get(i).copied().flatten())) } }
                         }
                     } }
                     tfoot { tr { th colspan="2" scope="row" { "all " (self.all.0) " lines, pooled" }
                         (self.cells(&pooled))
-                        @if let Some((_, pooled)) = &self.ins { td.n { (number(*pooled)) } }
+                        @if let Some((_, pooled)) = &self.baseline { td.n { (number(*pooled)) } }
                     } }
                 }
             }
@@ -278,7 +288,7 @@ mod tests {
     use crate::html::tests::declared;
 
     fn cell(value: f64, marked: bool) -> LineScoreCell {
-        LineScoreCell { value: Some(value), ins: Some(300.0), marked, in_sample: false }
+        LineScoreCell { value: Some(value), baseline: Some(300.0), marked, in_sample: false }
     }
 
     fn example() -> LineScoreTable {
@@ -298,7 +308,7 @@ mod tests {
             metric: declared(["drms"])[0],
             axis: Some("filter".into()),
             others: "mag = mag_4_uc".into(),
-            ins: ins(&columns, 2).map(|each| (each, Some(301.0))),
+            baseline: same_baseline(&columns, 2).map(|each| (each, Some(301.0))),
             columns,
             lines: vec![("1003".into(), "1003.10".into()), ("1007".into(), "1007.06".into())],
             all: (2, 3),
@@ -340,11 +350,19 @@ mod tests {
     #[test]
     fn unit_an_ins_that_differs_between_columns_has_no_column() {
         let mut table = example();
-        table.columns[1].cells[0].ins = Some(299.0);
-        assert_eq!(ins(&table.columns, 2), None);
-        table.ins = None;
+        table.columns[1].cells[0].baseline = Some(299.0);
+        assert_eq!(same_baseline(&table.columns, 2), None);
+        table.baseline = None;
         assert!(!table.drawn().into_string().contains("INS alone</button>"));
-        assert!(ins(&[], 2).is_none());
+        assert!(same_baseline(&[], 2).is_none());
+    }
+
+    #[test]
+    fn bug_a_table_in_nt_had_a_column_of_the_ins_in_metres() {
+        let mut table = example();
+        table.metric = declared(["std_error"])[0];
+        let text = table.drawn().into_string();
+        assert!(text.contains("uncompensated</button>") && !text.contains("INS alone</button>"), "{text}");
     }
 
     #[test]

@@ -3,12 +3,14 @@
 //! Data are read column by column and line by line, so that memory use does not grow with the sweep. The page holds no
 //! clock, host or path: the same store and spec give the same bytes.
 
+mod answer;
 mod atlas;
 mod beeswarm;
 mod board;
 mod by_line;
 mod earth;
 mod errors;
+mod explorer;
 mod flow;
 mod importance;
 mod intervals;
@@ -71,6 +73,10 @@ pub fn report(graph: &PlanGraph, store: &Store) -> Result<String, Fault> {
     let source = ReportSource::new(graph, store);
     let RunScores { current, warnings, boards } = scored(&source)?;
     let mut sections: Vec<Markup> = vec![];
+    let mut left = explorer::BUDGET;
+    for board in &boards {
+        sections.push(explorer::section(&source, board, &warnings, &mut left)?);
+    }
     if current {
         sections.extend(search::section(&source)?);
     }
@@ -99,7 +105,8 @@ pub fn report(graph: &PlanGraph, store: &Store) -> Result<String, Fault> {
     sections.extend(quality::section(&source)?);
     // Failures are published too.
     let failures = if current { source.failures()? } else { vec![] };
-    let alerts = page::ReportAlerts { failures, warnings, outdated: !current };
+    let answer = answer::section(&source, &boards, &warnings, failures.iter().map(|f| f.times).sum())?;
+    let alerts = page::ReportAlerts { answer, failures, warnings, outdated: !current };
     Ok(page::page(&source, &alerts, defs, &sections))
 }
 

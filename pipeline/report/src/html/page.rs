@@ -1,7 +1,12 @@
 //! The page around the sections: heading, failures, the plan, style and script.
 
+use std::collections::BTreeMap;
+
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use plan::spec::{Spec, SweepAxis};
+use plan::{
+    LineId,
+    spec::{Spec, SweepAxis},
+};
 use results::text::number;
 
 use super::{
@@ -10,11 +15,23 @@ use super::{
     warnings::Warning,
 };
 
+/// The scripts of the page, in the order of their use of each other.
+pub const SCRIPTS: [&str; 6] = [
+    include_str!("script.js"),
+    include_str!("web/scores.js"),
+    include_str!("web/draw.js"),
+    include_str!("web/views.js"),
+    include_str!("web/explorer.js"),
+    include_str!("web/zoom.js"),
+];
+
 /// The maximum number of failures listed.
 const MOST: usize = 50;
 
 /// Alerts that precede the other sections.
 pub struct ReportAlerts {
+    /// The best points.
+    pub answer: Option<Markup>,
     /// The failures.
     pub failures: Vec<FailureCount>,
     /// The warnings.
@@ -41,11 +58,12 @@ pub fn page(source: &ReportSource, alerts: &ReportAlerts, defs: Markup, sections
                 (defs)
                 main {
                     (heading(source))
+                    @if let Some(answer) = &alerts.answer { (answer) }
                     (alert_sections(source, alerts))
                     @for section in sections { (section) }
                     (plan(source))
                 }
-                script { (PreEscaped(include_str!("script.js"))) }
+                @for script in SCRIPTS { script { (PreEscaped(script)) } }
             }
         }
     };
@@ -59,7 +77,7 @@ fn heading(source: &ReportSource) -> Markup {
     let points = plan.tables.iter().map(|t| t.len()).max().unwrap_or(0);
     let mut flights: Vec<&str> = source.graph.lines.iter().map(|l| l.0.as_str()).collect();
     flights.dedup();
-    let samples: usize = source.graph.records.iter().flat_map(|r| r.values()).map(|r| r.rows).sum();
+    let samples = samples(source.graph.records.iter().flat_map(|r| r.iter().map(|(line, r)| (*line, r.rows))));
     html! {
         header {
             h1 { (plan.spec.name) }
@@ -78,6 +96,16 @@ fn heading(source: &ReportSource) -> Markup {
             }
         }
     }
+}
+
+/// The number of samples of all lines. Several tables may hold the same line, so the longest of them counts.
+fn samples(rows: impl Iterator<Item = (LineId, usize)>) -> usize {
+    let mut longest: BTreeMap<LineId, usize> = BTreeMap::new();
+    for (line, rows) in rows {
+        let known = longest.entry(line).or_default();
+        *known = rows.max(*known);
+    }
+    longest.values().sum()
 }
 
 /// The values of an axis; of a searched axis, its range.
@@ -116,7 +144,7 @@ fn grouped(n: usize) -> String {
 }
 
 /// The failures and missing results, if any.
-fn alert_sections(source: &ReportSource, ReportAlerts { failures, warnings, outdated }: &ReportAlerts) -> Markup {
+fn alert_sections(source: &ReportSource, ReportAlerts { failures, warnings, outdated, .. }: &ReportAlerts) -> Markup {
     let plan = source.graph.plan;
     let missing: Vec<(&str, usize, usize)> = plan
         .tables
@@ -159,35 +187,22 @@ fn alert_sections(source: &ReportSource, ReportAlerts { failures, warnings, outd
     }
 }
 
-/// Maximum number of unfolded warnings of each kind.
-const OF_EACH: usize = 3;
-
-/// The warnings: the worst of each kind, the others folded.
+/// The warnings, folded by kind, the worst of each kind first.
 fn warned(pipeline: &str, warnings: &[Warning]) -> Markup {
     let mut worst: Vec<&Warning> = warnings.iter().collect();
     worst.sort_by(|a, b| a.kind.cmp(&b.kind).then(b.excess().total_cmp(&a.excess())));
-    let mut kinds: Vec<Vec<&Warning>> = vec![];
-    for warning in worst {
-        match kinds.last_mut() {
-            Some(same) if same.first().is_some_and(|w| w.kind == warning.kind) => same.push(warning),
-            _ => kinds.push(vec![warning]),
-        }
-    }
-    let seen: Vec<&Warning> = kinds.iter().flat_map(|k| k.iter().take(OF_EACH)).copied().collect();
-    let folded: Vec<&Warning> = kinds.iter().flat_map(|k| k.iter().skip(OF_EACH)).copied().collect();
+    let kinds: Vec<&[&Warning]> = worst.chunk_by(|a, b| a.kind == b.kind).collect();
     html! {
         @if !warnings.is_empty() {
             section.trouble id="warnings" {
-                h2 { "Warnings" }
-                p { @for (i, kind) in kinds.iter().enumerate() { @if i > 0 { ", " } (kind.len()) " " code { (kind[0].kind.as_str()) } }
-                    ". The table " code { (pipeline) ".warnings" } " lists all warnings with their likely causes." }
-                (listed_warnings(&seen))
-                @if !folded.is_empty() {
-                    details { summary { (folded.len()) " more" }
-                        (listed_warnings(&folded[..folded.len().min(MOST)]))
-                        @if folded.len() > MOST { p.note { "and " (folded.len() - MOST) " more" } }
+                h2 { (warnings.len()) (if warnings.len() == 1 { " warning" } else { " warnings" }) }
+                @for kind in &kinds {
+                    details { summary { (kind.len()) " × " (kind[0].kind.of_many()) " (" code { (kind[0].kind.as_str()) } ")" }
+                        (listed_warnings(&kind[..kind.len().min(MOST)]))
+                        @if kind.len() > MOST { p.note { "and " (kind.len() - MOST) " more" } }
                     }
                 }
+                p.note { "The table " code { (pipeline) ".warnings" } " lists all warnings with their likely causes." }
             }
         }
     }
@@ -232,6 +247,11 @@ mod tests {
     #[test]
     fn gold_thousands_are_grouped() {
         assert_eq!([grouped(7), grouped(1000), grouped(1_234_567)], ["7", "1\u{202f}000", "1\u{202f}234\u{202f}567"]);
+    }
+
+    #[test]
+    fn bug_samples_of_a_line_in_several_tables_were_added() {
+        assert_eq!(samples([(0, 100), (1, 40), (0, 90), (0, 100)].into_iter()), 140);
     }
 
     #[test]

@@ -37,7 +37,7 @@ pub fn plots(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Re
     let Some(signal) = read(source, subject, line)? else { return Ok(vec![]) };
     let band = pass_band(source, subject);
     let second = if signal.truth.is_some() { Some(after(&signal)) } else { band.and_then(|b| within(&signal, b)) };
-    let charts = [Some(both(&signal)), second, spectra(&signal, band)];
+    let charts = [Some(both(&signal, band)), second, spectra(&signal, band)];
     Ok(charts.into_iter().flatten().filter_map(|c| c.draw()).collect())
 }
 
@@ -87,16 +87,16 @@ impl CompensationSignal {
     }
 }
 
-fn both(signal: &CompensationSignal) -> LineChart {
+fn both(signal: &CompensationSignal, band: Option<PassBand>) -> LineChart {
     let (uncompensated, compensated) = (summary(&signal.before), summary(&signal.after));
     let of = match &signal.truth {
         Some(truth) => format!("Signal minus the truth {truth}, before and after compensation"),
         None => "Signal before and after compensation. There is no truth, so both include the anomaly".to_owned(),
     };
+    let reason = if band.is_some() { ", because a fit to band-passed data does not determine the bias" } else { "" };
     let caption = format!(
-        "{of}. Compensation changes the standard deviation from {} to {} nT. The means of {} and {} nT are subtracted, \
-         because a fit to band-passed data does not determine the bias. The plot shows the minimum and maximum of each \
-         interval, so it keeps spikes.",
+        "{of}. Compensation changes the standard deviation from {} to {} nT. The means of {} and {} nT are \
+         subtracted{reason}. The plot shows the minimum and maximum of each interval, so it keeps spikes.",
         number(Some(uncompensated.std)),
         number(Some(compensated.std)),
         number(Some(signal.means.0)),
@@ -258,7 +258,8 @@ mod tests {
 
     #[test]
     fn unit_the_caption_has_the_figures_of_the_drawn_lines() {
-        let text = both(&signal()).caption;
+        let text = both(&signal(), Some(BAND)).caption;
+        assert!(text.contains("band-passed data") && !both(&signal(), None).caption.contains("band-passed"), "{text}");
         assert!(text.contains("from 35.36 to 3.536 nT"), "{text}");
     }
 

@@ -9,6 +9,8 @@ use super::{board::ScoreBoard, source::ReportSource};
 
 /// Maximum number of rows of the table.
 const MOST: usize = 1000;
+/// Maximum number of rows of a table that is not folded.
+const OPEN: usize = 12;
 
 /// Section of one board: table and heat maps, and the tables `by_line` of single lines.
 pub fn section(source: &ReportSource, board: &ScoreBoard, by_line: Vec<Markup>) -> Markup {
@@ -37,7 +39,11 @@ pub fn section(source: &ReportSource, board: &ScoreBoard, by_line: Vec<Markup>) 
                 @if cautious { " In a row labelled cautious, the covariance of the filter is too large for its \
                                 errors." }
                 @for remark in scores.at_edges() { " Note: " (remark) "." } }
-            (table(board))
+            @if points > OPEN {
+                details { summary { "All scores as a table" } (table(board)) }
+            } @else {
+                (table(board))
+            }
             @if points > MOST { p.note { "The best " (MOST) " of " (points) " points are shown; "
                 code { "magline sql" } " shows all." } }
             (glossary(board))

@@ -79,13 +79,22 @@ fn spelt(instance: &StageInstance, axis: &str) -> String {
     instance.point().get(axis).map(ToString::to_string).unwrap_or_default()
 }
 
-/// For each axis of the table, the models that differ from the model at `instance` in this axis alone.
+/// The magnetometer that a model is fitted to, as text.
+fn target(instance: &StageInstance) -> Option<String> {
+    instance.params().into_iter().find(|(name, _)| *name == "target").map(|(_, value)| value)
+}
+
+/// For each axis of the table, the models of the same target that differ from the model at `instance` in this axis
+/// alone.
 fn calibrations(source: &ReportSource, table: usize, instance: usize) -> Vec<Calibrations> {
     let plan = source.graph.plan;
     let node = &plan.tables[table];
     let values_of_axis = |axis: &usize| {
-        let all = node.grid().along(instance, *axis).count();
-        let members: Vec<usize> = node.grid().along(instance, *axis).step_by(all.div_ceil(MEMBERS).max(1)).collect();
+        // Coefficients of different magnetometers have no common mean.
+        let same = |i: &usize| target(&plan.instance(table, *i)) == target(&plan.instance(table, instance));
+        let along: Vec<usize> = node.grid().along(instance, *axis).filter(same).collect();
+        let all = along.len();
+        let members: Vec<usize> = along.into_iter().step_by(all.div_ceil(MEMBERS).max(1)).collect();
         let rows = |i: &usize| {
             let of_rows = plan.instance(table, *i).predicate.as_ref().map(|p| p.canonical.clone());
             (source.graph.line_set(table, *i), of_rows)

@@ -1,0 +1,236 @@
+// @ts-check
+"use strict";
+// The explorer of each score table: controls, table, and the state in the hash of the address.
+
+const VIEWS = { table: "Table", heat: "Heat map", curve: "Curve", parallel: "Parallel", scatter: "Scatter", lines: "Lines" };
+const ROW_PX = 30, MANY = 60;
+
+/** State of one table in the hash. @param {string} table @returns {ExplorerState} */
+function stateOf(table) {
+  /** @type {ExplorerState} */
+  const state = {};
+  for (const [key, value] of new URLSearchParams(location.hash.slice(1))) {
+    if (key.startsWith(table + ":")) state[key.slice(table.length + 1)] = value;
+  }
+  return state;
+}
+
+/** @param {string} table @param {ExplorerState} state */
+function keepState(table, state) {
+  const all = new URLSearchParams(location.hash.includes("=") ? location.hash.slice(1) : "");
+  for (const key of [...all.keys()]) if (key.startsWith(table + ":")) all.delete(key);
+  for (const [key, value] of Object.entries(state)) all.set(`${table}:${key}`, value);
+  history.replaceState(null, "", "#" + all);
+}
+
+class Explorer {
+  /** @param {HTMLElement} home @param {ScoreBlock} block */
+  constructor(home, block) {
+    this.home = home;
+    this.scores = new ScoreSet(block);
+    this.state = stateOf(block.table);
+    this.panel = element("div", { class: "view", role: "tabpanel", id: home.id + "-view" });
+    this.count = element("p", { class: "note", role: "status" });
+    this.controls = element("div", { class: "controls" });
+    this.tabs = element("div", { class: "tabs", role: "tablist", "aria-label": "View" });
+    home.append(this.tabs, this.controls, this.count, this.panel);
+    addEventListener("hashchange", () => { this.state = stateOf(block.table); this.fill(); });
+    let wide = 0;
+    new ResizeObserver(() => {
+      if (Math.abs(home.clientWidth - wide) > 2) { wide = home.clientWidth; this.draw(); }
+    }).observe(home);
+    this.fill();
+  }
+
+  /** Adds the defaults of the keys that are not set. @returns {ExplorerState} */
+  full() {
+    const { metrics, headline, axes } = this.scores.block, { varying } = this.scores;
+    const names = varying.map((a) => axes[a].name);
+    const numeric = varying.find((a) => axes[a].numeric && axes[a].values.length > 2);
+    const first = metrics[headline ?? 0]?.name ?? "";
+    const x = numeric === undefined ? names[0] : axes[numeric].name;
+    const other = metrics.find((m) => m.name !== first);
+    return { view: varying.length ? "table" : "lines", metric: first, x: x ?? "",
+      y: names.find((n) => n !== x) ?? "", against: other?.name ?? "", ...this.state };
+  }
+
+  /** @param {string} key @param {string | undefined} value */
+  set(key, value) {
+    if (value === undefined || value === "") delete this.state[key]; else this.state[key] = value;
+    keepState(this.scores.block.table, this.state);
+    this.draw();
+  }
+
+  /** @param {string} label @param {string} key @param {[string, string][]} choices */
+  select(label, key, choices) {
+    const chosen = this.full()[key] ?? "";
+    const options = choices.map(([value, text]) => element("option", { value, selected: value === chosen }, [text]));
+    const made = /** @type {HTMLSelectElement} */ (element("select", { "data-key": key,
+      onchange: () => this.set(key, made.value) }, options));
+    return element("label", {}, [element("bdi", {}, [label]), made]);
+  }
+
+  /** Tabs and controls. */
+  fill() {
+    const { scores } = this, { metrics, axes } = scores.block;
+    const focus = document.activeElement?.getAttribute("data-key");
+    this.tabs.replaceChildren(...Object.entries(VIEWS).map(([key, text]) => element("button", { type: "button",
+      role: "tab", "data-view": key, "aria-controls": this.panel.id, onclick: () => this.set("view", key),
+      onkeydown: (/** @type {KeyboardEvent} */ event) => this.step(event, key) }, [text])));
+    const named = metrics.map((m, i) => /** @type {[string, string]} */ ([m.name, scores.label(i)]));
+    const places = scores.varying.map((a) => /** @type {[string, string]} */ ([axes[a].name, axes[a].name]));
+    const only = /** @type {HTMLInputElement} */ (element("input", { type: "checkbox", "data-key": "sound",
+      checked: Boolean(this.state.sound), onchange: () => this.set("sound", only.checked ? "1" : undefined) }));
+    const parts = [this.select("metric", "metric", named)];
+    const more = [this.select("across", "x", places), this.select("down or lines", "y", places),
+      this.select("against", "against", named)];
+    const shown = [["heat", "curve"], ["heat", "curve"], ["scatter"]];
+    more.forEach((part, i) => { part.dataset.views = shown[i].join(" "); });
+    for (const a of scores.varying) parts.push(this.filter(a));
+    this.controls.replaceChildren(...parts, ...more, element("label", { class: "check" },
+      [only, "only held out and not flagged"]), element("button", { type: "button", class: "plain",
+      onclick: () => { this.state = {}; keepState(scores.block.table, {}); this.fill(); } }, ["Reset"]));
+    const again = focus && this.controls.querySelector(`[data-key="${CSS.escape(focus)}"]`);
+    if (again instanceof HTMLElement) again.focus();
+    this.draw();
+  }
+
+  /** Choice of one value; of a long axis, a text or a range. @param {number} a */
+  filter(a) {
+    const axis = this.scores.block.axes[a];
+    if (axis.values.length <= MANY) {
+      const values = this.scores.order[a].map((i) => /** @type {[string, string]} */ ([axis.values[i],
+        visible(axis.values[i]).slice(0, 80)]));
+      return this.select(axis.name, "is." + axis.name, [["", "all"], ...values]);
+    }
+    const input = /** @type {HTMLInputElement} */ (element("input", { type: "search", "data-key": "has." + axis.name,
+      value: this.state["has." + axis.name] ?? "", placeholder: axis.numeric ? "0.1..2" : "contains",
+      oninput: () => this.set("has." + axis.name, input.value) }));
+    return element("label", {}, [element("bdi", {}, [axis.name]), input]);
+  }
+
+  /** @param {KeyboardEvent} event @param {string} key */
+  step(event, key) {
+    const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key], keys = Object.keys(VIEWS);
+    if (by === undefined) return;
+    const next = keys[(keys.indexOf(key) + by + keys.length) % keys.length];
+    this.set("view", next);
+    const tab = this.tabs.querySelector(`[data-view="${next}"]`);
+    if (tab instanceof HTMLElement) tab.focus();
+  }
+
+  draw() {
+    const state = this.full(), { scores } = this, { block } = scores;
+    const rows = scores.rows(state), metric = Math.max(0, scores.metric(state.metric));
+    for (const tab of this.tabs.children) {
+      const on = tab.getAttribute("data-view") === state.view;
+      tab.setAttribute("aria-selected", String(on));
+      tab.setAttribute("tabindex", on ? "0" : "-1");
+    }
+    for (const part of this.controls.children) {
+      if (part instanceof HTMLElement && part.dataset.views) {
+        part.hidden = !part.dataset.views.split(" ").includes(state.view);
+      }
+    }
+    const same = block.axes.filter((axis) => axis.values.length === 1).map((a) => `${a.name} = ${visible(a.values[0])}`);
+    const point = Number(state.point);
+    const chosen = state.point !== undefined && point < block.points ? `Chosen: ${scores.point(point)}. ` : "";
+    this.count.textContent = `${rows.length} of ${block.points} points, ${block.over}. ${chosen}` +
+      (same.length ? `Everywhere: ${same.join(", ")}. ` : "") +
+      (block.omitted.length ? `Omitted to limit the page's size; this page has ${block.omitted.join("; ")}.` : "");
+    const name = `${block.pipeline}_${block.table}_${state.view}`;
+    if (state.view === "table") { this.table(rows, metric, name); return; }
+    const views = { heat: heatView, curve: curveView, parallel: parallelView, scatter: scatterView, lines: linesView };
+    const make = views[/** @type {keyof typeof views} */ (state.view)] ?? linesView;
+    const width = Math.max(300, this.home.clientWidth - 30);
+    const made = make({ scores, state, rows, metric, width, choose: (row) => this.set("point", String(row)) });
+    if (typeof made === "string") { this.panel.replaceChildren(element("p", { class: "note" }, [made])); return; }
+    this.panel.replaceChildren(element("figure", { class: "live" }, [made.svg, made.read,
+      element("figcaption", {}, [made.caption]), downloads(made.svg, name, () => made.csv)]));
+  }
+
+  /** The table; only the rows in sight are in the page. @param {number[]} rows @param {number} metric @param {string} name */
+  table(rows, metric, name) {
+    const { scores, state } = this, { block } = scores;
+    const sort = state.sort ?? block.metrics[metric].name, down = state.down === "1";
+    const m = scores.metric(sort), a = scores.axis(sort);
+    const rank = new Map((scores.order[a] ?? []).map((code, i) => [code, i]));
+    const key = a >= 0 ? rows.map((r) => rank.get(block.at[a][r]) ?? 0)
+      : rows.map((r) => state.sort === undefined ? scores.cost(m, scores.value(m, r)) : scores.value(m, r) ?? Infinity);
+    const place = rows.map((_, i) => i).sort((i, k) => {
+      if (!Number.isFinite(key[i]) || !Number.isFinite(key[k])) {
+        return Number(!Number.isFinite(key[i])) - Number(!Number.isFinite(key[k])) || i - k;
+      }
+      return (down ? key[k] - key[i] : key[i] - key[k]) || i - k;
+    });
+    const sorted = place.map((i) => rows[i]);
+    const best = block.metrics.map((_, i) => {
+      const row = scores.best(i, rows);
+      return row >= 0 && rows.length > 1 && !scores.excluded(i, row) ? row : -1;
+    });
+    /** @param {string} text @param {string} by @param {string} [title] */
+    const head = (text, by, title) => element("th", { scope: "col",
+      "aria-sort": by === sort ? (down ? "descending" : "ascending") : null }, [element("button", { type: "button", title,
+      "data-sort": by, onclick: () => {
+        this.state.down = by === sort && !down ? "1" : "0";
+        this.set("sort", by);
+        const again = this.panel.querySelector(`[data-sort="${CSS.escape(by)}"]`);
+        if (again instanceof HTMLElement) again.focus();
+      } }, [text])]);
+    const heads = [element("th", { scope: "col" }, ["point"]), ...scores.varying.map((i) => head(block.axes[i].name,
+      block.axes[i].name)), ...block.metrics.map((one, i) => head(scores.label(i), one.name, one.meaning))];
+    const body = element("tbody");
+    const table = element("table", { class: "virtual", "aria-rowcount": rows.length + 1, "aria-label": `Scores: ${block.table}` },
+      [element("thead", {}, [element("tr", {}, heads)]), body]);
+    const frame = element("div", { class: "frame-scroll", tabindex: 0, role: "region", "aria-label": "Table of scores" }, [table]);
+    let first = -1;
+    const show = () => {
+      const from = Math.max(0, Math.floor(frame.scrollTop / ROW_PX) - 10);
+      if (from === first) return;
+      first = from;
+      const some = sorted.slice(from, from + 40 + Math.ceil(frame.clientHeight / ROW_PX));
+      const gap = (/** @type {number} */ n) => element("tr", { "aria-hidden": "true", class: "gap" },
+        [element("td", { colspan: heads.length, style: `height:${n * ROW_PX}px` })]);
+      body.replaceChildren(gap(from), ...some.map((row, i) => this.row(row, from + i, best)),
+        gap(sorted.length - from - some.length));
+    };
+    let asked = false;
+    frame.addEventListener("scroll", () => {
+      if (!asked) requestAnimationFrame(() => { asked = false; show(); });
+      asked = true;
+    });
+    frame.style.maxHeight = "460px";
+    this.panel.replaceChildren(frame, downloads(null, name, () => scores.csv(sorted)));
+    show();
+  }
+
+  /** @param {number} row @param {number} at @param {number[]} best */
+  row(row, at, best) {
+    const { scores } = this, { block } = scores;
+    const marked = block.flagged[row] > 0, chosen = this.state.point === String(row);
+    const choose = element("button", { type: "button", "aria-pressed": String(chosen), title: "Choose this point",
+      onclick: () => this.set("point", chosen ? undefined : String(row)) }, [`${marked ? "! " : ""}${row + 1}`]);
+    const cells = block.metrics.map((_, m) => {
+      const value = scores.value(m, row), marks = scores.marks(m, row);
+      const text = short(value) + (scores.inSample[m].has(row) ? " ~" : "");
+      return element("td", { class: best[m] === row ? "n best" : "n", title: marks || null, "data-v": value }, [text]);
+    });
+    return element("tr", { "aria-rowindex": at + 2, class: marked ? "bad" : null }, [element("td", {}, [choose]),
+      ...scores.varying.map((a) => element("td", {}, [element("bdi", {}, [visible(scores.word(a, row))])])), ...cells]);
+  }
+}
+
+/** Buttons that save a figure. @param {SVGSVGElement | null} svg @param {string} name @param {(() => string) | null} csv */
+function downloads(svg, name, csv) {
+  const button = (/** @type {string} */ text, /** @type {() => void} */ act) => element("button", { type: "button",
+    class: "plain", onclick: act, "aria-label": `Download as ${text}` }, [text]);
+  const out = [];
+  if (csv) out.push(button("CSV", () => save(name + ".csv", new Blob([csv()], { type: "text/csv;charset=utf-8" }))));
+  if (svg) out.push(button("SVG", () => saveSvg(svg, name)), button("PNG", () => { savePng(svg, name); }));
+  return element("p", { class: "downloads" }, out);
+}
+
+for (const home of document.querySelectorAll("section.explorer")) {
+  const text = home.querySelector("script")?.textContent;
+  if (home instanceof HTMLElement && text) new Explorer(home, JSON.parse(text));
+}
