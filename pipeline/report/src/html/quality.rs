@@ -23,9 +23,6 @@ const ROWS: usize = 400;
 const PICTURES: usize = 4;
 const LANES: usize = 14;
 
-/// Columns that are interpolated from slower data: the kinks between its nodes are not spikes.
-const INTERPOLATED: [&str; 2] = ["diurnal", "igrf"];
-
 /// Quality measures of one column of a flight in a table.
 #[derive(Clone, Debug)]
 struct QualityColumn {
@@ -144,10 +141,6 @@ fn columns(source: &ReportSource) -> (Vec<QualityColumn>, usize) {
                 quietest_nt: quietest.get(&key).copied().unwrap_or(f64::NAN),
                 noise: figures.get(&QualityFigure::Noise).map_or(f64::NAN, |m| m.value),
             };
-            let mut figures = figures;
-            if INTERPOLATED.contains(&column.as_str()) {
-                figures.remove(&QualityFigure::Spikes);
-            }
             let marks = figures.values().filter(|m| needs_a_look(m, &around)).map(|m| m.check).collect();
             QualityColumn { source, flight, column, figures, marks }
         };
