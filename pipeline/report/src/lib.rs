@@ -2,6 +2,7 @@
 //! stages. They read the store and change nothing.
 
 mod explain;
+pub mod export;
 pub mod html;
 mod lineage;
 pub mod openlineage;

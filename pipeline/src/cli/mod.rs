@@ -7,6 +7,7 @@ mod bench;
 mod cluster;
 mod engine;
 mod events;
+mod export;
 mod guard;
 mod ingest;
 mod interrupt;
@@ -100,6 +101,8 @@ enum Command {
     },
     /// Query the tables of a store in SQL, by the names PIPELINE.TABLE.
     Sql(sql::SqlArgs),
+    /// Export a table of a store as CSV, Geosoft XYZ or Parquet.
+    Export(export::ExportArgs),
     /// Serve the tables of a store over Arrow Flight SQL, read-only. Requires a build with the feature `serve`.
     Serve(serve::ServeArgs),
     /// Answer one query of `serve` in a separate process.
@@ -320,6 +323,7 @@ fn execute(catalogue: &[StageEntry], arguments: impl IntoIterator<Item = OsStrin
             with_graph(catalogue, &spec, |graph, store| Ok(::report::why(graph, store, &table)?))
         }
         Command::Sql(args) => sql::run(&args),
+        Command::Export(args) => export::run(&args),
         Command::Serve(args) => serve::run(&args),
         #[cfg(feature = "serve")]
         Command::AnswerQuery => crate::serve::answer().map_err(ExitReason::from),

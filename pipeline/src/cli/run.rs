@@ -1,6 +1,6 @@
 //! `magline run` and `magline compact`.
 
-use std::sync::atomic::Ordering;
+use std::{io::IsTerminal, sync::atomic::Ordering};
 
 use clap::Args;
 use plan::{Plan, read_spec, spec::SpecFaults};
@@ -152,7 +152,34 @@ fn ran(
     if !args.json {
         conclude(&plan, &summary, args.quiet)?;
     }
-    Ok((ending(&summary, args.json), summary))
+    let ended = ending(&summary, args.json);
+    if ended.is_ok() && !args.json && !args.quiet && !compact && std::io::stdout().is_terminal() {
+        say(next_command(args, &plan, &summary))?;
+    }
+    Ok((ended, summary))
+}
+
+/// The command that shows the results of a run: the report where there are scores, otherwise a query.
+fn next_command(args: &RunArgs, plan: &Plan, summary: &RunSummary) -> String {
+    let name = &plan.spec.name;
+    if !summary.scores.is_empty() {
+        let spec = quoted(&args.spec.spec.to_string_lossy());
+        let sets: String = args.spec.sets.iter().map(|set| format!(" --set {}", quoted(set))).collect();
+        return format!("\nnext: magline report {spec}{sets} -o {}\n", quoted(&format!("{name}.html")));
+    }
+    let Some((table, _)) = summary.tables.last() else { return String::new() };
+    let query = quoted(&format!("SELECT * FROM \"{name}\".\"{table}\""));
+    format!("\nnext: magline sql {query} --store {}\n", quoted(&store::shown(&plan.spec.store).to_string()))
+}
+
+/// An argument as it is typed in a shell.
+fn quoted(text: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "._-/=:,+".contains(c);
+    if !text.is_empty() && text.chars().all(plain) {
+        text.to_owned()
+    } else {
+        format!("'{}'", text.replace('\'', "'\\''"))
+    }
 }
 
 /// The summary of a run without `--json`.

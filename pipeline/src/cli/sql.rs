@@ -18,7 +18,11 @@ use super::{
     ExitReason, answer, guard, located,
     say::err,
     temporary::{self, TemporaryFolder},
+    tend::found_store,
 };
+
+/// Maximum number of rows of a table on a terminal.
+const SCREEN_ROWS: usize = 50;
 
 /// The arguments of a query.
 #[derive(Args)]
@@ -29,16 +33,18 @@ pub struct SqlArgs {
     /// The file with the query.
     #[arg(short, long)]
     file: Option<PathBuf>,
-    /// The store's folder, or its address such as s3://BUCKET/PREFIX.
-    #[arg(long, default_value = "store", value_parser = located)]
-    store: PathBuf,
+    /// The store's folder, or its address such as s3://BUCKET/PREFIX. By default the folder `store` here or in the
+    /// folder above.
+    #[arg(long, value_parser = located)]
+    store: Option<PathBuf>,
     /// The output format.
     #[arg(long, value_enum, default_value_t)]
     format: answer::AnswerFormat,
     /// The output file; standard output by default.
     #[arg(short, long)]
     output: Option<PathBuf>,
-    /// The maximum number of rows. A note on standard error reports a truncated result.
+    /// The maximum number of rows. A note on standard error reports a truncated result. A table on a terminal has at
+    /// most 50 rows by default.
     #[arg(long, value_name = "N")]
     max_rows: Option<usize>,
     /// The memory limit of the query, such as 4GB. Larger operations use temporary files. By default a quarter of the
@@ -62,13 +68,24 @@ pub fn run(args: &SqlArgs) -> Result<(), ExitReason> {
         err!("interrupted");
         exit(130)
     });
+    let store = found_store(args.store.as_deref());
     if let Some(output) = &args.output {
-        outside(output, &args.store)?;
+        outside(output, &store)?;
     }
     let query = query(args)?;
-    pulled(&args.store)?;
-    let question = StoreQuery { store: &args.store, query: &query, memory, spill };
+    pulled(&store)?;
+    let question = StoreQuery { store: &store, query: &query, memory, spill };
     let answer = answer::AnswerWriter::new(args.format, args.output.as_deref())?;
+    let on_screen = args.format == answer::AnswerFormat::Table && args.output.is_none();
+    if args.max_rows.is_none() && on_screen && std::io::stdout().is_terminal() {
+        let mut first = ScreenLimiter { answer, left: SCREEN_ROWS, hidden: 0 };
+        answered(&question, &mut first)?;
+        if first.hidden > 0 {
+            let all = SCREEN_ROWS + first.hidden;
+            err!("note: {} of {all} rows are hidden; `--max-rows {all}` shows all rows", first.hidden);
+        }
+        return Ok(());
+    }
     let Some(most) = args.max_rows else {
         let mut answer = answer;
         return Ok(answered(&question, &mut answer)?);
@@ -135,8 +152,32 @@ impl BatchSink for RowLimiter {
     }
 }
 
+/// Writer of the first rows of a query result, which counts the other rows.
+struct ScreenLimiter {
+    answer: answer::AnswerWriter,
+    left: usize,
+    hidden: usize,
+}
+
+impl BatchSink for ScreenLimiter {
+    fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault> {
+        let rows = batch.num_rows().min(self.left);
+        self.left -= rows;
+        self.hidden += batch.num_rows() - rows;
+        if rows == 0 { Ok(true) } else { self.answer.take(batch.slice(0, rows)) }
+    }
+
+    fn keeps(&self, batch: &RecordBatch) -> usize {
+        self.answer.keeps(&batch.slice(0, batch.num_rows().min(self.left)))
+    }
+
+    fn finish(&mut self, schema: &SchemaRef) -> Result<(), Fault> {
+        self.answer.finish(schema)
+    }
+}
+
 /// Rejects an output file inside the store.
-fn outside(output: &Path, store: &Path) -> Result<(), Fault> {
+pub fn outside(output: &Path, store: &Path) -> Result<(), Fault> {
     let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     match (folder.canonicalize(), store.canonicalize()) {
         (Ok(folder), Ok(store)) if folder.starts_with(&store) => {

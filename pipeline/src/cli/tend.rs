@@ -16,9 +16,24 @@ use ::run::RECORD_CHECKS;
 /// A store.
 #[derive(Args)]
 pub struct StoreArgs {
-    /// The store's folder, or its address such as s3://BUCKET/PREFIX.
-    #[arg(long, default_value = "store", value_parser = located)]
-    store: PathBuf,
+    /// The store's folder, or its address such as s3://BUCKET/PREFIX; `store` by default.
+    #[arg(long, value_parser = located)]
+    store: Option<PathBuf>,
+}
+
+/// The store `given`, otherwise the store in the folder `store` here or in the folder above. A store that was not given
+/// is named on standard error, unless it is `store` here.
+pub fn found_store(given: Option<&Path>) -> PathBuf {
+    let here = PathBuf::from("store");
+    if let Some(given) = given {
+        return given.to_owned();
+    }
+    let above = Path::new("..").join("store");
+    if is_store(&here) || !is_store(&above) {
+        return here;
+    }
+    super::note(&format!("using the store {}; `--store` selects another", above.display()));
+    above
 }
 
 /// Whether a folder holds a store.
@@ -29,7 +44,7 @@ pub fn is_store(folder: &Path) -> bool {
 impl StoreArgs {
     /// The store in a folder.
     pub fn new(store: PathBuf) -> StoreArgs {
-        StoreArgs { store }
+        StoreArgs { store: Some(store) }
     }
 
     /// Opens the store, which must exist.
@@ -39,12 +54,13 @@ impl StoreArgs {
 
     /// Folder of the store, which must exist but may be read-only.
     fn root(&self) -> Result<&Path, Fault> {
-        pulled(&self.store)?;
-        if !self.store.join("STORE").is_file() {
-            let fault = Fault::new(format!("there is no store {}", shown(&self.store)));
+        let store = self.store.as_deref().unwrap_or(Path::new("store"));
+        pulled(store)?;
+        if !store.join("STORE").is_file() {
+            let fault = Fault::new(format!("there is no store {}", shown(store)));
             return Err(fault.help("give its folder or address with `--store`"));
         }
-        Ok(&self.store)
+        Ok(store)
     }
 }
 
@@ -123,6 +139,7 @@ pub fn gc(args: &GcArgs) -> Result<(), ExitReason> {
 
 /// Lists the tables.
 pub fn ls(args: &StoreArgs, pipeline: Option<&str>) -> Result<(), ExitReason> {
+    let args = StoreArgs::new(found_store(args.store.as_deref()));
     let root = args.root()?;
     let found = tend::list(root)?;
     let names = tend::pipelines(root);

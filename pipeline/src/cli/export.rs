@@ -1,0 +1,128 @@
+//! `magline export`: a table of a store as a file for other programs.
+
+use std::{
+    fs::File,
+    io::BufWriter,
+    path::{Path, PathBuf},
+    process::exit,
+};
+
+use arrow_array::RecordBatch;
+use arrow_schema::SchemaRef;
+use clap::Args;
+use report::{
+    export::{self, GeosoftWriter},
+    sql::{BatchSink, StoreQuery, memory},
+};
+use schemas::Fault;
+use store::pulled;
+
+use super::{
+    ExitReason, answer, guard, located,
+    say::err,
+    sql::outside,
+    temporary::{self, TemporaryFile, TemporaryFolder},
+    tend::found_store,
+};
+
+#[derive(Args)]
+pub struct ExportArgs {
+    /// The table, as PIPELINE.TABLE.
+    table: String,
+    /// The output file; its extension selects the format: .csv, .xyz (Geosoft) or .parquet. An existing file is
+    /// replaced when the new file is complete.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Only these lines.
+    #[arg(long, value_delimiter = ',')]
+    line: Vec<String>,
+    /// Only the rows that this SQL condition selects, such as "mag = 'mag_4_uc'".
+    #[arg(long = "where", value_name = "CONDITION")]
+    condition: Option<String>,
+    /// The store's folder, or its address such as s3://BUCKET/PREFIX. By default the folder `store` here or in the
+    /// folder above.
+    #[arg(long, value_parser = located)]
+    store: Option<PathBuf>,
+}
+
+/// File format of an export.
+enum ExportFormat {
+    Answer(answer::AnswerFormat),
+    Geosoft,
+}
+
+fn format(output: &Path) -> Result<ExportFormat, Fault> {
+    let ending = output.extension().map(|e| e.to_string_lossy().to_lowercase());
+    Ok(match ending.as_deref() {
+        Some("csv") => ExportFormat::Answer(answer::AnswerFormat::Csv),
+        Some("parquet") => ExportFormat::Answer(answer::AnswerFormat::Parquet),
+        Some("xyz") => ExportFormat::Geosoft,
+        other => {
+            let given = other.map_or("a file without an extension".to_owned(), |e| format!("`.{e}`"));
+            let fault = Fault::new(format!("a table cannot be exported as {given}"));
+            return Err(fault.help("use one of the extensions .csv, .xyz, .parquet"));
+        }
+    })
+}
+
+/// Writes the file.
+pub fn run(args: &ExportArgs) -> Result<(), ExitReason> {
+    let format = format(&args.output)?;
+    let query = export::query(&args.table, &args.line, args.condition.as_deref())?;
+    let memory = memory::by_default();
+    let Some(spill) = guard::folder() else {
+        let folder = TemporaryFolder::new()?;
+        let unfinished = |process| Some(answer::unfinished(&args.output, process));
+        return guard::run(memory, folder.path(), unfinished);
+    };
+    guard::limit(memory);
+    let _ = ctrlc::set_handler(|| {
+        temporary::remove_all();
+        err!("interrupted");
+        exit(130)
+    });
+    let store = found_store(args.store.as_deref());
+    outside(&args.output, &store)?;
+    pulled(&store)?;
+    let question = StoreQuery { store: &store, query: &query, memory, spill };
+    match format {
+        ExportFormat::Answer(format) => {
+            export::export(&question, &mut answer::AnswerWriter::new(format, Some(&args.output))?)?;
+        }
+        ExportFormat::Geosoft => export::export(&question, &mut GeosoftFile::new(&args.output)?)?,
+    }
+    Ok(())
+}
+
+/// Geosoft XYZ file, written under a temporary name.
+struct GeosoftFile<'a> {
+    path: &'a Path,
+    tmp: TemporaryFile,
+    writer: Option<GeosoftWriter<BufWriter<File>>>,
+}
+
+impl GeosoftFile<'_> {
+    fn new(path: &Path) -> Result<GeosoftFile<'_>, Fault> {
+        let tmp = TemporaryFile::new(answer::unfinished(path, std::process::id()));
+        let file = File::create(tmp.path());
+        let file = file.map_err(|e| Fault::machine(format!("cannot write {}: {e}", path.display())))?;
+        Ok(GeosoftFile { path, tmp, writer: Some(GeosoftWriter::new(BufWriter::with_capacity(1 << 16, file))) })
+    }
+}
+
+impl BatchSink for GeosoftFile<'_> {
+    fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault> {
+        self.writer.as_mut().map_or(Ok(()), |writer| writer.write(&batch)).map(|()| true)
+    }
+
+    fn keeps(&self, _: &RecordBatch) -> usize {
+        0
+    }
+
+    fn finish(&mut self, schema: &SchemaRef) -> Result<(), Fault> {
+        let Some(writer) = self.writer.take() else { return Ok(()) };
+        writer.finish(schema)?;
+        let renamed = std::fs::rename(self.tmp.path(), self.path);
+        renamed.map_err(|e| Fault::machine(format!("cannot write {}: {e}", self.path.display())))
+    }
+}
