@@ -86,7 +86,7 @@ fn user_an_exported_xyz_file_is_read_back_with_the_same_lines_and_values() {
     assert!(text.contains("//Flight 2\n") && text.starts_with("/ units: "), "{}", &text[..200]);
     fs::create_dir(bench.path("again")).unwrap();
     let spec = "name = \"again\"\nstore = \"store2\"\n[tables.flights]\npath = \"clean.xyz\"\n[[stages]]\n\
-                name = \"same\"\nstage = \"derive\"\ninput = \"flights\"\ncolumns = { same = \"mag_c\" }}\n";
+                name = \"same\"\nstage = \"derive\"\ninput = \"flights\"\ncolumns = { same = \"mag_c\" }\n";
     fs::write(bench.path("again.toml"), spec).unwrap();
     let output = bench.magline(&["run", "again.toml"]);
     assert!(output.status.success(), "{}", stderr(&output));
