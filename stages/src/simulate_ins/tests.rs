@@ -259,7 +259,7 @@ fn unit_an_existing_ins_is_kept_and_wrong_units_are_reported() {
     let (grade, numbers) = made.columns.split_last().unwrap();
     assert_eq!(numbers.iter().map(|c| c.name.as_str()).collect::<Vec<_>>(), MADE);
     assert!(numbers.iter().all(|c| c.unit == flight::describe(&c.name).unit && !c.unit.is_empty()));
-    assert_eq!((grade.name.as_str(), grade.unit.as_str()), (GRADE, ""));
+    assert_eq!((grade.name.as_str(), grade.unit.as_str()), (INS_GRADE, ""));
     assert_eq!(made.reads, [["tt", "lat", "lon", "alt"]]);
     assert_eq!(made.notes.len(), 2);
     let rich = with(&[("vn", "m/s"), ("ve", "m/s"), ("vd", "m/s"), ("roll", "deg")]);
