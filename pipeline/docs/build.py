@@ -107,7 +107,7 @@ def copied() -> None:
         site = file.relative_to(DOCS).as_posix()
         if file.suffix == ".md":
             write(site, rewrite(file.read_text(encoding="utf-8"), f"pipeline/docs/{site}", site))
-        elif file.suffix in (".svg", ".png") or site == "conf.py":
+        elif file.suffix in (".css", ".svg", ".png") or site == "conf.py":
             (OUTPUT / "source" / site).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, OUTPUT / "source" / site)
     for site, page in PAGES.items():

@@ -14,9 +14,10 @@ nitpicky = True
 
 html_theme = "pydata_sphinx_theme"
 html_title = "magline"
-html_static_path = [str(distribution("sphinx-mathjax-offline").locate_file(
-    "sphinx-mathjax-offline/static/mathjax/tex-svg.js"))]
-mathjax_path = "tex-svg.js"
+html_css_files = ["site.css"]
+html_static_path = ["_static", str(distribution("sphinx-mathjax-offline").locate_file(
+    "sphinx-mathjax-offline/static/mathjax/tex-svg-full.js"))]
+mathjax_path = "tex-svg-full.js"
 html_copy_source = False
 html_show_sphinx = False
 html_theme_options = {
