@@ -178,7 +178,7 @@ impl LineScoreTable {
             @if self.lines.len() > OPEN {
                 details { summary { (title) } (self.rows()) }
             } @else {
-                h4.lines { (title) }
+                h3.lines { (title) }
                 (self.rows())
             }
         }

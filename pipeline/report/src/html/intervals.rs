@@ -132,7 +132,7 @@ impl IntervalRow {
         let row = |i: usize| 3.0 + ROW * (i as f64 + 0.5);
         html! {
             figure {
-                h4 { (name) @if unit != "1" { ", " (unit) } }
+                h3 { (name) @if unit != "1" { ", " (unit) } }
                 svg.intervals style=(format!("max-width: {}px", px(1.17 * width))) viewBox=(format!("0 0 {} {}", px(width), px(bottom + BOTTOM))) role="img" aria-label=(format!("{name}: pooled values with their intervals")) {
                     @for tick in ticks::linear(low, high, 6) {
                         line.grid x1=(px(at(tick.at))) x2=(px(at(tick.at))) y1="0" y2=(px(bottom)) {}

@@ -222,7 +222,7 @@ fn clock_table(source: &ReportSource, several: &QualityKeyColumns, clocks: &[&Qu
     let count: fn(&QualityMeasure) -> f64 = |m| m.count as f64;
     let size: fn(&QualityMeasure) -> f64 = |m| m.value;
     html! {
-        h4.lines { "Clocks" }
+        h3.lines { "Clocks" }
         div.scroll.wide { table.sortable.lines {
             thead { tr { (key_heads(several))
                 @for name in ["rate [Hz]", "jitter [s]", "gaps", "missing [s]", "longest gap [s]", "repeated times", "times back", "midnights"] {
@@ -250,7 +250,7 @@ fn column_table(source: &ReportSource, several: &QualityKeyColumns, columns: &[&
         columns.iter().partition(|c| !c.marks.is_empty());
     html! {
         @if !marked.is_empty() {
-            h4.lines { "Columns" }
+            h3.lines { "Columns" }
             (rows(source, several, &marked))
         }
         @if !others.is_empty() {

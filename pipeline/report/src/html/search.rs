@@ -225,7 +225,7 @@ fn by_choice(axis: &SearchAxis, at: usize, trials: &[TrialTableRow]) -> Option<M
     let rows: Vec<_> = rows.collect();
     Some(html! {
         figure {
-            h4 { "Goal over " (axis.name) }
+            h3 { "Goal over " (axis.name) }
             div.scroll { table.scores {
                 thead { tr { th scope="col" { (axis.name) } th.n scope="col" { "trials" } th.n scope="col" { "best" } th.n scope="col" { "mean" } } }
                 tbody { @for (word, n, best, mean) in &rows { tr { td { (word) } td.n { (n) } td.n { (number(*best)) } td.n { (number(*mean)) } } } }

@@ -188,7 +188,7 @@ fn drawn(board: &ScoreBoard, heat: &HeatMap) -> Markup {
     let width = heat.values.1.len();
     html! {
         figure {
-            h4 { (name) ", " (unit) ", over " (axis(heat.axes.0)) " and " (axis(heat.axes.1)) }
+            h3 { (name) ", " (unit) ", over " (axis(heat.axes.0)) " and " (axis(heat.axes.1)) }
             div.scroll { table.heat {
                 thead {
                     tr { td {} th.over colspan=(width) scope="colgroup" { (axis(heat.axes.1)) } }

@@ -56,7 +56,7 @@ impl Timeline<'_> {
         let title = format!("Flight {}: flagged samples over time", self.flight);
         Some(html! {
             figure {
-                h4 { (title) }
+                h3 { (title) }
                 p.legend {
                     span { i class="key lane" {} "samples" }
                     @if gaps { span { i class="key gap" {} "gap" } }

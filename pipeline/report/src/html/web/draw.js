@@ -92,7 +92,10 @@ class PlotScale {
   }
 }
 
-/** One value, so that spreading never exceeds the stack. @param {number[]} v @param {(a: number, b: number) => number} f */
+/**
+ * One value, so that spreading never exceeds the stack.
+ * @param {number[]} v @param {(a: number, b: number) => number} f
+ */
 function reduced(v, f) { return v.length ? [v.reduce((a, b) => f(a, b))] : []; }
 
 /** Frame, grid and labels. @param {PlotScale} x @param {PlotScale} y @param {string} xName @param {string} yName */

@@ -2,7 +2,8 @@
 "use strict";
 // The explorer of each score table: controls, table, and the state in the hash of the address.
 
-const VIEWS = { table: "Table", heat: "Heat map", curve: "Curve", parallel: "Parallel", scatter: "Scatter", lines: "Lines" };
+const VIEWS = { table: "Table", heat: "Heat map", curve: "Curve", parallel: "Parallel", scatter: "Scatter",
+  lines: "Lines" };
 const ROW_PX = 30, MANY = 60;
 
 /** State of one table in the hash. @param {string} table @returns {ExplorerState} */
@@ -100,7 +101,7 @@ class Explorer {
     const axis = this.scores.block.axes[a];
     if (axis.values.length <= MANY) {
       const values = this.scores.order[a].map((i) => /** @type {[string, string]} */ ([axis.values[i],
-        visible(axis.values[i]).slice(0, 80)]));
+        this.scores.texts[a][i].slice(0, 80)]));
       return this.select(axis.name, "is." + axis.name, [["", "all"], ...values]);
     }
     const input = /** @type {HTMLInputElement} */ (element("input", { type: "search", "data-key": "has." + axis.name,
@@ -132,7 +133,8 @@ class Explorer {
         part.hidden = !part.dataset.views.split(" ").includes(state.view);
       }
     }
-    const same = block.axes.filter((axis) => axis.values.length === 1).map((a) => `${a.name} = ${visible(a.values[0])}`);
+    const same = block.axes.filter((axis) => axis.values.length === 1)
+      .map((axis) => `${axis.name} = ${visible(axis.values[0])}`);
     const point = Number(state.point);
     const chosen = state.point !== undefined && point < block.points ? `Chosen: ${scores.point(point)}. ` : "";
     this.count.textContent = `${rows.length} of ${block.points} points, ${block.over}. ${chosen}` +
@@ -149,7 +151,10 @@ class Explorer {
       element("figcaption", {}, [made.caption]), downloads(made.svg, name, () => made.csv)]));
   }
 
-  /** The table; only the rows in sight are in the page. @param {number[]} rows @param {number} metric @param {string} name */
+  /**
+   * The table; only the rows in sight are in the page.
+   * @param {number[]} rows @param {number} metric @param {string} name
+   */
   table(rows, metric, name) {
     const { scores, state } = this, { block } = scores;
     const sort = state.sort ?? block.metrics[metric].name, down = state.down === "1";
@@ -170,8 +175,8 @@ class Explorer {
     });
     /** @param {string} text @param {string} by @param {string} [title] */
     const head = (text, by, title) => element("th", { scope: "col",
-      "aria-sort": by === sort ? (down ? "descending" : "ascending") : null }, [element("button", { type: "button", title,
-      "data-sort": by, onclick: () => {
+      "aria-sort": by === sort ? (down ? "descending" : "ascending") : null }, [element("button", { type: "button",
+      title: title ?? null, "data-sort": by, onclick: () => {
         this.state.down = by === sort && !down ? "1" : "0";
         this.set("sort", by);
         const again = this.panel.querySelector(`[data-sort="${CSS.escape(by)}"]`);
@@ -180,19 +185,20 @@ class Explorer {
     const heads = [element("th", { scope: "col" }, ["point"]), ...scores.varying.map((i) => head(block.axes[i].name,
       block.axes[i].name)), ...block.metrics.map((one, i) => head(scores.label(i), one.name, one.meaning))];
     const body = element("tbody");
-    const table = element("table", { class: "virtual", "aria-rowcount": rows.length + 1, "aria-label": `Scores: ${block.table}` },
-      [element("thead", {}, [element("tr", {}, heads)]), body]);
-    const frame = element("div", { class: "frame-scroll", tabindex: 0, role: "region", "aria-label": "Table of scores" }, [table]);
+    const table = element("table", { class: "virtual", "aria-rowcount": rows.length + 1,
+      "aria-label": `Scores: ${block.table}` }, [element("thead", {}, [element("tr", {}, heads)]), body]);
+    const frame = element("div", { class: "frame-scroll", tabindex: 0, role: "region",
+      "aria-label": `Table of scores: ${block.table}` }, [table]);
     let first = -1;
     const show = () => {
       const from = Math.max(0, Math.floor(frame.scrollTop / ROW_PX) - 10);
       if (from === first) return;
       first = from;
       const some = sorted.slice(from, from + 40 + Math.ceil(frame.clientHeight / ROW_PX));
-      const gap = (/** @type {number} */ n) => element("tr", { "aria-hidden": "true", class: "gap" },
-        [element("td", { colspan: heads.length, style: `height:${n * ROW_PX}px` })]);
-      body.replaceChildren(gap(from), ...some.map((row, i) => this.row(row, from + i, best)),
-        gap(sorted.length - from - some.length));
+      const gap = (/** @type {number} */ n) => n <= 0 ? [] : [element("tr", { "aria-hidden": "true", class: "gap" },
+        [element("td", { colspan: heads.length, style: `height:${n * ROW_PX}px` })])];
+      body.replaceChildren(...gap(from), ...some.map((row, i) => this.row(row, from + i, best)),
+        ...gap(sorted.length - from - some.length));
     };
     let asked = false;
     frame.addEventListener("scroll", () => {
@@ -216,11 +222,15 @@ class Explorer {
       return element("td", { class: best[m] === row ? "n best" : "n", title: marks || null, "data-v": value }, [text]);
     });
     return element("tr", { "aria-rowindex": at + 2, class: marked ? "bad" : null }, [element("td", {}, [choose]),
-      ...scores.varying.map((a) => element("td", {}, [element("bdi", {}, [visible(scores.word(a, row))])])), ...cells]);
+      ...scores.varying.map((a) => element("td", { title: visible(scores.word(a, row)) },
+        [element("bdi", {}, [scores.text(a, row)])])), ...cells]);
   }
 }
 
-/** Buttons that save a figure. @param {SVGSVGElement | null} svg @param {string} name @param {(() => string) | null} csv */
+/**
+ * Buttons that save a figure.
+ * @param {SVGSVGElement | null} svg @param {string} name @param {(() => string) | null} csv
+ */
 function downloads(svg, name, csv) {
   const button = (/** @type {string} */ text, /** @type {() => void} */ act) => element("button", { type: "button",
     class: "plain", onclick: act, "aria-label": `Download as ${text}` }, [text]);

@@ -23,9 +23,22 @@ function short(x) {
   return size < 1e-4 || size >= 1e6 ? x.toExponential(3) : x.toPrecision(4).replace(/e\+?(\d+)$/, "e$1");
 }
 
-/** Control characters as escapes. @param {string} text */
+/** Control characters and characters that change the direction of text, as escapes. @param {string} text */
 function visible(text) {
-  return text.replace(/[\u0000-\u001f\u007f-\u009f]/g, (c) => "\\x" + c.charCodeAt(0).toString(16).padStart(2, "0"));
+  return text.replace(/[\u0000-\u001f\u007f-\u009f]/g, (c) => "\\x" + c.charCodeAt(0).toString(16).padStart(2, "0"))
+    .replace(/[\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]/g,
+      (c) => "\\u" + c.charCodeAt(0).toString(16).padStart(4, "0"));
+}
+
+/** Values of an axis as shown: long numbers with the fewest digits that keep them apart. @param {ScoreAxis} axis */
+function shownValues({ numeric, values }) {
+  if (numeric && values.some((v) => v.length > 8)) {
+    for (const digits of [4, 6, 9]) {
+      const texts = values.map((v) => String(Number(Number(v).toPrecision(digits))));
+      if (new Set(texts).size === values.length) return texts;
+    }
+  }
+  return values.map(visible);
 }
 
 /** Quoted cells of one row. @param {(string | number | null | boolean)[]} cells */
@@ -44,6 +57,7 @@ class ScoreSet {
     this.inSample = block.in_sample.map((rows) => new Set(rows));
     this.cautious = new Set(block.cautious);
     this.bounds = new Set(block.bounds);
+    this.texts = block.axes.map(shownValues);
     /** Positions of the axes with several values. */
     this.varying = block.axes.map((_, a) => a).filter((a) => block.axes[a].values.length > 1);
     /** Positions of the values of each axis, in display order. */
@@ -65,6 +79,9 @@ class ScoreSet {
 
   /** Axis value of a row as text. @param {number} a @param {number} row */
   word(a, row) { return this.block.axes[a].values[this.block.at[a][row]]; }
+
+  /** Axis value of a row as shown. @param {number} a @param {number} row */
+  text(a, row) { return this.texts[a][this.block.at[a][row]]; }
 
   /** Whether a row is never the best. @param {number} m @param {number} row */
   excluded(m, row) {
@@ -95,7 +112,7 @@ class ScoreSet {
 
   /** Sweep point of a row in words: the axes that differ. @param {number} row */
   point(row) {
-    return this.varying.map((a) => `${this.block.axes[a].name} = ${visible(this.word(a, row))}`).join(", ");
+    return this.varying.map((a) => `${this.block.axes[a].name} = ${this.text(a, row)}`).join(", ");
   }
 
   /** A value with its metric and unit. @param {number} m @param {number | null} v */

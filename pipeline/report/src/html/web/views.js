@@ -10,7 +10,10 @@
 
 const HEIGHT = 380, LEFT = 76, RIGHT = 16, TOP = 12, BOTTOM = 44;
 
-/** Values of an axis among some rows, in display order. @param {ScoreSet} scores @param {number} a @param {number[]} rows */
+/**
+ * Values of an axis among some rows, in display order.
+ * @param {ScoreSet} scores @param {number} a @param {number[]} rows
+ */
 function valuesOf(scores, a, rows) {
   const there = new Set(rows.map((r) => scores.block.at[a][r]));
   return scores.order[a].filter((code) => there.has(code));
@@ -31,7 +34,10 @@ function pivot({ scores, rows, metric }, a, b) {
   return best;
 }
 
-/** Part from 0 (worst) to 1 (best) of a value among eligible rows. @param {ScoreSet} scores @param {number} metric @param {number[]} rows */
+/**
+ * Part from 0 (worst) to 1 (best) of a value among eligible rows.
+ * @param {ScoreSet} scores @param {number} metric @param {number[]} rows
+ */
 function goodness(scores, metric, rows) {
   const { better } = scores.block.metrics[metric];
   const costs = rows.filter((r) => r >= 0 && !scores.excluded(metric, r))
@@ -54,13 +60,15 @@ function heatView(input) {
   const down = valuesOf(scores, a, rows), across = valuesOf(scores, b, rows);
   if (down.length * across.length > 40_000) return "Too many cells: filter one of the axes first.";
   const best = pivot(input, a, b), part = goodness(scores, metric, [...best.values()]);
-  const longest = Math.max(0, ...down.map((c) => scores.block.axes[a].values[c].length));
+  const longest = Math.max(0, ...down.map((c) => scores.texts[a][c].length));
   const left = Math.min(width * 0.35, 30 + 6.8 * longest);
   const wide = (width - left - RIGHT) / Math.max(1, across.length);
   const high = Math.max(12, Math.min(34, 700 / Math.max(1, down.length)));
   const height = 44 + high * down.length + 10;
   /** @type {PlotTarget[]} */
   const targets = [];
+  // Borders would dull the colours of narrow cells.
+  const fine = wide < 12 || high < 12 ? " fine" : "";
   const cells = shape("g"), lines = [csvRow([scores.block.axes[a].name, scores.block.axes[b].name,
     scores.label(metric), "marks"])];
   down.forEach((i, row) => across.forEach((k, column) => {
@@ -68,7 +76,7 @@ function heatView(input) {
     if (found === undefined || found < 0) return;
     const [x, y] = [left + wide * column, 44 + high * row];
     const marks = scores.marks(metric, found), colour = viridis(part(found));
-    cells.append(shape("rect", { class: marks ? "cell out" : "cell", x, y, width: wide, height: high,
+    cells.append(shape("rect", { class: (marks ? "cell out" : "cell") + fine, x, y, width: wide, height: high,
       ...(marks ? {} : { fill: colour.fill }) }));
     const value = scores.value(metric, found);
     if (wide > 44 && high > 15) {
@@ -81,19 +89,19 @@ function heatView(input) {
   }));
   const { svg, read } = livePlot({ label: `${scores.label(metric)} over ${state.y} and ${state.x}`, width, height,
     targets, choose });
-  const every = Math.max(1, Math.ceil(50 / wide)), each = Math.max(1, Math.ceil(12 / high));
+  const every = Math.max(1, Math.ceil(64 / wide)), each = Math.max(1, Math.ceil(12 / high));
   svg.append(cells, shape("text", { class: "name", x: left + (width - left) / 2, y: 14, "text-anchor": "middle" },
     [state.x]), shape("text", { class: "name", x: 4, y: 34 }, [state.y]));
   across.forEach((k, i) => { if (i % every === 0) {
     svg.append(shape("text", { x: left + wide * (i + 0.5), y: 36, "text-anchor": "middle" },
-      [cut(scores.block.axes[b].values[k], Math.floor(wide * every / 6.5))]));
+      [cut(scores.texts[b][k], Math.floor(wide * every / 6.5))]));
   } });
   down.forEach((k, i) => { if (i % each === 0) {
     svg.append(shape("text", { x: left - 7, y: 48 + high * (i + 0.5), "text-anchor": "end" },
-      [cut(scores.block.axes[a].values[k], Math.floor((left - 10) / 6.5))]));
+      [cut(scores.texts[a][k], Math.floor((left - 10) / 6.5))]));
   } });
   return { svg, read, csv: lines.join("\n") + "\n", caption: "Each cell is the best point over the other axes that " +
-    "the filters keep. Yellow is good, purple is bad. Hatched cells are flagged or in sample." };
+    "the filters keep. Yellow is good, purple is bad. Cells without a colour are flagged or in sample." };
 }
 
 /** @param {string} text @param {number} most */
@@ -113,7 +121,12 @@ function curveView(input) {
   const place = (/** @type {number} */ code) => axis.numeric ? Number(axis.values[code]) : codes.indexOf(code);
   const best = pivot(input, a, b), series = b < 0 ? [0] : valuesOf(scores, b, rows).slice(0, 8);
   const values = [...best.values()].filter((r) => r >= 0).map((r) => scores.value(metric, r) ?? NaN);
-  const x = new PlotScale(codes.map(place), LEFT, width - RIGHT), y = new PlotScale(values, HEIGHT - BOTTOM, TOP);
+  // The legend stands above the frame.
+  const names = b < 0 ? [] : series.map((s) => cut(scores.texts[b][s], 24));
+  const step = 44 + 7 * Math.max(0, ...names.map((name) => name.length));
+  const columns = Math.max(1, Math.floor((width - LEFT - RIGHT) / step));
+  const foot = HEIGHT - BOTTOM, top = TOP + 17 * Math.ceil(names.length / columns);
+  const x = new PlotScale(codes.map(place), LEFT, width - RIGHT), y = new PlotScale(values, foot, top);
   /** @type {PlotTarget[]} */
   const targets = [];
   const drawn = shape("g"), lines = [csvRow([axis.name, ...(b < 0 ? [] : [state.y]), scores.label(metric), "marks"])];
@@ -133,27 +146,28 @@ function curveView(input) {
     }
     drawn.prepend(shape("path", { class: `line s${k}`, d }));
     if (b >= 0) {
-      legend.append(shape("path", { class: `line s${k}`, d: `M${LEFT + 10} ${TOP + 14 + 15 * k}h20` }),
-        shape("text", { x: LEFT + 36, y: TOP + 18 + 15 * k }, [cut(scores.block.axes[b].values[s], 24)]));
+      const [lx, ly] = [LEFT + step * (k % columns), TOP + 17 * Math.floor(k / columns)];
+      legend.append(shape("path", { class: `line s${k}`, d: `M${lx} ${ly}h20` }),
+        shape("text", { x: lx + 26, y: ly + 4 }, [names[k]]));
     }
   });
   const { svg, read } = livePlot({ label: `${scores.label(metric)} over ${axis.name}`, width, height: HEIGHT, targets,
     choose });
   svg.append(plotFrame(x, y, axis.name, scores.label(metric)), drawn, legend);
-  if (!axis.numeric) codes.forEach((code, i) => svg.append(shape("text", { class: "name", x: x.at(i), y: HEIGHT - BOTTOM - 6,
+  if (!axis.numeric) codes.forEach((code, i) => svg.append(shape("text", { class: "name", x: x.at(i), y: foot - 6,
     "text-anchor": "middle" }, [cut(axis.values[code], Math.floor((width - LEFT) / codes.length / 6.5))])));
-  const top = scores.best(metric, rows);
+  const ideal = scores.best(metric, rows);
   let edge = "";
-  if (top >= 0 && !scores.excluded(metric, top)) {
-    const code = scores.block.at[a][top], value = scores.value(metric, top) ?? NaN;
+  if (ideal >= 0 && !scores.excluded(metric, ideal)) {
+    const code = scores.block.at[a][ideal], value = scores.value(metric, ideal) ?? NaN;
     svg.append(shape("circle", { class: "best", cx: x.at(place(code)), cy: y.at(value), r: 8 }));
     if (axis.numeric && codes.length > 1 && (code === codes[0] || code === codes[codes.length - 1])) {
       edge = ` The best value is at an end of ${axis.name}, so a better value may lie outside.`;
     }
   }
   const many = b >= 0 && valuesOf(scores, b, rows).length > 8 ? ` The first 8 values of ${state.y} are drawn.` : "";
-  return { svg, read, csv: lines.join("\n") + "\n", caption: "Each dot is the best point over the other axes that the " +
-    "filters keep. The ring is the best point." + edge + many };
+  return { svg, read, csv: lines.join("\n") + "\n", caption: "Each dot is the best point over the other axes that " +
+    "the filters keep. The ring is the best point." + edge + many };
 }
 
 /** @param {ViewInput} input @returns {PlotView | string} */
@@ -171,18 +185,21 @@ function parallelView({ scores, state, rows, metric, width, choose }) {
   const usable = rows.filter((r) => scores.value(metric, r) !== null);
   const end = new PlotScale(usable.map((r) => scores.value(metric, r) ?? NaN), foot, 30);
   const right = 60 + span * axes.length, part = goodness(scores, metric, usable);
-  const paths = Array.from({ length: 9 }, () => /** @type {string[]} */ ([]));
+  // Points share segments; a shared segment is drawn once per colour.
+  const paths = Array.from({ length: 9 }, () => /** @type {Set<string>} */ (new Set()));
   /** @type {PlotTarget[]} */
   const targets = [];
   for (const row of usable) {
     const y = end.at(scores.value(metric, row) ?? NaN), marks = scores.marks(metric, row);
-    const d = "M" + scales.map((s) => `${s.x.toFixed(0)} ${s.at(row).toFixed(1)}`).join("L") + `L${right} ${y.toFixed(1)}`;
-    paths[marks ? 0 : 1 + viridis(part(row)).bin].push(d);
-    targets.push({ x: right, y, row, text: `${scores.words(metric, scores.value(metric, row))} at ${scores.point(row)}` +
-      (marks ? ` (${marks})` : "") });
+    const corners = [...scales.map((s) => `${s.x.toFixed(0)} ${s.at(row).toFixed(1)}`), `${right} ${y.toFixed(1)}`];
+    const segments = paths[marks ? 0 : 1 + viridis(part(row)).bin];
+    for (let i = 1; i < corners.length; i++) segments.add(`M${corners[i - 1]}L${corners[i]}`);
+    const words = scores.words(metric, scores.value(metric, row));
+    targets.push({ x: right, y, row, text: `${words} at ${scores.point(row)}${marks ? ` (${marks})` : ""}` });
   }
-  paths.forEach((d, k) => { if (d.length) {
-    drawn.append(shape("path", { class: k ? "way" : "way out", d: d.join(""), ...(k ? { stroke: VIRIDIS[k - 1] } : {}) }));
+  paths.forEach((segments, k) => { if (segments.size) {
+    drawn.append(shape("path", { class: k ? "way" : "way out", d: [...segments].join(""),
+      ...(k ? { stroke: VIRIDIS[k - 1] } : {}) }));
   } });
   targets.sort((p, q) => p.y - q.y);
   const { svg, read } = livePlot({ label: `Parallel coordinates with ${scores.label(metric)}`, width, height: HEIGHT,
@@ -194,19 +211,25 @@ function parallelView({ scores, state, rows, metric, width, choose }) {
       `L${right} ${end.at(scores.value(metric, top) ?? NaN)}` }));
   }
   axes.forEach((a, i) => {
-    const { x } = scales[i], each = Math.max(1, Math.ceil(codes[i].length / 20));
+    const { x } = scales[i];
+    let last = Infinity;
     const axis = scores.block.axes[a];
     const place = new PlotScale(codes[i].map((c, k) => axis.numeric ? Number(axis.values[c]) : k), foot, 30);
     svg.append(shape("line", { class: "stroke", x1: x, x2: x, y1: 30, y2: foot }),
       shape("text", { class: "name", x, y: 18, "text-anchor": "middle" }, [cut(axis.name, Math.floor(span / 7))]));
-    codes[i].forEach((c, k) => { if (k % each === 0) svg.append(shape("text", { class: "halo-text", x: x + 6,
-      y: place.at(axis.numeric ? Number(axis.values[c]) : k) + 4 }, [cut(axis.values[c], Math.floor(span / 8))])); });
+    codes[i].forEach((c, k) => {
+      const y = place.at(axis.numeric ? Number(axis.values[c]) : k);
+      if (Math.abs(y - last) < 15) return;
+      last = y;
+      svg.append(shape("text", { class: "halo-text", x: x + 6, y: y + 4 },
+        [cut(scores.texts[a][c], Math.floor(span / 8))]));
+    });
   });
   svg.append(shape("line", { class: "stroke", x1: right, x2: right, y1: 30, y2: foot }),
     shape("text", { class: "name", x: right, y: 18, "text-anchor": "middle" }, [scores.label(metric)]));
   for (const tick of end.ticks(8)) svg.append(shape("text", { x: right + 7, y: end.at(tick.at) + 4 }, [tick.label]));
-  return { svg, read, csv: scores.csv(usable), caption: "One line is one point. Yellow is good, purple is bad, grey is " +
-    "flagged or in sample. The thick line is the chosen point, or the best. Values are read at the right axis." };
+  return { svg, read, csv: scores.csv(usable), caption: "One line is one point. Yellow is good, purple is bad, grey " +
+    "is flagged or in sample. The thick line is the chosen point, or the best. Values are read at the right axis." };
 }
 
 /** @param {ViewInput} input @returns {PlotView | string} */
@@ -234,7 +257,8 @@ function scatterView({ scores, state, rows, metric, width, choose }) {
   const top = Number(state.point ?? scores.best(metric, usable));
   if (usable.includes(top)) svg.append(shape("circle", { class: "best", r: 8,
     cx: x.at(scores.value(other, top) ?? NaN), cy: y.at(scores.value(metric, top) ?? NaN) }));
-  return { svg, read, csv: scores.csv(usable), caption: "One dot is one point; grey dots are flagged or in sample. The " +
+  return { svg, read, csv: scores.csv(usable),
+    caption: "One dot is one point; grey dots are flagged or in sample. The " +
     `ring is the chosen point, or the best by ${scores.block.metrics[metric].name}.` };
 }
 

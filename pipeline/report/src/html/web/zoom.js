@@ -70,13 +70,15 @@ class ZoomPlot {
     this.svg.querySelector("rect.frame")?.setAttribute("width", String(frame.width));
     this.inner.setAttribute("viewBox", `${left + from * wide} ${top} ${(to - from) * wide} ${high}`);
     for (const mark of this.marks) {
-      const name = mark.tagName === "circle" ? "cx" : "x", own = mark.getAttribute("data-own") ?? mark.getAttribute(name);
+      const name = mark.tagName === "circle" ? "cx" : "x";
+      const own = mark.getAttribute("data-own") ?? mark.getAttribute(name);
       mark.setAttribute("data-own", own ?? "");
       const part = ((Number(own) - left) / wide - from) / (to - from);
       mark.setAttribute(name, String(left + part * frame.width));
       mark.toggleAttribute("hidden", part < 0 || part > 1);
     }
-    const x = [ZoomPlot.value(this.x, from), ZoomPlot.value(this.x, to)], most = Math.max(3, Math.floor(frame.width / 95));
+    const x = [ZoomPlot.value(this.x, from), ZoomPlot.value(this.x, to)];
+    const most = Math.max(3, Math.floor(frame.width / 95));
     const [low, high2, log] = this.x, at = (/** @type {number} */ v) => {
       const part = log ? Math.log(v / low) / Math.log(high2 / low) : (v - low) / (high2 - low);
       return left + (part - from) / (to - from) * frame.width;
@@ -86,17 +88,20 @@ class ZoomPlot {
     const bottom = top + high, parts = [];
     for (const tick of log && x[1] / x[0] > 3 ? logTicks(x[0], x[1]) : linearTicks(x[0], x[1], most)) {
       const px = at(tick.at).toFixed(1);
-      parts.push(shape("line", { class: "grid", x1: px, x2: px, y1: top, y2: bottom }), label(Number(px), bottom + 16, tick.label));
+      parts.push(shape("line", { class: "grid", x1: px, x2: px, y1: top, y2: bottom }),
+        label(Number(px), bottom + 16, tick.label));
     }
     const [yLow, yHigh, yLog] = this.y;
     for (const tick of yLog ? logTicks(yLow, yHigh) : linearTicks(yLow, yHigh, 6)) {
       const part = yLog ? Math.log(tick.at / yLow) / Math.log(yHigh / yLow) : (tick.at - yLow) / (yHigh - yLow);
       const py = bottom - part * high;
-      parts.push(shape("line", { class: "grid", x1: left, x2: left + frame.width, y1: py.toFixed(1), y2: py.toFixed(1) }),
+      const row = py.toFixed(1);
+      parts.push(shape("line", { class: "grid", x1: left, x2: left + frame.width, y1: row, y2: row }),
         label(left - 7, py + 4, tick.label, "end"));
     }
-    parts.push(shape("text", { class: "name", x: left + frame.width / 2, y: this.full[3] - 5, "text-anchor": "middle" }, [this.xName]),
-      shape("text", { class: "name", "text-anchor": "middle", transform: `translate(13 ${top + high / 2}) rotate(-90)` }, [this.yName]));
+    parts.push(shape("text", { class: "name", x: left + frame.width / 2, y: this.full[3] - 5,
+      "text-anchor": "middle" }, [this.xName]), shape("text", { class: "name", "text-anchor": "middle",
+      transform: `translate(13 ${top + high / 2}) rotate(-90)` }, [this.yName]));
     this.ticks.replaceChildren(...parts);
     this.svg.dataset.shown = x.map((v) => v.toPrecision(6)).join(" ");
   }
@@ -132,20 +137,25 @@ class ZoomPlot {
   /** Values of all plots of the line at a part of the frame. @param {number} across */
   show(across) {
     for (const plot of this.together) {
-      const [from, to] = plot.part, frame = plot.frame(), px = plot.box[0] + (from + across * (to - from)) * plot.box[2];
+      const [from, to] = plot.part, frame = plot.frame();
+      const px = plot.box[0] + (from + across * (to - from)) * plot.box[2];
       const at = frame.left + across * frame.width;
       plot.cursor.setAttribute("x1", String(at));
       plot.cursor.setAttribute("x2", String(at));
       const values = plot.series().map((one) => {
         let [low, high] = [0, one.x.length - 1];
-        while (high - low > 1) { const middle = (low + high) >> 1; if (one.x[middle] < px) low = middle; else high = middle; }
+        while (high - low > 1) {
+          const middle = (low + high) >> 1;
+          if (one.x[middle] < px) low = middle; else high = middle;
+        }
         const k = Math.abs((one.x[low] ?? Infinity) - px) < Math.abs((one.x[high] ?? Infinity) - px) ? low : high;
         const part = (plot.box[1] + plot.box[3] - one.y[k]) / plot.box[3];
         return `${one.name || plot.yName}: ${Number(ZoomPlot.value(plot.y, part).toPrecision(3))}`;
       });
       const unit = plot.yName.includes(", ") ? " " + plot.yName.split(", ").pop() : "";
       const x = ZoomPlot.value(plot.x, from + across * (to - from));
-      plot.read.textContent = `${plot.xName}: ${Number(x.toPrecision(5))} · ` + values.map((v) => v + unit).join(" · ");
+      const place = `${plot.xName}: ${Number(x.toPrecision(5))}`;
+      plot.read.textContent = [place, ...values.map((v) => v + unit)].join(" · ");
     }
   }
 
@@ -154,7 +164,9 @@ class ZoomPlot {
     /** @type {number | null} */
     let start = null;
     svg.addEventListener("pointerdown", (event) => {
-      if (event.pointerType === "mouse" && event.button === 0) { start = this.across(event); svg.setPointerCapture(event.pointerId); }
+      if (event.pointerType !== "mouse" || event.button !== 0) return;
+      start = this.across(event);
+      svg.setPointerCapture(event.pointerId);
     });
     svg.addEventListener("pointermove", (event) => {
       const at = this.across(event), frame = this.frame();
@@ -182,8 +194,10 @@ class ZoomPlot {
     let key = 0.5;
     svg.addEventListener("keydown", (event) => {
       const acts = { "+": () => this.scale(0.7), "=": () => this.scale(0.7), "-": () => this.scale(1 / 0.7),
-        "0": () => this.zoom(0, 1), Escape: () => this.zoom(0, 1), PageUp: () => this.move(-0.5), PageDown: () => this.move(0.5),
-        ArrowLeft: () => this.show(key = Math.max(0, key - 0.01)), ArrowRight: () => this.show(key = Math.min(1, key + 0.01)) };
+        "0": () => this.zoom(0, 1), Escape: () => this.zoom(0, 1),
+        PageUp: () => this.move(-0.5), PageDown: () => this.move(0.5),
+        ArrowLeft: () => this.show(key = Math.max(0, key - 0.01)),
+        ArrowRight: () => this.show(key = Math.min(1, key + 0.01)) };
       const act = acts[/** @type {keyof typeof acts} */ (event.key)];
       if (!act || event.ctrlKey || event.metaKey) return;
       event.preventDefault();
@@ -220,10 +234,12 @@ class ZoomPlot {
   /** @type {Map<string, ZoomPlot[]>} */
   const groups = new Map();
   const homes = [...document.querySelectorAll(".panel, section")];
-  const plots = [...document.querySelectorAll("svg.plot")].map((svg) => new ZoomPlot(/** @type {SVGSVGElement} */ (svg)));
+  const plots = [...document.querySelectorAll("svg.plot")]
+    .map((svg) => new ZoomPlot(/** @type {SVGSVGElement} */ (svg)));
   for (const plot of plots) {
-    const key = homes.indexOf(plot.svg.closest(".panel") ?? plot.svg) + plot.xName + plot.x.map((v) => v.toPrecision(4)).join();
-    if (plot.svg.closest(".panel") && !plot.x[2]) groups.set(key, [...groups.get(key) ?? [], plot]);
+    const panel = plot.svg.closest(".panel");
+    const key = homes.indexOf(panel ?? plot.svg) + plot.xName + plot.x.map((v) => v.toPrecision(4)).join();
+    if (panel && !plot.x[2]) groups.set(key, [...groups.get(key) ?? [], plot]);
   }
   groups.forEach((own) => own.forEach((plot) => { plot.together = own; }));
   const fit = () => plots.forEach((plot) => plot.draw());
