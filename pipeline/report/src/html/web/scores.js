@@ -34,7 +34,10 @@ function visible(text) {
 function shownValues({ numeric, values }) {
   if (numeric && values.some((v) => v.length > 8)) {
     for (const digits of [4, 6, 9]) {
-      const texts = values.map((v) => String(Number(Number(v).toPrecision(digits))));
+      const texts = values.map((v) => {
+        const x = Number(Number(v).toPrecision(digits));
+        return x !== 0 && Math.abs(x) < 1e-3 ? x.toExponential() : String(x);
+      });
       if (new Set(texts).size === values.length) return texts;
     }
   }

@@ -24,7 +24,7 @@ class ZoomPlot {
     this.together = [this];
     this.marks = [...svg.querySelectorAll(".mark")];
     this.read = element("output", { class: "read" }, ["\u00a0"]);
-    this.cursor = shape("line", { class: "cursor", y1: this.box[1], y2: this.box[1] + this.box[3] });
+    this.cursor = shape("line", { class: "cursor", x1: -9, x2: -9, y1: this.box[1], y2: this.box[1] + this.box[3] });
     this.selection = shape("rect", { class: "selection", y: this.box[1], height: this.box[3], width: 0 });
     svg.setAttribute("tabindex", "0");
     svg.setAttribute("role", "application");
