@@ -340,7 +340,8 @@ mod tests {
     fn unit_a_gap_breaks_the_line_and_text_is_escaped() {
         let drawn =
             chart(vec![(0.0, 1.0), (1.0, 2.0), (2.0, f64::NAN), (3.0, 1.0), (4.0, 5.0)]).draw().unwrap().into_string();
-        let d = drawn.split("class=\"line after\" d=\"").nth(1).and_then(|s| s.split('"').next()).unwrap();
+        let line = drawn.split("class=\"line after\"").nth(1).unwrap();
+        let d = line.split(" d=\"").nth(1).and_then(|s| s.split('"').next()).unwrap();
         assert_eq!(d.matches('M').count(), 2);
         assert_eq!(d.matches('L').count(), 2);
         assert!(drawn.contains("a &amp; b"));

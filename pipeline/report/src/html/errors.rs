@@ -215,7 +215,8 @@ mod tests {
         // On the picture too: the highest point of the band is at three sigma of the last minute, 47.7 m.
         let drawn = north.draw().unwrap().into_string();
         let spots = |class: &str| -> Vec<(f64, f64)> {
-            let d = drawn.split(&format!("class=\"{class}\" d=\"")).nth(1).and_then(|d| d.split('"').next()).unwrap();
+            let path = drawn.split(&format!("class=\"{class}\"")).nth(1).unwrap();
+            let d = path.split(" d=\"").nth(1).and_then(|d| d.split('"').next()).unwrap();
             let number = |s: &str| s.parse::<f64>().unwrap();
             let pair = |s: &str| s.split_once(' ').map(|(x, y)| (number(x), number(y))).unwrap();
             d.trim_end_matches('Z').split(['M', 'L']).filter(|s| !s.is_empty()).map(pair).collect()
