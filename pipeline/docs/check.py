@@ -52,7 +52,7 @@ def matches(expected: str, actual: str) -> bool:
     return re.fullmatch(pattern, actual) is not None
 
 
-def run(command: str, folder: Path, program: str) -> tuple[str, int]:
+def run(command: str, folder: Path) -> tuple[str, int]:
     path = f"{folder / '.bin'}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "LC_ALL": "C.UTF-8", "COLUMNS": "120", "NO_COLOR": "1"}
     done = subprocess.run(["bash", "-c", command], cwd=folder, env=environment, stdin=subprocess.DEVNULL,
@@ -85,7 +85,7 @@ def check(page: Path, program: str, rewrite: bool) -> list[str]:
                 return match.group()
             new = ""
             for command, expected in steps(body):
-                actual, status = run(command, folder, program)
+                actual, status = run(command, folder)
                 same = matches(expected, actual)
                 line = text.count("\n", 0, match.start()) + 1
                 if not same:

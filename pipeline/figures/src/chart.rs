@@ -91,8 +91,6 @@ struct PixelAxis {
     log: bool,
     from_px: f64,
     to_px: f64,
-    /// Margin of the labels left of the plot, px.
-    left_px: f64,
 }
 
 impl PixelAxis {
@@ -145,7 +143,7 @@ impl LineChart {
         let longest = y.ticks(6).iter().map(|tick| tick.label.chars().count()).max().unwrap_or(0);
         let left_px = LEFT.max(30.0 + DIGIT * longest as f64);
         let x = self.side(&self.x, (left_px, self.width() - RIGHT), true)?;
-        Some((PixelAxis { left_px, ..x }, PixelAxis { left_px, ..y }))
+        Some((x, y))
     }
 
     fn width(&self) -> f64 {
@@ -154,7 +152,7 @@ impl LineChart {
 
     fn picture(&self, x: &PixelAxis, y: &PixelAxis, style: Option<&str>) -> Markup {
         let label = format!("{}: {} over {}", self.title, self.y.label, self.x.label);
-        let left = x.left_px;
+        let left = x.from_px;
         let (wide, high) = (self.width() - left - RIGHT, self.height - TOP - BOTTOM);
         // The script of the page zooms with these figures.
         let data = |axis: &PixelAxis| format!("{} {} {}", axis.low, axis.high, u8::from(axis.log));
@@ -184,7 +182,7 @@ impl LineChart {
     }
 
     fn side(&self, dim: &ChartAxis, (from_px, to_px): (f64, f64), across: bool) -> Option<PixelAxis> {
-        let side = |low, high| PixelAxis { low, high, log: dim.log, from_px, to_px, left_px: LEFT };
+        let side = |low, high| PixelAxis { low, high, log: dim.log, from_px, to_px };
         if let Some((low, high)) = dim.range {
             return (low < high).then(|| side(low, high));
         }
@@ -214,7 +212,7 @@ impl LineChart {
     }
 
     fn grid(&self, x: &PixelAxis, y: &PixelAxis) -> Markup {
-        let (bottom, right, left) = (self.height - BOTTOM, self.width() - RIGHT, x.left_px);
+        let (bottom, right, left) = (self.height - BOTTOM, self.width() - RIGHT, x.from_px);
         let middle = 0.5 * (TOP + bottom);
         html! { g class="ticks" {
             @for tick in x.ticks(if self.half { 5 } else { 9 }) {
@@ -233,7 +231,7 @@ impl LineChart {
     }
 
     fn inside(&self, x: &PixelAxis, y: &PixelAxis) -> Markup {
-        let left = x.left_px;
+        let left = x.from_px;
         html! {
             @if let Some((_, from, to)) = &self.stretch {
                 rect.stretch x=(px(x.at(*from))) width=(px(x.at(*to) - x.at(*from))) y=(TOP) height=(self.height - TOP - BOTTOM) {}
@@ -356,7 +354,7 @@ mod tests {
 
     #[test]
     fn bug_the_label_of_the_axis_overlapped_wide_tick_labels() {
-        let left = |height: f64| chart(vec![(0.0, -height), (1.0, height)]).sides().unwrap().0.left_px;
+        let left = |height: f64| chart(vec![(0.0, -height), (1.0, height)]).sides().unwrap().0.from_px;
         assert_eq!(left(50.0), LEFT);
         // "\u{2212}1000000" has 8 characters; the rotated label ends at 17 px.
         assert!(left(1e6) > 7.0 + 8.0 * DIGIT + 17.0);
@@ -364,7 +362,7 @@ mod tests {
 
     #[test]
     fn unit_logarithmic_axis_spaces_decades_evenly() {
-        let side = PixelAxis { low: 1.0, high: 100.0, log: true, from_px: 0.0, to_px: 200.0, left_px: LEFT };
+        let side = PixelAxis { low: 1.0, high: 100.0, log: true, from_px: 0.0, to_px: 200.0 };
         assert!((side.at(10.0) - 100.0).abs() < 1e-9);
         assert_eq!(px(-0.04), "0");
         assert_eq!(px(12.34), "12.3");
@@ -372,7 +370,7 @@ mod tests {
 
     #[test]
     fn unit_band_has_one_shape_per_interval() {
-        let side = |to_px| PixelAxis { low: 0.0, high: 10.0, log: false, from_px: 0.0, to_px, left_px: LEFT };
+        let side = |to_px| PixelAxis { low: 0.0, high: 10.0, log: false, from_px: 0.0, to_px };
         let nan = f64::NAN;
         let points = vec![(0.0, 1.0, 2.0), (1.0, 1.0, 2.0), (2.0, nan, nan), (3.0, 0.0, 1.0), (4.0, 0.0, 1.0)];
         let drawn = area(&ChartBand { name: String::new(), points }, &side(10.0), &side(10.0));

@@ -65,16 +65,31 @@ pub trait BatchSink: Send {
 /// # Errors
 /// Fails when the query is wrong, refers to an unknown table, is not read-only, or exceeds its memory limit.
 pub fn sql(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault> {
+    query(question, sink, false)
+}
+
+/// Runs a query in one partition, so that the rows of a table keep their order.
+///
+/// # Errors
+/// Fails as [`sql`].
+pub(crate) fn sql_in_order(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault> {
+    query(question, sink, true)
+}
+
+fn query(question: &StoreQuery, sink: &mut dyn BatchSink, in_order: bool) -> Result<(), Fault> {
     deep::over(question.query, || ())?;
     deep::deep(|| {
         let runtime = tokio::runtime::Builder::new_multi_thread().thread_stack_size(WORKER_STACK).enable_all().build();
         let runtime = runtime.map_err(|e| Fault::machine(e.to_string()))?;
-        runtime.block_on(ask(question, sink))
+        runtime.block_on(ask(question, sink, in_order))
     })?
 }
 
-async fn ask(question: &StoreQuery<'_>, sink: &mut dyn BatchSink) -> Result<(), Fault> {
+async fn ask(question: &StoreQuery<'_>, sink: &mut dyn BatchSink, in_order: bool) -> Result<(), Fault> {
     let session = SqlSession::new(question.store, question.memory, &question.spill)?;
+    if in_order {
+        session.use_one_partition();
+    }
     let plan = session.plan(question.query).await?;
     let wrong = |e: DataFusionError| session.fault(&e, question.query);
     let schema: SchemaRef = Arc::new(plan.schema().as_arrow().clone());

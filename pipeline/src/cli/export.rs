@@ -4,7 +4,6 @@ use std::{
     fs::File,
     io::BufWriter,
     path::{Path, PathBuf},
-    process::exit,
 };
 
 use arrow_array::RecordBatch;
@@ -18,10 +17,9 @@ use schemas::Fault;
 use store::pulled;
 
 use super::{
-    ExitReason, answer, guard, located,
-    say::err,
-    sql::outside,
-    temporary::{self, TemporaryFile, TemporaryFolder},
+    ExitReason, answer, located,
+    sql::{answered, confined, outside},
+    temporary::TemporaryFile,
     tend::found_store,
 };
 
@@ -70,28 +68,20 @@ pub fn run(args: &ExportArgs) -> Result<(), ExitReason> {
     let format = format(&args.output)?;
     let query = export::query(&args.table, &args.line, args.condition.as_deref())?;
     let memory = memory::by_default();
-    let Some(spill) = guard::folder() else {
-        let folder = TemporaryFolder::new()?;
-        let unfinished = |process| Some(answer::unfinished(&args.output, process));
-        return guard::run(memory, folder.path(), unfinished);
-    };
-    guard::limit(memory);
-    let _ = ctrlc::set_handler(|| {
-        temporary::remove_all();
-        err!("interrupted");
-        exit(130)
-    });
-    let store = found_store(args.store.as_deref());
-    outside(&args.output, &store)?;
-    pulled(&store)?;
-    let question = StoreQuery { store: &store, query: &query, memory, spill };
-    match format {
-        ExportFormat::Answer(format) => {
-            export::export(&question, &mut answer::AnswerWriter::new(format, Some(&args.output))?)?;
+    confined(memory, Some(&args.output), |spill| {
+        let store = found_store(args.store.as_deref());
+        outside(&args.output, &store)?;
+        pulled(&store)?;
+        let question = StoreQuery { store: &store, query: &query, memory, spill };
+        match format {
+            ExportFormat::Answer(format) => {
+                let mut writer = answer::AnswerWriter::new(format, Some(&args.output))?;
+                answered(&question, &mut writer, export::export)?;
+            }
+            ExportFormat::Geosoft => answered(&question, &mut GeosoftFile::new(&args.output)?, export::export)?,
         }
-        ExportFormat::Geosoft => export::export(&question, &mut GeosoftFile::new(&args.output)?)?,
-    }
-    Ok(())
+        Ok(())
+    })
 }
 
 /// Geosoft XYZ file, written under a temporary name.

@@ -56,9 +56,19 @@ pub struct SqlArgs {
 /// Runs the query.
 pub fn run(args: &SqlArgs) -> Result<(), ExitReason> {
     let memory = args.memory_limit.unwrap_or_else(memory::by_default);
+    confined(memory, args.output.as_deref(), |spill| write(args, memory, spill))
+}
+
+/// Runs `work` in a process with limited memory. The argument of `work` is the folder for temporary files; `output` is
+/// the file that it writes.
+pub fn confined(
+    memory: usize,
+    output: Option<&Path>,
+    work: impl FnOnce(PathBuf) -> Result<(), ExitReason>,
+) -> Result<(), ExitReason> {
     let Some(spill) = guard::folder() else {
         let folder = TemporaryFolder::new()?;
-        let unfinished = |process| args.output.as_deref().map(|path| answer::unfinished(path, process));
+        let unfinished = |process| output.map(|path| answer::unfinished(path, process));
         return guard::run(memory, folder.path(), unfinished);
     };
     guard::limit(memory);
@@ -68,6 +78,11 @@ pub fn run(args: &SqlArgs) -> Result<(), ExitReason> {
         err!("interrupted");
         exit(130)
     });
+    work(spill)
+}
+
+/// Writes the result of the query.
+fn write(args: &SqlArgs, memory: usize, spill: PathBuf) -> Result<(), ExitReason> {
     let store = found_store(args.store.as_deref());
     if let Some(output) = &args.output {
         outside(output, &store)?;
@@ -79,7 +94,7 @@ pub fn run(args: &SqlArgs) -> Result<(), ExitReason> {
     let on_screen = args.format == answer::AnswerFormat::Table && args.output.is_none();
     if args.max_rows.is_none() && on_screen && std::io::stdout().is_terminal() {
         let mut first = ScreenLimiter { answer, left: SCREEN_ROWS, hidden: 0 };
-        answered(&question, &mut first)?;
+        answered(&question, &mut first, sql)?;
         if first.hidden > 0 {
             let all = SCREEN_ROWS + first.hidden;
             err!("note: {} of {all} rows are hidden; `--max-rows {all}` shows all rows", first.hidden);
@@ -88,10 +103,10 @@ pub fn run(args: &SqlArgs) -> Result<(), ExitReason> {
     }
     let Some(most) = args.max_rows else {
         let mut answer = answer;
-        return Ok(answered(&question, &mut answer)?);
+        return Ok(answered(&question, &mut answer, sql)?);
     };
     let mut first = RowLimiter { answer, left: most, cut: None };
-    answered(&question, &mut first)?;
+    answered(&question, &mut first, sql)?;
     if let Some(schema) = first.cut.take() {
         first.answer.finish(&schema)?;
         err!("note: the result has more than {most} rows; `--max-rows` truncated it");
@@ -100,8 +115,12 @@ pub fn run(args: &SqlArgs) -> Result<(), ExitReason> {
 }
 
 /// Runs a query. A panic of DataFusion, such as for a text that is too long for its offsets, becomes an error.
-fn answered(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault> {
-    let asked = catch_unwind(AssertUnwindSafe(|| sql(question, sink)));
+pub fn answered(
+    question: &StoreQuery,
+    sink: &mut dyn BatchSink,
+    ask: fn(&StoreQuery, &mut dyn BatchSink) -> Result<(), Fault>,
+) -> Result<(), Fault> {
+    let asked = catch_unwind(AssertUnwindSafe(|| ask(question, sink)));
     asked.unwrap_or_else(|_| Err(memory::fault(question.memory)))
 }
 

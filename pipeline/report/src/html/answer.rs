@@ -92,10 +92,10 @@ fn of_board(source: &ReportSource, board: &ScoreBoard) -> Result<Option<Markup>,
                 @if best.is_some() && several { "Best point" @if point.is_empty() { ": " } @else { " " b { bdi { (point) } } ": " } }
                 @if best.is_none() && several { "Closest point" @if point.is_empty() { ": " } @else { " " b { bdi { (point) } } ": " } }
                 @if !several && !point.is_empty() { b { bdi { (point) } } ": " }
-                code { (declared.name) } " " strong { (with_unit(value, &declared)) }
-                @if let Some((low, high)) = interval { " (bootstrap interval " (number(Some(low))) " to " (with_unit(high, &declared)) ")" }
+                code { (declared.name) } " " strong { (with_unit(Some(value), declared.unit)) }
+                @if let Some((low, high)) = interval { " (bootstrap interval " (number(Some(low))) " to " (with_unit(Some(high), declared.unit)) ")" }
                 @if let Some((other, other_value)) = over {
-                    ", against " (with_unit(other_value, &other)) " " (of_baseline(other.name))
+                    ", against " (with_unit(Some(other_value), other.unit)) " " (of_baseline(other.name))
                 }
                 (place(held_out, board.scores.lines))
                 @if let Some(nees) = board.scores.metric("nees").and_then(|m| board.value(row, m)) { ". NEES " (number(Some(nees))) ", expected value 2" }
@@ -108,9 +108,10 @@ fn of_board(source: &ReportSource, board: &ScoreBoard) -> Result<Option<Markup>,
     }))
 }
 
-fn with_unit(value: f64, metric: &Metric) -> String {
-    let unit = if metric.unit == "1" { String::new() } else { format!(" {}", metric.unit) };
-    number(Some(value)) + &unit
+/// A value with its unit, as text.
+pub fn with_unit(value: Option<f64>, unit: &str) -> String {
+    let unit = if unit == "1" { String::new() } else { format!(" {unit}") };
+    number(value) + &unit
 }
 
 fn of_baseline(name: &str) -> &'static str {
@@ -234,7 +235,7 @@ fn figure(metric: Metric, value: f64, over: Option<(Metric, f64)>, lines: &[Answ
                         circle.base cx=(px(at(*other))) cy=(y) r="5" {}
                     }
                     circle.dot cx=(px(at(*value))) cy=(y) r=(if i == 0 { "7" } else { "5" }) {}
-                    text.value x=(px(WIDTH - RIGHT + 14.0)) y=(px(middle(i) + 4.0)) { (with_unit(*value, &metric)) }
+                    text.value x=(px(WIDTH - RIGHT + 14.0)) y=(px(middle(i) + 4.0)) { (with_unit(Some(*value), metric.unit)) }
                 }
             }
             figcaption {

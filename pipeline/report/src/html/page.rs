@@ -7,9 +7,9 @@ use plan::{
     LineId,
     spec::{Spec, SweepAxis},
 };
-use results::text::number;
 
 use super::{
+    answer::with_unit,
     flow,
     source::{FailureCount, ReportSource},
     warnings::Warning,
@@ -209,11 +209,7 @@ fn warned(pipeline: &str, warnings: &[Warning]) -> Markup {
 }
 
 fn listed_warnings(warnings: &[&Warning]) -> Markup {
-    let figure = |w: &Warning, of: Option<f64>| match of {
-        Some(x) if w.unit == "1" => number(Some(x)),
-        Some(x) => format!("{} {}", number(Some(x)), w.unit),
-        None => String::new(),
-    };
+    let figure = |w: &Warning, of: Option<f64>| of.map(|value| with_unit(Some(value), w.unit)).unwrap_or_default();
     html! {
         div.scroll { table {
             thead { tr { @for head in ["where", "what", "likely cause"] { th scope="col" { (head) } } th.n scope="col" { "value" } th.n scope="col" { "limit" } } }

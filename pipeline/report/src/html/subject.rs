@@ -2,10 +2,9 @@
 
 use arrow_array::{Array, cast::AsArray, types::Float64Type};
 use plan::{LineId, PlanUnit, TableRef};
-use results::text::number;
 use schemas::{Fault, metric::Metric};
 
-use super::{board::ScoreBoard, source::ReportSource};
+use super::{answer::with_unit, board::ScoreBoard, source::ReportSource};
 
 /// A sweep point that is shown in detail, with its stages.
 pub struct ReportSubject {
@@ -51,8 +50,7 @@ impl SubjectScore {
     /// A value of the metric as text.
     fn words(&self, value: Option<f64>) -> String {
         let Metric { name, unit, .. } = self.metric;
-        let unit = if unit == "1" { String::new() } else { format!(" {unit}") };
-        format!("{name} {}{unit}", number(value))
+        format!("{name} {}", with_unit(value, unit))
     }
 }
 

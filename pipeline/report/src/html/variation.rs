@@ -89,9 +89,10 @@ fn target(instance: &StageInstance) -> Option<String> {
 fn calibrations(source: &ReportSource, table: usize, instance: usize) -> Vec<Calibrations> {
     let plan = source.graph.plan;
     let node = &plan.tables[table];
+    let own_target = target(&plan.instance(table, instance));
     let values_of_axis = |axis: &usize| {
         // Coefficients of different magnetometers have no common mean.
-        let same = |i: &usize| target(&plan.instance(table, *i)) == target(&plan.instance(table, instance));
+        let same = |i: &usize| target(&plan.instance(table, *i)) == own_target;
         let along: Vec<usize> = node.grid().along(instance, *axis).filter(same).collect();
         let all = along.len();
         let members: Vec<usize> = along.into_iter().step_by(all.div_ceil(MEMBERS).max(1)).collect();

@@ -62,6 +62,11 @@ impl SqlSession {
         Ok(SqlSession { context, known, pool, store: store.to_owned(), memory })
     }
 
+    /// Runs later queries in one partition. Several partitions mix the rows of different lines.
+    pub fn use_one_partition(&self) {
+        self.context.state_ref().write().config_mut().options_mut().execution.target_partitions = 1;
+    }
+
     /// The plan of a read-only query; its parameters `$1`, `$2` may be unbound.
     ///
     /// # Errors

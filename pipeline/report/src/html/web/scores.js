@@ -187,7 +187,7 @@ class ScoreSet {
   /** All scores of some rows as CSV. @param {number[]} rows */
   csv(rows) {
     const { axes, metrics, flagged, held_out, seen } = this.block;
-    const named = metrics.map((m, i) => i).flatMap((m) => [this.label(m)]);
+    const named = metrics.map((_, m) => this.label(m));
     const head = [...axes.map((a) => a.name), "flagged_lines", "lines_held_out", "lines_in_sample", ...named];
     const body = rows.map((r) => csvRow([...axes.map((_, a) => this.word(a, r)), flagged[r], held_out[r], seen[r],
       ...metrics.map((_, m) => this.value(m, r))]));
