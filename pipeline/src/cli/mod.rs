@@ -3,12 +3,14 @@
 
 mod answer;
 mod bench;
+mod choose;
 #[cfg(feature = "cluster")]
 mod cluster;
 mod engine;
 mod events;
 mod guard;
 mod ingest;
+mod init;
 mod interrupt;
 mod invocation;
 mod lines;
@@ -182,6 +184,8 @@ enum Command {
     },
     /// Import logs as flight Parquet, with a summary of their quality.
     Ingest(ingest::IngestArgs),
+    /// Write a spec for your own log: the columns, units, times and sensors that were found, with the reasons.
+    Init(init::InitArgs),
     /// Simulate flights with known truth.
     Synth {
         /// The simulation's spec.
@@ -335,6 +339,7 @@ fn execute(catalogue: &[StageEntry], arguments: impl IntoIterator<Item = OsStrin
         Command::Stages { name, markdown } => stages(catalogue, name.as_deref(), markdown),
         Command::Report(args) => report::run(catalogue, &args),
         Command::Ingest(args) => ingest::run(&args),
+        Command::Init(args) => init::run(catalogue, &args),
         Command::Publish(args) => publish::run(catalogue, &args),
         Command::Bench { command } => bench::run(&command),
         Command::Onnx(args) => onnx::run(&args),
