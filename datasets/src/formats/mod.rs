@@ -384,6 +384,18 @@ fn open_format(
     Ok((format, raw))
 }
 
+/// The name of the format of a flight log.
+///
+/// # Errors
+/// Fails for a file that is missing, empty or in no known format.
+pub fn flight_format_of(
+    formats: &[FlightFormat],
+    path: &Path,
+    options: &FlightOptions,
+) -> Result<&'static str, ReadError> {
+    format_of(formats, path, options).map(|format| format.name)
+}
+
 /// The format of a file.
 fn format_of(formats: &[FlightFormat], path: &Path, options: &FlightOptions) -> Result<FlightFormat, ReadError> {
     let head = FileHead { rename: Some(&options.rename), ..FileHead::read(path)? };

@@ -28,7 +28,8 @@ use serde_json::json;
 use store::{make_folder, own_folder, sweep};
 
 use super::{
-    ExitReason, counted, is_quiet, lines, note, progress::ProgressDisplay, say, temporary::TemporaryFile, threads,
+    ExitReason, choose, counted, is_quiet, lines, note, progress::ProgressDisplay, say, temporary::TemporaryFile,
+    threads,
 };
 
 /// Arguments of `magline ingest`.
@@ -37,19 +38,25 @@ pub struct IngestArgs {
     /// Logs: files, folders or patterns.
     #[arg(required = true)]
     inputs: Vec<String>,
-    /// The output folder. A mapping with several tables writes one folder for each.
-    #[arg(long, required_unless_present_any = ["suggest", "picture", "write_lines"])]
+    /// The output folder. A mapping with several tables writes one folder for each. Default: a folder named after the
+    /// log, without its extension; `flights` for several logs.
+    #[arg(long)]
     to: Option<PathBuf>,
     /// The format of the logs; by default determined from content and extension.
     #[arg(long)]
     format: Option<String>,
-    /// The mapping of the columns: a TOML file, or the name of a built-in mapping.
+    /// The mapping of the columns: a TOML file, or the name of a built-in mapping. Default for logs of several tables:
+    /// the built-in mapping that reads most of them.
     #[arg(long)]
     mapping: Option<String>,
     /// One table of the mapping; all tables by default.
     #[arg(long, requires = "mapping")]
     table: Option<String>,
-    /// The flight identifier, if neither log nor mapping contains it.
+    /// The start time of the log for a mapping, if the log does not contain it: a UTC time such as
+    /// 2012-10-10T18:20:00Z, or `unknown`, which counts `tt` from the start of the log and gives no date.
+    #[arg(long, value_name = "UTC|unknown")]
+    epoch: Option<String>,
+    /// The flight identifier, if neither log nor mapping contains it. Default: the name of the file.
     #[arg(long)]
     flight: Option<String>,
     /// The line identifier, if neither log nor mapping contains it.
@@ -105,8 +112,12 @@ pub fn run(args: &IngestArgs) -> Result<(), ExitReason> {
     }
     super::QUIET.store(args.quiet || args.json, Ordering::Relaxed);
     super::interrupt::leave();
-    let to = args.to.clone().unwrap_or_default();
+    let only_lines = args.to.is_none() && (args.divided.picture.is_some() || args.divided.write_lines.is_some());
+    let to = args.to.clone().unwrap_or_else(|| choose::folder(&args.inputs));
     let works = works(args, &to)?;
+    if args.to.is_none() && !only_lines {
+        note(&format!("output folder: {}; choose another with `--to`", to.display()));
+    }
     let options = FlightOptions {
         format: args.format.clone(),
         flight: args.flight.clone(),
@@ -117,8 +128,15 @@ pub fn run(args: &IngestArgs) -> Result<(), ExitReason> {
     let options = lines::options(&args.divided, options);
     let logs: Vec<lines::LogInput> =
         works.iter().map(|w| lines::LogInput { input: &w.input, mapped: w.mapped.as_ref() }).collect();
-    let divided = lines::lines(&args.divided, &logs, &options, args.to.as_deref(), args.replace, args.json)?;
-    if args.to.is_none() {
+    let divided = lines::lines(
+        &args.divided,
+        &logs,
+        &options,
+        Some(to.as_path()).filter(|_| !only_lines),
+        args.replace,
+        args.json,
+    )?;
+    if only_lines {
         return Ok(());
     }
     let hidden = to.join(".ingest");
@@ -132,7 +150,7 @@ pub fn run(args: &IngestArgs) -> Result<(), ExitReason> {
     let one = |(number, work): (usize, &IngestItem)| {
         let export = LogExport {
             input: &work.input,
-            options: hive(&work.input, &options),
+            options: choose::keys(work.mapped.is_some(), &work.input, hive(&work.input, &options)),
             mapped: work.mapped.clone(),
             lines: divided.table(),
             folder: work.folder.clone(),
@@ -174,7 +192,7 @@ fn working_folder(hidden: &Path) -> std::io::Result<(PathBuf, fs::File)> {
 
 /// Files and tables in the order of the inputs. Duplicate output names are rejected before any file is read.
 fn works(args: &IngestArgs, to: &Path) -> Result<Vec<IngestItem>, ExitReason> {
-    let mapping = args
+    let given = args
         .mapping
         .as_ref()
         .map(|name| Mapping::load(name, |name| file(name, Path::new("."))).map(Arc::new))
@@ -184,7 +202,15 @@ fn works(args: &IngestArgs, to: &Path) -> Result<Vec<IngestItem>, ExitReason> {
         let found = find(input, Path::new(""), args.format.is_some())?;
         for path in found {
             let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            let Some(mapping) = &mapping else {
+            let chosen = match &given {
+                Some(mapping) => {
+                    choose::check(mapping, args.mapping.as_deref(), &path, args.format.as_deref())?;
+                    Some(mapping.clone())
+                }
+                None => choose::mapping(&path, args.format.as_deref(), args.epoch.is_some())?,
+            };
+            let chosen = chosen.map(|mapping| choose::started(mapping, args.epoch.as_deref())).transpose()?;
+            let Some(mapping) = &chosen else {
                 works.push(IngestItem { input: path, mapped: None, folder: to.to_owned(), name });
                 continue;
             };

@@ -3,6 +3,7 @@
 
 mod answer;
 mod bench;
+mod choose;
 #[cfg(feature = "cluster")]
 mod cluster;
 mod engine;
@@ -10,6 +11,7 @@ mod events;
 mod export;
 mod guard;
 mod ingest;
+mod init;
 mod interrupt;
 mod invocation;
 mod lines;
@@ -185,6 +187,8 @@ enum Command {
     },
     /// Import logs as flight Parquet, with a summary of their quality.
     Ingest(ingest::IngestArgs),
+    /// Write a spec for your own log: the columns, units, times and sensors that were found, with the reasons.
+    Init(init::InitArgs),
     /// Simulate flights with known truth.
     Synth {
         /// The simulation's spec.
@@ -339,6 +343,7 @@ fn execute(catalogue: &[StageEntry], arguments: impl IntoIterator<Item = OsStrin
         Command::Stages { name, markdown } => stages(catalogue, name.as_deref(), markdown),
         Command::Report(args) => report::run(catalogue, &args),
         Command::Ingest(args) => ingest::run(&args),
+        Command::Init(args) => init::run(catalogue, &args),
         Command::Publish(args) => publish::run(catalogue, &args),
         Command::Bench { command } => bench::run(&command),
         Command::Onnx(args) => onnx::run(&args),

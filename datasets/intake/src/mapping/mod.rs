@@ -8,6 +8,7 @@ mod bind;
 mod clock;
 mod columns;
 mod declare;
+pub mod detect;
 mod document;
 mod epoch;
 mod make;
@@ -88,6 +89,33 @@ impl Mapping {
             Ok(document) => Ok(Mapping { label, text, document }),
             Err(faults) => Err(ReadError::spec(Path::new(&label), &text, &faults).into()),
         }
+    }
+
+    /// Its text.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// The mapping with another start time for all tables, such as `{ unknown = true }`.
+    ///
+    /// # Errors
+    /// Fails for an epoch that is not valid.
+    pub fn with_epoch(&self, epoch: &str) -> Result<Mapping, Fault> {
+        let (mut kept, mut inside, mut placed) = (String::new(), false, false);
+        for line in self.text.lines() {
+            inside = line.trim_start().starts_with("[epoch]") || (inside && !line.starts_with('['));
+            // Comments in the section belong to the next table.
+            if (inside && !line.starts_with('#') && !line.is_empty()) || line.starts_with("epoch ") {
+                continue;
+            }
+            if line.starts_with('[') && !placed {
+                kept += &format!("epoch = {epoch}\n\n");
+                placed = true;
+            }
+            kept += line;
+            kept.push('\n');
+        }
+        Mapping::of_text(self.label.clone(), kept)
     }
 
     /// Purpose of the mapping.

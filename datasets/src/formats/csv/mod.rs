@@ -76,6 +76,7 @@ fn open(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Result<Raw
 /// Opens a file to be read in blocks of this size in bytes, which does not affect the result.
 fn open_in(path: &Path, options: &FlightOptions, reading: &ReadHints, block: usize) -> Result<RawFlight, ReadError> {
     let names = header(path)?;
+    check_time(path, &names, options)?;
     let known = reading.found.as_deref().and_then(|text| CsvScan::parse(text, names.len()));
     let scan = match known {
         Some(scan) => scan,
@@ -130,6 +131,26 @@ pub(super) fn header(path: &Path) -> Result<Vec<String>, ReadError> {
         return Err(ReadError::data(path, what).help(format!("save it with commas{decimal}")));
     }
     if names.is_empty() { Err(ReadError::data(path, "there is no header row")) } else { Ok(names) }
+}
+
+/// Rejects a column that becomes `tt` if its first value is text, such as a date: `tt` is a number of seconds.
+fn check_time(path: &Path, names: &[String], options: &FlightOptions) -> Result<(), ReadError> {
+    let ours = |name: &String| options.rename.get(name).map_or(name.as_str(), String::as_str) == "tt";
+    let Some(at) = names.iter().position(ours) else { return Ok(()) };
+    let (name, missing) = (&names[at], MissingMarkers::from_options(options));
+    let first = reader(path)?.into_records().find_map(Result::ok);
+    let Some(text) = first.as_ref().and_then(|record| record.get(at)) else { return Ok(()) };
+    // Single unreadable numbers are faults of their rows; a date or a time of day has separators.
+    let is_clock = missing.number(text).is_none() && text.contains([':', '-', '/']);
+    if !is_clock || !text.contains(|c: char| c.is_ascii_digit()) || *name == text {
+        return Ok(());
+    }
+    let what = format!("`{}` is text, but `tt` must be a number of seconds past midnight UTC", text.escape_debug());
+    let help = format!(
+        "read it through a mapping with `time = {{ from = {name:?}, clock = \"text\" }}`; \
+         `magline init FILE` writes the mapping and the spec"
+    );
+    Err(ReadError::options(path, what).in_column(name).help(help))
 }
 
 fn reader(path: &Path) -> Result<csv::Reader<TextFile>, ReadError> {

@@ -34,12 +34,15 @@ const NAMES: [&[&str]; 5] = [
     &["time"],
     &["t"],
     &["utc", "datetime", "date"],
-    &["gps", "tow", "elapsed", "clock"],
+    &["gps", "tow", "sow", "sod", "elapsed", "clock", "zeit", "timestamp"],
 ];
 
 /// The clock of a table: the first column with a common name and increasing values.
 pub fn clock_of(columns: &[ColumnSample]) -> Option<ClockGuess> {
     let joined = |c: &ColumnSample| c.words().concat();
+    if let Some(clock) = of_gps_week(columns).or_else(|| date_and_time(columns)) {
+        return Some(clock);
+    }
     for names in NAMES {
         for column in columns {
             let words = column.words();
@@ -49,7 +52,73 @@ pub fn clock_of(columns: &[ColumnSample]) -> Option<ClockGuess> {
             }
         }
     }
-    None
+    // Dates and times as text are recognised under any name.
+    columns.iter().filter(|c| c.text.is_some()).find_map(one)
+}
+
+/// The column of the GPS week, from 1999 to 2037.
+fn week_of(columns: &[ColumnSample]) -> Option<&ColumnSample> {
+    columns.iter().find(|c| {
+        let plain = c.words().concat();
+        let named = c.words().iter().any(|w| w == "week") || ["gwk", "gpsweek"].contains(&plain.as_str());
+        named && c.known().any(|x| (1024.0..3000.0).contains(&x))
+    })
+}
+
+/// Seconds or milliseconds of a GPS week, with the column of the week. The log's own clock, if there is one, is
+/// sampled more evenly, so it is preferred.
+fn of_gps_week(columns: &[ColumnSample]) -> Option<ClockGuess> {
+    let week = week_of(columns)?;
+    let own = ["timeus", "timems", "timestamp", "t"];
+    if columns.iter().any(|c| own.contains(&c.words().concat().as_str())) {
+        return None;
+    }
+    let names = ["tow", "sow", "gpstime", "gpssec", "gpsseconds", "gpstimes", "secondsofweek", "weekseconds", "time"];
+    let named = |c: &&ColumnSample| {
+        let words = c.words();
+        names.contains(&words.concat().as_str()) || words.iter().any(|w| w == "tow" || w == "sow")
+    };
+    let column = columns.iter().filter(|c| c.name != week.name).find(named)?;
+    // A GNSS time that is held between fixes is not the time of the samples.
+    let guess = one(column).filter(|guess| guess.boot && !guess.repeats)?;
+    let (_, last) = column.range()?;
+    let seconds = convert(guess.unit, "s").unwrap_or(1.0);
+    if last * seconds > 604_800.0 {
+        return None;
+    }
+    let unit = guess.unit;
+    Some(ClockGuess {
+        toml: format!(
+            "{{ from = {}, unit = \"{unit}\", clock = \"gps\", week = {} }}",
+            quoted(&column.name),
+            quoted(&week.name)
+        ),
+        why: "guess: time of the GPS week, converted to UTC with the leap seconds of its date".to_owned(),
+        boot: false,
+        ..guess
+    })
+}
+
+/// The date and the time of day as two columns of text.
+fn date_and_time(columns: &[ColumnSample]) -> Option<ClockGuess> {
+    let of = |name: &str| {
+        let named = |c: &&ColumnSample| c.words().iter().any(|w| w == name) && c.text.is_some();
+        columns.iter().find(named)
+    };
+    let (date, time) = (of("date")?, of("time")?);
+    let text = format!("{} {}", date.text.as_ref()?.trim(), time.text.as_ref()?.trim());
+    if date.name == time.name || TimeTextFormat::Iso.read(date.text.as_ref()?.trim()).is_none() {
+        return None;
+    }
+    TimeTextFormat::Iso.read(&text)?;
+    Some(ClockGuess {
+        toml: format!("{{ from = [{}, {}], clock = \"text\" }}", quoted(&date.name), quoted(&time.name)),
+        why: "date and time as text, taken as UTC; if they are local times, add `zone = \"+02:00\"`".to_owned(),
+        column: time.name.clone(),
+        unit: "s",
+        boot: false,
+        repeats: false,
+    })
 }
 
 fn one(column: &ColumnSample) -> Option<ClockGuess> {
@@ -58,7 +127,10 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
         TimeTextFormat::Iso.read(text)?;
         return Some(ClockGuess {
             toml: format!("{{ from = {}, clock = \"text\" }}", quoted(&column.name)),
-            why: format!("ISO 8601 text, such as {}; UTC unless the text has an offset", quoted(text)),
+            why: format!(
+                "ISO 8601 text, such as {}; UTC unless the text has an offset; for local times, add `zone`",
+                quoted(text)
+            ),
             column: column.name.clone(),
             unit: "s",
             boot: false,
@@ -150,12 +222,7 @@ pub fn epoch_of(topics: &[TopicSample]) -> String {
 
 fn of_topic(topic: &TopicSample) -> Option<String> {
     let clock = topic.clock.as_ref();
-    let week = topic.columns.iter().find(|c| {
-        let plain = c.words().concat();
-        let named = c.words().iter().any(|w| w == "week") || ["gwk", "gpsweek"].contains(&plain.as_str());
-        // From 1999 to 2037.
-        named && c.known().any(|x| (1024.0..3000.0).contains(&x))
-    });
+    let week = week_of(&topic.columns);
     let rises =
         |c: &&ColumnSample| c.known().fold((f64::MIN, true), |(last, fine), x| (x.max(last), fine && x >= last)).1;
     let millis = |c: &&ColumnSample| {

@@ -59,6 +59,7 @@ pub fn guesses(topic: &TopicSample, letters: &mut impl Iterator<Item = char>) ->
             continue;
         }
         let Some(guess) = scalar(column, topic) else { continue };
+        let guess = numbered(guess, &out);
         if guess.is_used() && out.iter().any(|g| g.ours == guess.ours) {
             let why = format!("another column is already `{}`", guess.ours);
             out.push(ColumnGuess::left_out(&column.name, &why));
@@ -67,6 +68,16 @@ pub fn guesses(topic: &TopicSample, letters: &mut impl Iterator<Item = char>) ->
         }
     }
     out
+}
+
+/// A scalar magnetometer under an unused number: a second sensor is `mag_2_uc`.
+fn numbered(mut guess: ColumnGuess, taken: &[ColumnGuess]) -> ColumnGuess {
+    let is_taken = |name: &str| taken.iter().any(|g| g.is_used() && g.ours == name);
+    if guess.is_used() && flight::is_scalar_reading(&guess.ours) && is_taken(&guess.ours) {
+        let free = (1..).map(|n| format!("mag_{n}_uc")).find(|name| !is_taken(name));
+        guess.ours = free.unwrap_or(guess.ours);
+    }
+    guess
 }
 
 /// Three columns whose names differ only in x, y, z or 0, 1, 2, with their common words.
@@ -336,13 +347,20 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
             _ => left("a height: name it `alt` if above the ellipsoid, `msl` if above sea level; set its `unit`"),
         };
     }
-    if has(&words, &["mag", "magnetometer"]) && !has(&words, &["x", "y", "z"]) && !column.whole {
+    let is_field = has(&words, &["mag", "magnetometer", "tmi", "totalfield"])
+        || (has(&words, &["total"]) && has(&words, &["field"]));
+    let is_part =
+        has(&words, &["x", "y", "z", "lag", "res", "anomaly", "signal", "quality", "status", "valid", "lock"]);
+    // A whole number may be a count, unless its unit is given.
+    if is_field && !is_part && (!column.whole || declared_unit(column, "nT").is_some()) {
         let median = column.median()?;
         let unit = declared_unit(column, "nT")
             .filter(|u| convert(u, "nT").is_some_and(|f| (15_000.0..80_000.0).contains(&(median * f))));
         let unit = unit.or_else(|| (15_000.0..80_000.0).contains(&median).then(|| "nT".to_owned()));
         if let Some(unit) = unit {
-            let ours = if known.unit == "nT" { column.name.as_str() } else { "mag_1_uc" };
+            let number = words.iter().find(|w| w.len() < 4 && w.bytes().all(|b| b.is_ascii_digit()));
+            let ours = format!("mag_{}_uc", number.map_or("1", String::as_str));
+            let ours = if known.unit == "nT" { column.name.as_str() } else { &ours };
             return made(ours, &unit, &format!("a median of {median:.1} {unit} is the earth's field"));
         }
     }

@@ -1,0 +1,168 @@
+//! `magline init`: a commented spec for the user's own log.
+
+mod findings;
+mod text;
+
+use std::{
+    fs,
+    io::Write,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use clap::Args;
+use datasets::{FlightOptions, MapOptions, read_grid};
+use intake::{
+    flight_formats,
+    mapping::{Mapping, suggest},
+};
+use plan::{Plan, parse_spec};
+use schemas::{Fault, StageEntry};
+
+use self::{
+    findings::LogFindings,
+    text::{InitSource, InitText},
+};
+use super::{ExitReason, choose, say};
+
+/// Arguments of `magline init`.
+#[derive(Args)]
+pub struct InitArgs {
+    /// A log, and optionally an anomaly map.
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// The output file of the spec. Default: the name of the log with `.toml`. An existing file is not overwritten.
+    #[arg(short, long)]
+    output: Option<PathBuf>,
+}
+
+/// Extensions of raster maps, which are not flight logs.
+const MAPS: [&str; 8] = ["tif", "tiff", "grd", "gxf", "ers", "asc", "nc", "flt"];
+
+/// Runs the command.
+pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> {
+    let is_map =
+        |path: &&PathBuf| path.extension().is_some_and(|e| MAPS.iter().any(|known| e.eq_ignore_ascii_case(known)));
+    let (maps, logs): (Vec<&PathBuf>, Vec<&PathBuf>) = args.files.iter().partition(is_map);
+    let [log] = logs.as_slice() else {
+        let what = format!("`magline init` requires exactly one log, not {}", logs.len());
+        return Err(Fault::new(what).help("run it for each log with a separate `-o SPEC.toml`").into());
+    };
+    let name = choose::plain(log);
+    let spec = args.output.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.toml")));
+    let folder = spec.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned();
+    let stem = choose::plain(&spec);
+    let own = folder.join(format!("{stem}_mapping.toml"));
+    if let Some(there) = [&spec, &own].into_iter().find(|path| path.exists()) {
+        let what = format!("{} exists and is not overwritten", there.display());
+        return Err(Fault::new(what).help("give another file with `-o`, or move the existing file").into());
+    }
+    let source = source(log, &own)?;
+    let found = LogFindings::read(log, &source)?;
+    let mut map = None;
+    let mut questions = found.questions.clone();
+    if let Some(path) = maps.first() {
+        match read_grid(path, &MapOptions::default()) {
+            Ok(_) => map = Some(relative(path, &folder)?),
+            Err(e) => questions.push(format!("the map is not used yet: {}", Fault::from(e))),
+        }
+    }
+    let mut writer = InitText {
+        name: identifier(&stem),
+        log: relative(log, &folder)?,
+        mapping: source.own.as_ref().map(|_| format!("{stem}_mapping.toml")),
+        source: &source,
+        found: &found,
+        map,
+        questions,
+    };
+    let parsed = |text: String| {
+        let file = spec.display().to_string();
+        parse_spec(&file, folder.clone(), text, &[]).and_then(|spec| Plan::new(spec, catalogue))
+    };
+    if let Some(text) = &source.own {
+        write_new(&own, text)?;
+    }
+    // A map that the log cannot use is a question; the other stages run.
+    let mut text = writer.text();
+    if writer.map.is_some()
+        && let Err(faults) = parsed(text.clone())
+    {
+        let why = faults.faults.first().map_or(String::new(), Fault::to_string);
+        writer.map = None;
+        writer.questions.push(format!("the map is not used yet: {why}"));
+        text = writer.text();
+    }
+    let checked = parsed(text.clone());
+    write_new(&spec, &text)?;
+    say::out_text(writer.summary());
+    say::out_text(format!("\nwritten: {}\n", spec.display()));
+    if source.own.is_some() {
+        say::out_text(format!("written: {} (columns, units, time)\n", own.display()));
+    }
+    checked?;
+    say::out_text(format!("next: magline run {}\n", spec.display()));
+    Ok(())
+}
+
+/// The mapping of a log: none, built-in or suggested. `own` is the file of a suggested mapping.
+fn source(log: &Path, own: &Path) -> Result<InitSource, ExitReason> {
+    let options = FlightOptions::default();
+    let label = own.display().to_string();
+    let parsed = |text: &str| Mapping::of_text(label.clone(), text.to_owned()).map(Arc::new);
+    if let Some(best) = choose::fits(log, None)?.into_iter().next() {
+        let mut source = InitSource { builtin: Some(best.name), mapping: Some(best.mapping.clone()), own: None };
+        if best.lacks_start {
+            let changed = best.mapping.with_epoch("{ unknown = true }")?;
+            let head = format!(
+                "# The built-in mapping {}, without its start time: the log has no GNSS fix. `tt` counts from the \
+                 start of the log.\n# If you know the start: epoch = {{ utc = \"2012-10-10T18:20:00Z\" }}\n",
+                best.name
+            );
+            let text = head + changed.text();
+            source.mapping = Some(parsed(&text)?);
+            source.own = Some(text);
+        }
+        return Ok(source);
+    }
+    // Files with the names of the flight table need no mapping.
+    let keyed = FlightOptions { flight: Some("1".to_owned()), line: Some("1".to_owned()), ..options.clone() };
+    let opened = intake::open_log(log, &keyed, None, &datasets::ReadHints::default());
+    let canonical =
+        |names: &[&str]| names.contains(&"tt") && names.iter().any(|n| schemas::flight::is_scalar_reading(n));
+    if let Ok(opened) = &opened {
+        let names: Vec<&str> = opened.schema.fields().iter().map(|f| f.name().as_str()).collect();
+        if canonical(&names) {
+            return Ok(InitSource { builtin: None, mapping: None, own: None });
+        }
+    }
+    let text = suggest::suggest(log, &options, flight_formats()).map_err(Fault::from)?;
+    Ok(InitSource { builtin: None, mapping: Some(parsed(&text)?), own: Some(text) })
+}
+
+/// Writes a file that must not exist.
+fn write_new(path: &Path, text: &str) -> Result<(), ExitReason> {
+    let failed = |e: std::io::Error| ExitReason::Failed(format!("error: cannot write {}: {e}", path.display()));
+    let mut file = fs::File::create_new(path).map_err(failed)?;
+    file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(failed)
+}
+
+/// The path of a file in a spec: relative to the folder of the spec if the file is below it, otherwise absolute.
+fn relative(path: &Path, folder: &Path) -> Result<String, ExitReason> {
+    let whole =
+        |p: &Path| p.canonicalize().map_err(|e| ExitReason::Wrong(format!("error: cannot read {}: {e}", p.display())));
+    let (path, folder) = (whole(path)?, whole(folder)?);
+    let short = path.strip_prefix(&folder).unwrap_or(&path);
+    short
+        .to_str()
+        .map(str::to_owned)
+        .ok_or_else(|| Fault::new(format!("the path {} is not UTF-8", path.display())).help("rename the file").into())
+}
+
+/// A name of a pipeline: lower-case letters, digits and `_`, beginning with a letter.
+fn identifier(name: &str) -> String {
+    let plain = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '_' };
+    let name: String = name.chars().map(plain).take(40).collect();
+    let name = name.trim_matches('_').to_owned();
+    if name.starts_with(|c: char| c.is_ascii_alphabetic()) { name } else { format!("log_{name}") }
+}
