@@ -310,18 +310,19 @@ fn gold_faults_of_a_csv_are_reported_with_their_place() {
     let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
     assert!(fault.contains("row 0: is not UTF-8 text"), "{fault}");
     // Files in the encodings and separators of spreadsheets of other countries and systems.
-    for (bytes, message) in [
-        (b"flight;line;tt\n1;1;0,5\n".to_vec(), "its columns are separated by semicolons, not by commas"),
-        (b"flight\tline\ttt\n1\t1\t0.5\n".to_vec(), "its columns are separated by tabs, not by commas"),
-        (
-            "\u{feff}flight,line,tt\n".encode_utf16().flat_map(u16::to_le_bytes).collect(),
-            "is text in UTF-16 (save it as UTF-8)",
-        ),
-    ] {
-        fs::write(&path, bytes).unwrap();
-        let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
-        assert!(fault.contains(message), "{fault}");
+    let utf16: Vec<u8> = "\u{feff}flight,line,tt\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
+    fs::write(&path, utf16).unwrap();
+    let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
+    assert!(fault.contains("is text in UTF-16 (save it as UTF-8)"), "{fault}");
+    for text in ["flight;line;tt;mag_1_uc\n1;1;0,5;51336,25\n", "flight\tline\ttt\tmag_1_uc\n1\t1\t0.5\t51336.25\n"] {
+        fs::write(&path, text).unwrap();
+        let found = read(&path, &FlightOptions::default()).unwrap();
+        assert_eq!((numbers(&found, "tt"), numbers(&found, "mag_1_uc")), (vec![0.5], vec![51_336.25]), "{text}");
     }
+    // A row of another length has its place in the original file.
+    fs::write(&path, "# a comment\nflight;line;tt\n1;1;0,5\n1;1\n").unwrap();
+    let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
+    assert!(fault.contains("the row has 2 values where the header has 3 (line 4 of the file)"), "{fault}");
 }
 
 #[test]

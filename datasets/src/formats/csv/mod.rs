@@ -1,4 +1,4 @@
-//! Comma-separated text with a header row. The file is read twice: once for the type of each column, once for the
+//! Comma-separated text with a header row; other separators are converted. The file is read twice: once for the type of each column, once for the
 //! values. Memory does not grow with the file.
 //!
 //! A cell that is not a number in a column of numbers, and a row with more or fewer values than the header, are faults
@@ -17,10 +17,11 @@ use self::{
     blocks::{BLOCK, CsvBlockReader},
     rows::{CsvLayout, CsvRowFault, CsvRows},
     scan::{CsvScan, at_once},
+    separated::{CsvStyle, CsvText},
 };
 use super::{
     FileHead, FlightBatch, FlightFormat, FlightOptions, RawFlight, ReadHints, RowFault, decimal, limits::check_columns,
-    missing, missing::MissingMarkers, text_end::TextFile,
+    missing, missing::MissingMarkers,
 };
 use crate::{
     ReadError,
@@ -31,12 +32,17 @@ mod blocks;
 mod cells;
 mod rows;
 mod scan;
+mod separated;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "csv",
-    about: "comma-separated values with a header row",
-    extensions: &["csv", "txt"],
-    recognise: |head: &FileHead| head.first_line().is_some_and(|l| l.contains(',') && !l.starts_with('/')),
+    about: "values separated by commas, semicolons or tabs, with a header row",
+    extensions: &["csv", "tsv", "txt"],
+    recognise: |head: &FileHead| {
+        // Comments may stand above the header.
+        let header = head.text_lines().find(|line| !line.starts_with('#')).or(head.first_line());
+        header.is_some_and(|l| l.contains(',') && !l.starts_with('/'))
+    },
     open,
     topics: None,
     made_from: None,
@@ -82,12 +88,13 @@ fn open_in(path: &Path, options: &FlightOptions, reading: &ReadHints, block: usi
         Some(scan) => scan,
         None => CsvScan::read(path, &names, options, (block, reading.threads))?,
     };
-    let notes = scan.notes(path, &names);
+    let mut notes = scan.notes(path, &names);
+    notes.extend(CsvStyle::of(&FileHead::read(path)?).note().map(|note| format!("{}: {note}", path.display())));
     let missing = MissingMarkers::from_options(options);
     let (fillers_to, drops_last) = (missing.highest(), scan.drops_last());
     let layout = CsvLayout { names, kinds: scan.kinds.clone(), missing, fillers_to, drops_last };
     let schema = layout.schema();
-    let file = TextFile::open(path)?;
+    let file = CsvText::open(path)?;
     let parts = CsvBatchReader {
         path: path.to_path_buf(),
         keys: vec![String::new(); layout.names.len()],
@@ -122,14 +129,6 @@ pub(super) fn header(path: &Path) -> Result<Vec<String>, ReadError> {
             return Err(ReadError::data(path, "the header names the column twice").in_column(name));
         }
     }
-    if let [name] = names.as_slice()
-        && let Some((character, word)) =
-            [(';', "semicolons"), ('\t', "tabs")].into_iter().find(|(c, _)| name.contains(*c))
-    {
-        let what = format!("its columns are separated by {word}, not by commas");
-        let decimal = if character == ';' { ", and with decimal points" } else { "" };
-        return Err(ReadError::data(path, what).help(format!("save it with commas{decimal}")));
-    }
     if names.is_empty() { Err(ReadError::data(path, "there is no header row")) } else { Ok(names) }
 }
 
@@ -153,8 +152,8 @@ fn check_time(path: &Path, names: &[String], options: &FlightOptions) -> Result<
     Err(ReadError::options(path, what).in_column(name).help(help))
 }
 
-fn reader(path: &Path) -> Result<csv::Reader<TextFile>, ReadError> {
-    let file = TextFile::open(path)?;
+fn reader(path: &Path) -> Result<csv::Reader<CsvText>, ReadError> {
+    let file = CsvText::open(path)?;
     Ok(csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(file))
 }
 
@@ -192,7 +191,7 @@ struct CsvBatchReader {
     path: PathBuf,
     layout: CsvLayout,
     schema: SchemaRef,
-    blocks: CsvBlockReader<TextFile>,
+    blocks: CsvBlockReader<CsvText>,
     threads: usize,
     /// The next parts.
     ready: VecDeque<Result<FlightBatch, ReadError>>,

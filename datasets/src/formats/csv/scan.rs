@@ -9,12 +9,13 @@ use super::{
     super::{
         FlightOptions, decimal,
         missing::MissingMarkers,
-        text_end::{TextFile, is_whole},
+        text_end::is_whole,
     },
     CsvColumnKind,
     blocks::{CsvBlock, CsvBlockReader},
     cells::{CsvCells, ends_record},
     rows::{may_repeat, plain_cell, repeats},
+    separated::CsvText,
     settled_kind,
 };
 use crate::ReadError;
@@ -78,7 +79,7 @@ impl CsvScan {
         let open = settled.iter().map(Option::is_none).collect();
         let widths = !is_whole(path).unwrap_or(true);
         let mut question = CsvScanColumns { names, missing: &missing, open, widths };
-        let mut blocks = CsvBlockReader::new(TextFile::open(path)?, block);
+        let mut blocks = CsvBlockReader::new(CsvText::open(path)?, block);
         let (mut repeated, mut line, mut shortest, mut last) = ((0, 0), 1, usize::MAX, None);
         loop {
             let (some, failed) = blocks.some(threads);
