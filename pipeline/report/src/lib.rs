@@ -7,10 +7,12 @@ pub mod html;
 mod lineage;
 pub mod openlineage;
 mod reference;
+mod schema;
 pub mod sql;
 mod why;
 
 pub use explain::explain;
 pub use lineage::{LineageFormat, lineage};
 pub use reference::{one as stage_page, overview as stages_overview, page as reference_page};
+pub use schema::schema as spec_schema;
 pub use why::why;
