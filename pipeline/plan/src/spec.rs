@@ -19,7 +19,10 @@ use toml::{
 pub use course::{RungOutcome, SearchState, SearchTrial, SearchTrialScore, best};
 pub use faults::SpecFaults;
 use publish::{ProtectionKeys, PublishFacts};
-pub use search::{GoalDirection, SearchAxis, SearchSpec, SuccessiveHalving, TRIAL, reference as search_reference};
+pub use search::{
+    GoalDirection, SearchAxis, SearchDocs, SearchSpec, SuccessiveHalving, TRIAL, docs as search_docs,
+    reference as search_reference,
+};
 use set::SetAssignment;
 
 /// Bytes of the spec; the bytes of the `--set` assignments follow the bytes of the file.

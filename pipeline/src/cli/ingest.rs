@@ -482,7 +482,7 @@ fn suggested(args: &IngestArgs) -> Result<(), ExitReason> {
     };
     let path = Path::new(input);
     let options = FlightOptions { format: args.format.clone(), ..FlightOptions::default() };
-    let text = suggest::suggest(path, &options, flight_formats()).map_err(Fault::from)?;
+    let text = suggest::suggest(path, &options, flight_formats()).map_err(Fault::from)?.text;
     let Some(to) = &args.output else {
         say::out_text(text);
         return Ok(());

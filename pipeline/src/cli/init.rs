@@ -14,16 +14,20 @@ use clap::Args;
 use datasets::{FlightOptions, MapOptions, read_grid};
 use intake::{
     flight_formats,
-    mapping::{Mapping, suggest},
+    mapping::{
+        Mapping,
+        detect::{MappingFit, fitting},
+        suggest,
+    },
 };
-use plan::{Plan, parse_spec};
-use schemas::{Fault, StageEntry};
+use plan::{Plan, parse_spec, sources::Flights};
+use schemas::{Fault, StageEntry, render};
 
 use self::{
     findings::LogFindings,
     text::{InitSource, InitText},
 };
-use super::{ExitReason, choose, say};
+use super::{ExitReason, choose, print_to_stderr, say, shell::shell_word, temporary::TemporaryFile};
 
 /// Arguments of `magline init`.
 #[derive(Args)]
@@ -73,35 +77,56 @@ pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> 
         mapping: source.own.as_ref().map(|_| format!("{stem}_mapping.toml")),
         source: &source,
         found: &found,
+        navigates: map.is_some() && found.tables.iter().any(|table| table.has("ins_lat")),
         map,
+        lines: None,
         questions,
     };
+    writer.lines = writer.halves(&stem);
     let parsed = |text: String| {
         let file = spec.display().to_string();
         parse_spec(&file, folder.clone(), text, &[]).and_then(|spec| Plan::new(spec, catalogue))
     };
-    if let Some(text) = &source.own {
-        write_new(&own, text)?;
+    // The plan reads the mapping and the lines. They are removed if the command fails.
+    let lines = writer.lines.clone().map(|(name, text)| (folder.join(name), text));
+    let mut drafts = vec![];
+    for (path, text) in source.own.iter().map(|text| (own.clone(), text.clone())).chain(lines.clone()) {
+        write_new(&path, &text)?;
+        drafts.push(TemporaryFile::new(path));
     }
-    // A map that the log cannot use is a question; the other stages run.
     let mut text = writer.text();
-    if writer.map.is_some()
-        && let Err(faults) = parsed(text.clone())
-    {
+    // What the log and the map do not permit is a question; the other stages run.
+    while let Err(faults) = parsed(text.clone()) {
         let why = faults.faults.first().map_or(String::new(), Fault::to_string);
-        writer.map = None;
-        writer.questions.push(format!("the map is not used yet: {why}"));
+        if writer.navigates {
+            writer.navigates = false;
+            writer.questions.push(format!("navigation is not possible yet: {why}"));
+        } else if writer.map.take().is_some() {
+            writer.questions.push(format!("the map is not used yet: {why}"));
+        } else {
+            break;
+        }
         text = writer.text();
     }
     let checked = parsed(text.clone());
+    // Lines with impossible values fail in a run.
+    let implausible: Vec<Fault> =
+        checked.iter().flat_map(|plan| plan.flights.iter().flat_map(Flights::implausible)).collect();
     write_new(&spec, &text)?;
+    drafts.into_iter().for_each(TemporaryFile::keep);
     say::out_text(writer.summary());
     say::out_text(format!("\nwritten: {}\n", spec.display()));
     if source.own.is_some() {
-        say::out_text(format!("written: {} (columns, units, time)\n", own.display()));
+        say::out_text(format!("written: {} (columns, units, time)\n", shown(&own).display()));
+    }
+    if let Some((path, _)) = &lines {
+        say::out_text(format!("written: {} (two halves of the log as lines)\n", shown(path).display()));
     }
     checked?;
-    say::out_text(format!("next: magline run {}\n", spec.display()));
+    for fault in &implausible {
+        print_to_stderr(&format!("warning: {}", render(fault, "", "").trim_start_matches("error: ").trim_end()));
+    }
+    say::out_text(format!("next: magline run {}\n", shell_word(&spec.to_string_lossy())));
     Ok(())
 }
 
@@ -111,19 +136,7 @@ fn source(log: &Path, own: &Path) -> Result<InitSource, ExitReason> {
     let label = own.display().to_string();
     let parsed = |text: &str| Mapping::of_text(label.clone(), text.to_owned()).map(Arc::new);
     if let Some(best) = choose::fits(log, None)?.into_iter().next() {
-        let mut source = InitSource { builtin: Some(best.name), mapping: Some(best.mapping.clone()), own: None };
-        if best.lacks_start {
-            let changed = best.mapping.with_epoch("{ unknown = true }")?;
-            let head = format!(
-                "# The built-in mapping {}, without its start time: the log has no GNSS fix. `tt` counts from the \
-                 start of the log.\n# If you know the start: epoch = {{ utc = \"2012-10-10T18:20:00Z\" }}\n",
-                best.name
-            );
-            let text = head + changed.text();
-            source.mapping = Some(parsed(&text)?);
-            source.own = Some(text);
-        }
-        return Ok(source);
+        return builtin(best, parsed);
     }
     // Files with the names of the flight table need no mapping.
     let keyed = FlightOptions { flight: Some("1".to_owned()), line: Some("1".to_owned()), ..options.clone() };
@@ -133,11 +146,33 @@ fn source(log: &Path, own: &Path) -> Result<InitSource, ExitReason> {
     if let Ok(opened) = &opened {
         let names: Vec<&str> = opened.schema.fields().iter().map(|f| f.name().as_str()).collect();
         if canonical(&names) {
-            return Ok(InitSource { builtin: None, mapping: None, own: None });
+            return Ok(InitSource { builtin: None, mapping: None, own: None, unused: vec![] });
         }
     }
-    let text = suggest::suggest(log, &options, flight_formats()).map_err(Fault::from)?;
-    Ok(InitSource { builtin: None, mapping: Some(parsed(&text)?), own: Some(text) })
+    if let Some(best) = fitting(log, &options, flight_formats()).map_err(Fault::from)?.into_iter().next() {
+        return builtin(best, parsed);
+    }
+    let suggestion = suggest::suggest(log, &options, flight_formats()).map_err(Fault::from)?;
+    let mapping = Some(parsed(&suggestion.text)?);
+    Ok(InitSource { builtin: None, mapping, own: Some(suggestion.text), unused: suggestion.unused })
+}
+
+/// The source of a log that a built-in mapping fits.
+fn builtin(best: MappingFit, parsed: impl Fn(&str) -> Result<Arc<Mapping>, Fault>) -> Result<InitSource, ExitReason> {
+    let mut source =
+        InitSource { builtin: Some(best.name), mapping: Some(best.mapping.clone()), own: None, unused: vec![] };
+    if best.lacks_start {
+        let changed = best.mapping.with_epoch("{ unknown = true }")?;
+        let head = format!(
+            "# The built-in mapping {}, without its start time: the log has no GNSS fix. `tt` counts from the start of the \
+             log.\n# If you know the start: epoch = {{ utc = \"2012-10-10T18:20:00Z\" }}\n",
+            best.name
+        );
+        let text = head + changed.text();
+        source.mapping = Some(parsed(&text)?);
+        source.own = Some(text);
+    }
+    Ok(source)
 }
 
 /// Writes a file that must not exist.
@@ -157,6 +192,11 @@ fn relative(path: &Path, folder: &Path) -> Result<String, ExitReason> {
         .to_str()
         .map(str::to_owned)
         .ok_or_else(|| Fault::new(format!("the path {} is not UTF-8", path.display())).help("rename the file").into())
+}
+
+/// A path without a leading `./`.
+fn shown(path: &Path) -> &Path {
+    path.strip_prefix(".").unwrap_or(path)
 }
 
 /// A name of a pipeline: lower-case letters, digits and `_`, beginning with a letter.

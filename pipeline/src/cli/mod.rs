@@ -6,6 +6,8 @@ mod bench;
 mod choose;
 #[cfg(feature = "cluster")]
 mod cluster;
+mod completions;
+mod doctor;
 mod engine;
 mod events;
 mod export;
@@ -15,7 +17,9 @@ mod init;
 mod interrupt;
 mod invocation;
 mod lines;
+mod man;
 mod map;
+mod new;
 mod onnx;
 mod progress;
 mod publish;
@@ -23,7 +27,9 @@ mod report;
 mod run;
 mod say;
 mod schedule;
+mod schema;
 mod serve;
+mod shell;
 mod sql;
 mod task;
 mod temporary;
@@ -189,6 +195,18 @@ enum Command {
     Ingest(ingest::IngestArgs),
     /// Write a spec for your own log: the columns, units, times and sensors that were found, with the reasons.
     Init(init::InitArgs),
+    /// Copy a worked example with its data to a new folder, or list the examples.
+    New(new::NewArgs),
+    /// Check this installation: memory, temporary files, limits, the store, and optionally a spec.
+    Doctor(doctor::DoctorArgs),
+    /// Print the JSON Schema of a spec, with which editors complete and check its keys.
+    #[command(after_help = schema::HELP)]
+    Schema,
+    /// Print a script that completes commands and options in a shell.
+    #[command(after_help = completions::HELP)]
+    Completions(completions::CompletionsArgs),
+    /// Print a manual page, or write all of them.
+    Man(man::ManArgs),
     /// Simulate flights with known truth.
     Synth {
         /// The simulation's spec.
@@ -344,6 +362,11 @@ fn execute(catalogue: &[StageEntry], arguments: impl IntoIterator<Item = OsStrin
         Command::Report(args) => report::run(catalogue, &args),
         Command::Ingest(args) => ingest::run(&args),
         Command::Init(args) => init::run(catalogue, &args),
+        Command::New(args) => new::run(&args),
+        Command::Doctor(args) => doctor::run(catalogue, &args),
+        Command::Schema => schema::run(catalogue),
+        Command::Completions(args) => completions::run(&args),
+        Command::Man(args) => man::run(&args),
         Command::Publish(args) => publish::run(catalogue, &args),
         Command::Bench { command } => bench::run(&command),
         Command::Onnx(args) => onnx::run(&args),

@@ -9,7 +9,7 @@ use schemas::{Fault, StageEntry};
 
 use super::{
     ExitReason, QUIET, SpecArgs, counted, engine, events, interrupt, note, print_to_stderr, progress::ProgressDisplay,
-    say, schedule, tend, threads,
+    say, schedule, shell::shell_word, tend, threads,
 };
 pub use run::{Event, Listener, RunOptions, RunSummary, TaskEngine, again, deduplicated, search};
 
@@ -163,23 +163,13 @@ fn ran(
 fn next_command(args: &RunArgs, plan: &Plan, summary: &RunSummary) -> String {
     let name = &plan.spec.name;
     if !summary.scores.is_empty() {
-        let spec = quoted(&args.spec.spec.to_string_lossy());
-        let sets: String = args.spec.sets.iter().map(|set| format!(" --set {}", quoted(set))).collect();
-        return format!("\nnext: magline report {spec}{sets} -o {}\n", quoted(&format!("{name}.html")));
+        let spec = shell_word(&args.spec.spec.to_string_lossy());
+        let sets: String = args.spec.sets.iter().map(|set| format!(" --set {}", shell_word(set))).collect();
+        return format!("\nnext: magline report {spec}{sets} -o {}\n", shell_word(&format!("{name}.html")));
     }
     let Some((table, _)) = summary.tables.last() else { return String::new() };
-    let query = quoted(&format!("SELECT * FROM \"{name}\".\"{table}\""));
-    format!("\nnext: magline sql {query} --store {}\n", quoted(&store::shown(&plan.spec.store).to_string()))
-}
-
-/// An argument as it is typed in a shell.
-fn quoted(text: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "._-/=:,+".contains(c);
-    if !text.is_empty() && text.chars().all(plain) {
-        text.to_owned()
-    } else {
-        format!("'{}'", text.replace('\'', "'\\''"))
-    }
+    let query = shell_word(&format!("SELECT * FROM \"{name}\".\"{table}\""));
+    format!("\nnext: magline sql {query} --store {}\n", shell_word(&store::shown(&plan.spec.store).to_string()))
 }
 
 /// The summary of a run without `--json`.

@@ -33,6 +33,14 @@ impl TemporaryFile {
     pub fn path(&self) -> &Path {
         &self.0
     }
+
+    /// Leaves the file where it is.
+    pub fn keep(self) {
+        if let Ok(mut list) = UNFINISHED.lock() {
+            list.retain(|path| *path != self.0);
+        }
+        std::mem::forget(self);
+    }
 }
 
 impl Drop for TemporaryFile {

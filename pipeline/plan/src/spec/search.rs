@@ -5,7 +5,7 @@
 //! the rungs of `halving` depend on earlier scores. A [`SearchState`](super::SearchState) gives the next trials.
 
 use learning::search::{MOST_DIMENSIONS, ProposalMethod, SearchDimension, TrialValue};
-use schemas::{ChoiceRegistry, Fault, Literal, ParamReader, Params, Rule, SpecSection, choice, params};
+use schemas::{ChoiceRegistry, Fault, Literal, ParamDoc, ParamReader, Params, Rule, SpecSection, choice, params};
 use toml::{
     Spanned,
     de::{DeTable, DeValue},
@@ -197,9 +197,29 @@ impl SearchSpec {
     }
 }
 
+/// The keys of `[search]`.
+pub struct SearchDocs {
+    /// Of `[search]`, without `axes`, `where` and `halving`.
+    pub search: Vec<ParamDoc>,
+    /// Of an axis with two ends.
+    pub axis: Vec<ParamDoc>,
+    /// Of `halving`, without `values`.
+    pub halving: Vec<ParamDoc>,
+}
+
+/// The declared keys of `[search]`.
+pub fn docs() -> SearchDocs {
+    let lists = ChoiceRegistry::default();
+    SearchDocs {
+        search: SearchKeys::docs(&lists),
+        axis: SearchAxisKeys::docs(&lists),
+        halving: HalvingKeys::docs(&lists),
+    }
+}
+
 /// Every key of `[search]`, in Markdown.
 pub fn reference() -> String {
-    let lists = ChoiceRegistry::default();
+    let SearchDocs { search, axis, halving } = docs();
     let mut text = "# A search\n\nA search proposes the values of the axes in `[search.axes]`. A trial has one value \
                     of each axis. Stages use these axes like listed ones: `\"$lambda\"`. Every table that depends on \
                     a searched axis has the column `trial` and one column for each axis. The table `trials` has the \
@@ -209,9 +229,9 @@ pub fn reference() -> String {
                     with the first value, and the best 1/`eta` of them with the next value.\n"
         .to_owned();
     let groups = [
-        ("[search]", SearchKeys::docs(&lists)),
-        ("[search.axes] NAME = { ... }", SearchAxisKeys::docs(&lists)),
-        ("[search] halving = { ... }", HalvingKeys::docs(&lists)),
+        ("[search]", search),
+        ("[search.axes] NAME = { ... }", axis),
+        ("[search] halving = { ... }", halving),
     ];
     for (title, docs) in groups {
         text += &format!("\n`{title}`\n\n| key | type | unit | default | values | |\n|---|---|---|---|---|---|\n");

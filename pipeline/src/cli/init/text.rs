@@ -7,6 +7,8 @@ use results::text::number;
 
 use super::findings::{LineFinding, LogFindings, TableFindings};
 
+mod vector;
+
 /// Mapping of a log.
 pub struct InitSource {
     /// The name of a built-in mapping.
@@ -15,6 +17,8 @@ pub struct InitSource {
     pub mapping: Option<Arc<Mapping>>,
     /// The text of a mapping for this log, which is written next to the spec.
     pub own: Option<String>,
+    /// Columns that this mapping does not use.
+    pub unused: Vec<String>,
 }
 
 /// Contents of a spec.
@@ -28,6 +32,10 @@ pub struct InitText<'a> {
     pub found: &'a LogFindings,
     /// The path of the map in the spec.
     pub map: Option<String>,
+    /// Whether the spec navigates on the map.
+    pub navigates: bool,
+    /// Name and text of the table of lines of a log without a scalar magnetometer.
+    pub lines: Option<(String, String)>,
     pub questions: Vec<String>,
 }
 
@@ -49,8 +57,33 @@ impl InitText<'_> {
         scalar.or_else(|| all.iter().find(|t| !t.vectors.is_empty())).or_else(|| all.first())
     }
 
+    /// The tables that the spec reads: the main table, and those with a vector magnetometer, an attitude or a position that
+    /// it lacks.
+    fn inputs(&self) -> Vec<&TableFindings> {
+        let Some(main) = self.main() else { return vec![] };
+        let mut chosen = vec![main];
+        let needs: [fn(&TableFindings) -> bool; 3] =
+            [|t| !t.vectors.is_empty(), |t| t.has("ins_roll") && t.has("ins_yaw"), |t| t.has("lat") && t.has("lon")];
+        for need in needs {
+            if chosen.iter().any(|t| need(t)) {
+                continue;
+            }
+            // Two tables with a column of the same name cannot be joined.
+            let free = |t: &&TableFindings| {
+                let shared = |name: &String| !["tt", "year", "doy"].contains(&name.as_str()) && chosen.iter().any(|c| c.columns.contains_key(name));
+                need(t) && !t.columns.keys().any(shared)
+            };
+            if let Some(table) = self.found.tables.iter().find(free) {
+                chosen.push(table);
+            }
+        }
+        chosen
+    }
+
     /// The calibration line: the line whose vector magnetometer turns most.
-    fn calibration<'a>(&self, table: &'a TableFindings) -> Option<(&'a (String, String), &'a LineFinding)> {
+    fn calibration<'a>(&'a self, table: &'a TableFindings) -> Option<(&'a (String, String), &'a LineFinding)> {
+        // The angles are those of the table with a vector magnetometer.
+        let table = self.inputs().into_iter().find(|t| !t.vectors.is_empty()).unwrap_or(table);
         let long = table.lines.iter().filter(|(_, l)| l.rows >= CALIBRATION_ROWS);
         let swung = long.filter(|(_, l)| l.swing_deg.is_some_and(|x| x >= MANOEUVRE_DEG));
         swung.max_by(|(_, a), (_, b)| a.swing_deg.unwrap_or(0.0).total_cmp(&b.swing_deg.unwrap_or(0.0)))
@@ -66,9 +99,33 @@ impl InitText<'_> {
         for question in &self.questions {
             text += &format!("# ? {}\n", question.escape_debug());
         }
-        let Some(main) = self.main() else { return text };
-        text += "\n[tables.log]\n";
-        text += &format!("path    = {}\n", quoted(&self.log));
+        let inputs = self.inputs();
+        let Some(main) = inputs.first() else { return text };
+        if self.vector_only().is_some() && self.lines.is_some() {
+            text += "\n# The model is calibrated on one half of the log and applied to both.\n[axes]\ncalibration = \
+                     [\"1\", \"2\"]\n";
+        }
+        for table in &inputs {
+            text += &self.block(table, inputs.len() > 1);
+        }
+        if !main.has("year") {
+            text += "# ? No date was found, so `core_field` and `navigate` are not possible. Give it as `date` in `time` of \
+                     a mapping.\n";
+        }
+        if let Some(map) = &self.map {
+            text += &format!("\n[tables.anomaly]\npath = {}\n", quoted(map));
+        }
+        text + &self.stages(main)
+    }
+
+    /// The name of a table in the spec.
+    fn named(&self, table: &TableFindings, several: bool) -> String {
+        if several && !table.name.is_empty() { table.name.clone() } else { "log".to_owned() }
+    }
+
+    /// The block of a table.
+    fn block(&self, table: &TableFindings, several: bool) -> String {
+        let mut text = format!("\n[tables.{}]\npath    = {}\n", self.named(table, several), quoted(&self.log));
         match (&self.mapping, self.source.builtin) {
             (Some(own), _) => {
                 text +=
@@ -79,53 +136,41 @@ impl InitText<'_> {
             }
             (None, None) => text += "# No mapping: the columns have the names of the flight table.\n",
         }
-        if !main.name.is_empty() {
-            text += &format!("table   = {}\n", quoted(&main.name));
+        if !table.name.is_empty() {
+            text += &format!("table   = {}\n", quoted(&table.name));
+        }
+        if let Some((file, _)) = self.lines.as_ref().filter(|_| self.vector_only().is_some()) {
+            text += &format!("lines   = {}   # two halves; edit the times to leave out the ground\n", quoted(file));
         }
         for (key, given) in [("flight ", &self.found.flight), ("line   ", &self.found.line)] {
             if let Some(given) = given {
                 text += &format!("{key} = {}   # the log has no such column\n", quoted(given));
             }
         }
-        let date = if main.has("year") {
-            ""
-        } else {
-            "# ? No date was found, so `core_field` and `navigate` are not possible. Give it as `date` in `time` of a \
-             mapping.\n"
-        };
-        text += date;
-        if let Some(map) = &self.map {
-            text += &format!("\n[tables.anomaly]\npath = {}\n", quoted(map));
-        }
-        text + &self.stages(main)
+        text
     }
 
     fn stages(&self, main: &TableFindings) -> String {
         let rate = main.rate_hz().map_or(10.0, rounded);
+        let inputs = self.inputs();
+        let names: Vec<String> = inputs.iter().map(|t| quoted(&self.named(t, inputs.len() > 1))).collect();
+        let input = if let [one] = names.as_slice() { one.clone() } else { format!("[{}]", names.join(", ")) };
         let mut text = format!(
             "\n# Even times, at the sampling rate of the magnetometer: nothing is aliased.\n[[stages]]\nname    = \
-             \"even\"\nstage   = \"resample\"\ninput   = \"log\"\nrate_hz = {rate:?}\n"
+             \"even\"\nstage   = \"resample\"\ninput   = {input}\nrate_hz = {rate:?}\n"
         );
         if rate <= 2.0 {
             text += &format!("max_gap_s = {:?}   # 2.5 samples\n", 2.5 / rate);
         }
         let mut last = "even";
         let Some(mag) = main.scalars.first() else {
-            text += "# ? No scalar magnetometer was found. Classical compensation requires one.\n";
-            if let Some(vector) = main.vectors.first() {
-                text += &format!(
-                    "\n# The magnitude of the vector magnetometer. Tolles-Lawson terms of the same sensor cannot \
-                     compensate it.\n[[stages]]\nname   = \"total\"\nstage  = \"magnitude\"\ninput  = \"even\"\nvector \
-                     = {}\n",
-                    quoted(vector)
-                );
-            }
-            return text;
+            return text + &listed("vector magnetometers", &main.vectors) + &self.vector_stages(main);
         };
+        let vectors = inputs.iter().find(|t| !t.vectors.is_empty()).map_or(&[][..], |t| &t.vectors);
         text += &listed("scalar magnetometers", &main.scalars);
-        text += &listed("vector magnetometers", &main.vectors);
+        text += &listed("vector magnetometers", vectors);
         let calibration = self.calibration(main);
-        if let (Some(vector), Some(((flight, line), found))) = (main.vectors.first(), calibration) {
+        if let (Some(vector), Some(((flight, line), found))) = (vectors.first(), calibration) {
             let sql = |x: &str| x.replace('\'', "''");
             let condition = format!("flight = '{}' and line = '{}'", sql(flight), sql(line));
             let (low, high) = (0.1_f64.min(0.05 * rate), 0.9_f64.min(0.45 * rate));
@@ -152,13 +197,42 @@ impl InitText<'_> {
             text += "# ? No compensation: it requires a vector magnetometer and a line with manoeuvres (roll, pitch \
                      and yaw of some degrees).\n";
         }
-        if self.map.is_some() {
+        let Some(_) = &self.map else { return text };
+        text += &format!(
+            "\n# The anomaly of the map at each sample.\n[[stages]]\nname  = \"on_map\"\nstage = \"map_value\"\ninput = \
+             \"{last}\"\nmap   = \"anomaly\"\n"
+        );
+        if self.navigates && last == "clean" {
+            let others = calibration.filter(|_| main.lines.len() > 1).map(|((_, line), _)| line.replace('\'', "''"));
+            let condition = others.map_or(String::new(), |line| {
+                format!("where = {}   # not the calibration line\n", quoted(&format!("line <> '{line}'")))
+            });
             text += &format!(
-                "\n# The anomaly of the map at each sample.\n[[stages]]\nname  = \"on_map\"\nstage = \
-                 \"map_value\"\ninput = \"{last}\"\nmap   = \"anomaly\"\n"
+                "\n# Navigation with the default settings: the noise is estimated from the innovations, and the filter \
+                 starts\n# from the alignment of the INS.\n[[stages]]\nname  = \"track\"\nstage = \
+                 \"navigate\"\ninput = \"clean\"\n{condition}map   = \"anomaly\"\n\n# The true position is the \
+                 position of the log. `nees` should be near 2 and `nis` near 1.\n[[stages]]\nname    = \
+                 \"position\"\nstage   = \"score\"\ninput   = [\"clean\", \"track\"]\nmetrics = [\"drms\", \
+                 \"ins_drms\", \"nees\", \"nis\", \"whiteness\"]\n"
             );
         }
         text
+    }
+
+    /// The compensation of the spec, in words.
+    fn compensation(&self, main: &TableFindings) -> String {
+        let vector = self.inputs().into_iter().find_map(|t| t.vectors.first()).cloned();
+        match (main.scalars.first(), vector) {
+            (Some(mag), Some(vector)) if self.calibration(main).is_some() => {
+                format!("{mag} with the Tolles-Lawson terms of {vector}")
+            }
+            (Some(_), Some(_)) => "none: no line has manoeuvres".to_owned(),
+            (Some(_), None) => "none: it requires a vector magnetometer".to_owned(),
+            (None, _) => match self.vector_only() {
+                Some(only) => format!("the magnitude of {}, with the core field as the reference", only.vector),
+                None => "none: without a scalar magnetometer it requires a vector magnetometer, attitude, position and date".to_owned(),
+            },
+        }
     }
 
     /// The findings and choices, for the terminal.
@@ -197,9 +271,13 @@ impl InitText<'_> {
             let of = |names: &[String]| if names.is_empty() { "none".to_owned() } else { names.join(", ") };
             text += &format!("  scalar magnetometers: {}\n", of(&main.scalars));
             text += &format!("  vector magnetometers: {}\n", of(&main.vectors));
+            text += &format!("  compensation: {}\n", self.compensation(main));
             let line = self.calibration(main).map(|((_, line), _)| line.escape_debug().to_string());
             text += &format!("  calibration line: {}\n", line.unwrap_or_else(|| "none with manoeuvres".to_owned()));
             text += &format!("  date: {}\n", if main.has("year") { "found" } else { "not found" });
+        }
+        for column in &self.source.unused {
+            text += &format!("  not used: {column}\n");
         }
         for question in &self.questions {
             text += &format!("  ? {}\n", question.escape_debug());

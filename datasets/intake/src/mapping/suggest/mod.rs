@@ -32,11 +32,19 @@ impl TopicSample {
     }
 }
 
-/// The text of a mapping of a log.
+/// A suggested mapping.
+pub struct MappingSuggestion {
+    /// Its text.
+    pub text: String,
+    /// Columns that it does not use, with the reason if it is known.
+    pub unused: Vec<String>,
+}
+
+/// A mapping of a log.
 ///
 /// # Errors
 /// Fails for a log that cannot be read, and for a log without any recognised column.
-pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -> Result<String, ReadError> {
+pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -> Result<MappingSuggestion, ReadError> {
     let listed = topics_among(formats, path, options)?;
     let mut format = "";
     let mut topics = vec![];
@@ -90,17 +98,17 @@ pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -
         text += &epoch_of(&topics);
     }
     let single = tables.len() == 1;
-    let mut taken: Vec<String> = vec![];
+    let (mut taken, mut unused): (Vec<String>, Vec<String>) = (vec![], vec![]);
     for (topic, clock, found) in &tables {
         let name = table_name(if single && topic.name.is_empty() { "log" } else { &topic.name }, &taken);
-        text += &table(&name, topic, clock, found);
+        text += &table(&name, topic, clock, found, &mut unused);
         taken.push(name);
     }
     if !rest.is_empty() {
         text += "\n# Omitted:\n";
         rest.iter().for_each(|line| text += &format!("# - {line}\n"));
     }
-    Ok(text)
+    Ok(MappingSuggestion { text, unused })
 }
 
 fn shown(name: &str) -> String {
@@ -120,7 +128,13 @@ fn keys(tables: &[(&TopicSample, &ClockGuess, Vec<ColumnGuess>)]) -> String {
     text
 }
 
-fn table(name: &str, topic: &TopicSample, clock: &ClockGuess, found: &[ColumnGuess]) -> String {
+fn table(
+    name: &str,
+    topic: &TopicSample,
+    clock: &ClockGuess,
+    found: &[ColumnGuess],
+    unused: &mut Vec<String>,
+) -> String {
     let mut text = format!("\n[tables.{name}]   # {} rows\n", topic.rows);
     if !topic.name.is_empty() {
         text += &format!("topic = {}\n", quoted(&topic.name));
@@ -140,7 +154,11 @@ fn table(name: &str, topic: &TopicSample, clock: &ClockGuess, found: &[ColumnGue
         }
     }
     let left: Vec<&ColumnGuess> = found.iter().filter(|g| !g.is_used()).collect();
-    left.iter().for_each(|g| text += &format!("# {}: {}\n", g.ours.escape_default(), g.why));
+    for guess in left {
+        let line = format!("{}: {}", guess.ours.escape_default(), guess.why);
+        text += &format!("# {line}\n");
+        unused.push(line);
+    }
     let quaternions: Vec<[&str; 4]> = columns::quaternions(topic);
     for q in &quaternions {
         let from = q.iter().map(|n| quoted(n)).collect::<Vec<_>>().join(", ");
@@ -155,7 +173,9 @@ fn table(name: &str, topic: &TopicSample, clock: &ClockGuess, found: &[ColumnGue
     let others: Vec<String> =
         topic.columns.iter().filter(|c| !named(c)).map(|c| c.name.escape_default().to_string()).collect();
     if !others.is_empty() {
-        text += &wrapped(&format!("not recognised: {}", others.join(", ")));
+        let line = format!("not recognised: {}", others.join(", "));
+        text += &wrapped(&line);
+        unused.push(line);
     }
     text
 }

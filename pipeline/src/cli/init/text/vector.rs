@@ -1,0 +1,98 @@
+//! The part of a spec for a log without a scalar magnetometer: the vector magnetometer is calibrated against the core
+//! field in the body frame.
+
+use super::{InitText, TableFindings, quoted};
+
+/// Minimum duration of a log whose halves are calibrated, s.
+const LEAST_S: f64 = 60.0;
+
+/// The parts of a log that calibrate a vector magnetometer.
+pub struct VectorOnly {
+    /// The vector magnetometer.
+    pub vector: String,
+    /// Whether the height is above sea level, in the column `msl`.
+    above_sea: bool,
+}
+
+impl InitText<'_> {
+    /// What a log without a scalar magnetometer offers; `None` if it has one, or lacks attitude, position or date.
+    pub fn vector_only(&self) -> Option<VectorOnly> {
+        let inputs = self.inputs();
+        let main = inputs.first()?;
+        let has = |name: &str| inputs.iter().any(|t| t.has(name));
+        let complete = ["ins_roll", "ins_pitch", "ins_yaw", "lat", "lon", "year"].into_iter().all(has);
+        let usable = main.scalars.is_empty() && complete && (has("alt") || has("msl"));
+        let vector = main.vectors.first().filter(|_| usable)?.clone();
+        Some(VectorOnly { vector, above_sea: !has("alt") })
+    }
+
+    /// Name and text of a table with the two halves of the only line of a log; `None` for a short log and for several
+    /// lines.
+    pub fn halves(&self, stem: &str) -> Option<(String, String)> {
+        self.vector_only()?;
+        let inputs = self.inputs();
+        let mut lines = inputs.first()?.lines.iter();
+        let ((flight, _), line) = lines.next()?;
+        let long = line.last_tt - line.first_tt >= LEAST_S;
+        if !long || lines.next().is_some() {
+            return None;
+        }
+        // The comma and the quote of a flight name are escaped as in CSV.
+        let flight = format!("\"{}\"", flight.replace('"', "\"\""));
+        let (first, middle, last) = (line.first_tt, 0.5 * (line.first_tt + line.last_tt), line.last_tt);
+        let text = format!(
+            "flight,line,t_start,t_end\n{flight},1,{first:.3},{middle:.3}\n{flight},2,{middle:.3},{last:.3}\n"
+        );
+        Some((format!("{stem}_lines.csv"), text))
+    }
+
+    /// The stages after `even`.
+    pub(super) fn vector_stages(&self, main: &TableFindings) -> String {
+        let Some(VectorOnly { vector, above_sea }) = self.vector_only() else {
+            let mut text = "# ? No scalar magnetometer was found. Without one, compensation requires a vector magnetometer, \
+                            the attitude, the position and the date.\n"
+                .to_owned();
+            if let Some(vector) = main.vectors.first() {
+                text += &format!(
+                    "\n# The magnitude of the vector magnetometer.\n[[stages]]\nname   = \"total\"\nstage  = \
+                     \"magnitude\"\ninput  = \"even\"\nvector = {}\n",
+                    quoted(vector)
+                );
+            }
+            return text;
+        };
+        let mut text = "\n# There is no scalar magnetometer. The magnitude of the vector magnetometer is compensated, with the \
+                        core\n# field in the body frame as the reference. Tolles-Lawson terms of the same sensor \
+                        reproduce its\n# magnitude exactly, so they are not used.\n"
+            .to_owned();
+        let mut last = "even";
+        if above_sea {
+            text += "\n# The height is above sea level; the core field needs the height above the ellipsoid. The difference \
+                     of at most\n# 110 m changes the core field by at most 4 nT.\n[[stages]]\nname    = \"height\"\nstage   = \
+                     \"derive\"\ninput   = \"even\"\ncolumns = { alt = \"msl\" }\nunits   = { alt = \"m\" }\n";
+            last = "height";
+        }
+        let (vector, magnitude) = (quoted(&vector), quoted(&format!("{vector}_t")));
+        let (condition, of_half) = if self.lines.is_some() {
+            ("where    = \"line = '$calibration'\"\n".to_owned(), "the half of `calibration`")
+        } else {
+            (String::new(), "all lines, so that its scores are `in_sample`")
+        };
+        text += &format!(
+            "\n[[stages]]\nname     = \"core\"\nstage    = \"core_field\"\ninput    = \"{last}\"\nattitude = \"ins\"\n\n\
+             [[stages]]\nname   = \"total\"\nstage  = \"magnitude\"\ninput  = \"core\"\nvector = {vector}\n\n\
+             [[stages]]\nname           = \"residual\"\nstage          = \"target\"\ninput          = \"total\"\nkind           = \
+             \"e\"\nmag            = {magnitude}\nremove_diurnal = false   # add the record of an observatory with the stage \
+             `diurnal`\n\n[[stages]]\nname     = \"terms\"\nstage    = \"features\"\ninput    = \"residual\"\nfeatures = \
+             [{core}]\n\n# Calibrated on {of_half}. Leave out the time on the ground.\n[[stages]]\nname     = \
+             \"coefficients\"\nstage    = \"fit\"\ninput    = \"terms\"\n{condition}model    = \"tolles_lawson\"\nlambda   = \
+             0.0\ntarget   = \"target\"\nfeatures = [\"features\"]\nlow_hz   = 0.0\nhigh_hz  = 0.0\ntrim     = 0\n\n\
+             [[stages]]\nname  = \"clean\"\nstage = \"compensate\"\ninput = \"terms\"\nmodel = \"coefficients\"\nmag   = \
+             {magnitude}\n\n# The reference is the core field, so the errors include the anomaly.\n[[stages]]\nname    = \
+             \"scores\"\nstage   = \"score\"\ninput   = [\"clean\"]\ntruth   = \"igrf\"\nmetrics = [\"std_uncompensated\", \
+             \"std_error\", \"improvement_ratio\"]\n",
+            core = quoted(&format!("core_{}", vector.trim_matches('"'))),
+        );
+        text
+    }
+}

@@ -1,0 +1,208 @@
+//! `magline init` on logs of other people: the spec runs as it is, and its numbers are those of the log.
+
+use std::{f64::consts::TAU, fmt::Write, fs};
+
+use arrow_array::{cast::AsArray, types::Float64Type};
+
+use crate::support::{magline, numbers, read, repository, stderr, stdout};
+
+/// Earth's field north, east, down, nT.
+const EARTH: [f64; 3] = [18_000.0, 1_500.0, 48_000.0];
+/// Permanent field of the aircraft, nT.
+const PERMANENT: [f64; 3] = [30.0, -20.0, 50.0];
+const SAMPLES: usize = 2_400;
+
+/// One sample: seconds from the start, scalar magnetometer and vector magnetometer in nT, latitude, longitude.
+struct Sample {
+    t: f64,
+    scalar: f64,
+    vector: [f64; 3],
+    lat: f64,
+    lon: f64,
+}
+
+/// A flight with manoeuvres on four headings, 10 Hz. The noise is a fixed sequence of a standard deviation of 0.02 nT.
+fn flight() -> Vec<Sample> {
+    let size = EARTH.iter().map(|b| b * b).sum::<f64>().sqrt();
+    let mut state = 1_u64;
+    let mut uniform = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+    };
+    (0..SAMPLES)
+        .map(|i| {
+            let t = i as f64 / 10.0;
+            let (roll, pitch) = (0.17 * (TAU * 0.25 * t).sin(), 0.1 * (TAU * 0.21 * t + 1.0).sin());
+            let yaw = (t / 60.0).floor() * TAU / 4.0 + 0.1 * (TAU * 0.17 * t).sin();
+            let vector = body(roll, pitch, yaw);
+            let along: f64 = PERMANENT.iter().zip(vector).map(|(p, b)| p * b / size).sum();
+            let noise = 0.02 * (0..12).map(|_| uniform()).sum::<f64>();
+            Sample { t, scalar: size + along + noise, vector, lat: 45.0 + 5e-5 * t, lon: -75.0 + 2e-6 * t }
+        })
+        .collect()
+}
+
+/// Earth's field in the body frame (forward, right, down), for angles in rad.
+fn body(roll: f64, pitch: f64, yaw: f64) -> [f64; 3] {
+    let ((sr, cr), (sp, cp), (sy, cy)) = (roll.sin_cos(), pitch.sin_cos(), yaw.sin_cos());
+    let [n, e, d] = EARTH;
+    [
+        cp * cy * n + cp * sy * e - sp * d,
+        (sr * sp * cy - cr * sy) * n + (sr * sp * sy + cr * cy) * e + sr * cp * d,
+        (cr * sp * cy + sr * sy) * n + (cr * sp * sy - sr * cy) * e + cr * cp * d,
+    ]
+}
+
+fn csv(head: &str, row: impl Fn(&Sample) -> String) -> String {
+    let mut text = format!("{head}\n");
+    for sample in flight() {
+        writeln!(text, "{}", row(&sample)).unwrap();
+    }
+    text
+}
+
+/// A time of day on 3 June 2024, in ISO 8601 with a time zone two hours ahead of UTC.
+fn iso(t: f64) -> String {
+    let (hours, rest) = (14 + (t / 3600.0) as u32, t % 3600.0);
+    format!("2024-06-03T{hours:02}:{:02}:{:06.3}+02:00", (rest / 60.0) as u32, rest % 60.0)
+}
+
+#[test]
+fn user_a_spec_for_a_csv_file_runs_as_it_is_and_finds_the_aircraft_field() {
+    let kinds = [
+        (
+            "zone",
+            csv("time,Mag1 [nT],FluxX,FluxY,FluxZ,Lat,Lon,Height(m),Const", |s| {
+                let [x, y, z] = s.vector.map(|b| b / 1e3);
+                format!("{},{:.3},{x:.5},{y:.5},{z:.5},{:.7},{:.7},300.0,7", iso(s.t), s.scalar, s.lat, s.lon)
+            }),
+        ),
+        (
+            "week",
+            csv("GPSWeek,GPSTime,Mag1 [nT],Mag2 [nT],FluxX,FluxY,FluxZ,Lat,Lon", |s| {
+                let [x, y, z] = s.vector;
+                let (time, other) = (216_000.0 + s.t, s.scalar + 100.0);
+                format!("2317,{time:.3},{:.3},{other:.3},{x:.2},{y:.2},{z:.2},{:.7},{:.7}", s.scalar, s.lat, s.lon)
+            }),
+        ),
+        (
+            "day",
+            csv("UTC_seconds,mag,flux_x,flux_y,flux_z,latitude,longitude", |s| {
+                let [x, y, z] = s.vector;
+                format!("{:.3},{:.3},{x:.2},{y:.2},{z:.2},{:.7},{:.7}", 50_000.0 + s.t, s.scalar, s.lat, s.lon)
+            }),
+        ),
+        (
+            "canonical",
+            csv("tt,mag_1_uc,flux_a_x,flux_a_y,flux_a_z,lat,lon", |s| {
+                let [x, y, z] = s.vector;
+                format!("{:.3},{:.3},{x:.2},{y:.2},{z:.2},{:.7},{:.7}", 50_000.0 + s.t, s.scalar, s.lat, s.lon)
+            }),
+        ),
+    ];
+    for (name, text) in kinds {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        fs::write(folder.join(format!("{name}.csv")), text).unwrap();
+        let output = magline(folder, &["init", &format!("{name}.csv")]);
+        let found = stdout(&output);
+        assert!(output.status.success(), "{name}: {found}{}", stderr(&output));
+        assert!(found.contains(&format!("next: magline run {name}.toml\n")), "{name}: {found}");
+        let output = magline(folder, &["run", &format!("{name}.toml"), "--quiet"]);
+        assert!(output.status.success(), "{name}: {}{}", stderr(&output), stdout(&output));
+        let models = read(&folder.join(format!("store/tables/{name}/coefficients")));
+        let values = models[0].column_by_name("coefficients").unwrap().as_list::<i32>().value(0);
+        let values = values.as_primitive::<Float64Type>().values().to_vec();
+        for (axis, expected) in PERMANENT.iter().enumerate() {
+            // The other terms take a part of it: the field turns through few directions.
+            assert!((values[axis] - expected).abs() < 3.0, "{name}: {values:?}");
+        }
+        let scores = read(&folder.join(format!("store/tables/{name}/scores")));
+        let ratio = numbers(&scores, "improvement_ratio");
+        assert!(ratio.iter().all(|x| *x > 20.0), "{name}: {ratio:?}");
+    }
+}
+
+#[test]
+fn user_a_date_and_a_unit_of_a_log_reach_the_tables() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let text = csv("time,Mag1 [nT],FluxX,FluxY,FluxZ,Lat,Lon", |s| {
+        let [x, y, z] = s.vector.map(|b| b / 1e3);
+        format!("{},{:.3},{x:.5},{y:.5},{z:.5},{:.7},{:.7}", iso(s.t), s.scalar, s.lat, s.lon)
+    });
+    fs::write(folder.join("log.csv"), text).unwrap();
+    assert!(magline(folder, &["init", "log.csv"]).status.success());
+    assert!(magline(folder, &["run", "log.toml", "--quiet"]).status.success());
+    let even = read(&folder.join("store/tables/log/even"));
+    // 14:00 two hours ahead of UTC is 12:00 UTC.
+    assert!((numbers(&even, "tt")[0] - 43_200.0).abs() < 1e-6);
+    let size = |i: usize| {
+        ["x", "y", "z"].map(|axis| numbers(&even, &format!("flux_a_{axis}"))[i]).iter().map(|b| b * b).sum::<f64>()
+    };
+    let earth = EARTH.iter().map(|b| b * b).sum::<f64>().sqrt();
+    assert!((size(100).sqrt() - earth).abs() < 1.0, "uT became nT");
+}
+
+#[test]
+fn user_specs_of_autopilot_logs_run_with_a_mapping_chosen_by_content() {
+    let logs = repository().join("datasets/samples/logs");
+    for (log, mapping) in [("sample_log_small.ulg", "px4_ulog"), ("log171_cut.bin", "ardupilot_dataflash")] {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        fs::copy(logs.join(log), folder.join(log)).unwrap();
+        let output = magline(folder, &["init", log, "-o", "own.toml"]);
+        assert!(output.status.success(), "{log}: {}", stderr(&output));
+        assert!(stdout(&output).contains(mapping), "{log}: {}", stdout(&output));
+        let output = magline(folder, &["run", "own.toml", "--quiet"]);
+        assert!(output.status.success(), "{log}: {}{}", stderr(&output), stdout(&output));
+    }
+}
+
+#[test]
+fn user_existing_files_are_not_overwritten_and_a_failure_leaves_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let names = || {
+        let mut all: Vec<String> =
+            fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        all.sort();
+        all
+    };
+    fs::write(folder.join("log.csv"), "UTC_seconds,mag\n50000.0,51000\n50000.1,51001\n").unwrap();
+    fs::write(folder.join("log.toml"), "mine").unwrap();
+    let output = magline(folder, &["init", "log.csv"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("log.toml exists and is not overwritten"), "{}", stderr(&output));
+    assert_eq!(fs::read_to_string(folder.join("log.toml")).unwrap(), "mine");
+    assert_eq!(names(), ["log.csv", "log.toml"]);
+    for (name, bytes) in [("empty.csv", &b""[..]), ("words.csv", b"a,b\nx,y\n"), ("image.csv", b"\x89PNG\r\n\x1a\n\0\0")] {
+        fs::write(folder.join(name), bytes).unwrap();
+        let output = magline(folder, &["init", name, "-o", "new.toml"]);
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{name}: {message}");
+        assert!(message.contains(name), "{message}");
+        fs::remove_file(folder.join(name)).unwrap();
+        assert_eq!(names(), ["log.csv", "log.toml"], "{name}");
+    }
+    let output = magline(folder, &["init", "missing.csv"]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn user_hostile_names_stay_text() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let log = "a'b \"c\" $(touch x) \u{202e}.csv";
+    let text = csv("UTC_seconds,mag,flux_x,flux_y,flux_z,\"<b>\u{1b}[31m\"", |s| {
+        let [x, y, z] = s.vector;
+        format!("{:.3},{:.3},{x:.2},{y:.2},{z:.2},1", 50_000.0 + s.t, s.scalar)
+    });
+    fs::write(folder.join(log), text).unwrap();
+    let output = magline(folder, &["init", log, "-o", "own.toml"]);
+    let shown = stdout(&output) + &stderr(&output);
+    assert!(output.status.success(), "{shown}");
+    assert!(!shown.contains('\u{1b}') && !shown.contains('\u{202e}'), "{shown:?}");
+    let output = magline(folder, &["run", "own.toml", "--quiet"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+}
