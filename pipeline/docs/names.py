@@ -7,7 +7,8 @@ the program or the Python package declares:
 - `magline COMMAND [COMMAND] [--FLAG]...`, with the flags of its help; `magline.MODULE.FUNCTION` of the package;
 - `key = value`, a key of a stage, model, filter or section that the same cell names, or of a table of files or a map;
 - `[section]` of a spec or a simulation;
-- any other code span: a stage, model, filter, metric, key or column of the reference.
+- any other code span: a stage, model, filter, metric, key or column of the reference. A key in "`key` of `owner`" must
+  be a key of this owner.
 
 A cell without a code span must begin with "not there". `magnav-jl.md` must have each name of `magnav-exports.txt` once.
 """
@@ -47,7 +48,8 @@ class Names:
         for stage in stages:
             name = stage.split("`")[1]
             own, *parts = re.split(r"(?m)^### The (?:model|filter) ", stage)
-            self.owners[name] = keys(own)
+            inputs = " ".join(re.findall(r"Inputs: (.*)$", own, re.M))
+            self.owners[name] = keys(own) | set(SPAN.findall(inputs))
             for part in parts:
                 self.owners.setdefault(part.split("`")[1], set()).update(keys(part))
         search, synth = output("stages", "search"), output("stages", "synth")
@@ -56,6 +58,9 @@ class Names:
         text = re.sub(r"(?ms)^```.*?^```$", "", reference)
         spans = [span for line in text.splitlines() for span in SPAN.findall(line)]
         self.known = set(re.findall(r"\w+", " ".join(spans)))
+
+    def is_key(self, name: str) -> bool:
+        return any(name in owned for owned in self.owners.values())
 
     def fault(self, span: str, cell: list[str]) -> str | None:
         """Returns the reason why a code span is no name of magline."""
@@ -129,6 +134,9 @@ def check(page: Path, names: Names) -> list[str]:
             owners = [span for span in bare if span in names.owners or span in names.sections]
             # A model or filter that a key selects also owns keys.
             owners += [value for span in spans for value in re.findall(r'"(\w+)"', span) if value in names.owners]
+            for key, owner in re.findall(r"`(\w+)` of `(\w+)`", columns[-1]):
+                if owner in names.owners and key not in names.owners[owner] and names.is_key(key):
+                    faults.append(f"{page}:{at}: `{key}` is no key of `{owner}`")
             if not spans and not columns[-1].startswith("not there"):
                 faults.append(f"{page}:{at}: neither a name of magline nor \"not there\"")
             for span in spans:
