@@ -48,6 +48,7 @@ GENERATED = "reference/stages", "reference/models", "reference/filters", "refere
 
 LINK = re.compile(r"(?<!\!)\[((?:[^\[\]`]|`[^`]*`)+)\]\(([^()\s]+)\)")
 FENCE = re.compile(r"^ *(```+|~~~+|:::+)")
+INCLUDE = re.compile(r"(?m)^(```+\{literalinclude\}) (\S+)$")
 
 
 def outside_code(text: str, change) -> str:
@@ -68,7 +69,7 @@ def outside_code(text: str, change) -> str:
 
 
 def rewrite(text: str, page: str, site: str) -> str:
-    """Returns the text with the links of `page` (a path in the repository) changed for its place on the site."""
+    """Returns the text of `page` (a path in the repository) with its links and includes changed for its site path."""
     here = os.path.dirname(site)
 
     def link(match):
@@ -92,7 +93,11 @@ def rewrite(text: str, page: str, site: str) -> str:
             return label
         return f"[{label}]({os.path.relpath(to, here or '.')}{mark}{anchor})"
 
-    return outside_code(text, lambda part: LINK.sub(link, part))
+    def include(match):
+        file = os.path.normpath(os.path.join(os.path.dirname(page), match.group(2)))
+        return f"{match.group(1)} {os.path.relpath(REPOSITORY / file, OUTPUT / 'source' / here)}"
+
+    return INCLUDE.sub(include, outside_code(text, lambda part: LINK.sub(link, part)))
 
 
 def write(site: str, text: str) -> None:

@@ -6,7 +6,7 @@ import re
 import subprocess
 import unicodedata
 
-from build import GENERATED, LINK, PAGES, REPOSITORY, outside_code
+from build import GENERATED, INCLUDE, LINK, PAGES, REPOSITORY, outside_code
 
 
 def anchors(text: str) -> set[str]:
@@ -45,6 +45,9 @@ def faults(page: str, text: str) -> list[str]:
         return content
 
     outside_code(text, part)
+    for _, target in INCLUDE.findall(text):
+        if not (REPOSITORY / os.path.normpath(os.path.join(os.path.dirname(page), target))).is_file():
+            missing.append(f"{page}: [{target}]: no such file")
     return missing
 
 
