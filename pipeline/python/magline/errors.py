@@ -26,8 +26,8 @@ class Fault:
     row : int or None
         Row within the line, from 0. If the line is unknown, row within the file.
     spec_line : int or None
-        Line number in the spec, from 1. For a spec given as a dict, every top-level key is one
-        line.
+        Line number in the spec, from 1. For a spec given as a dict, line number in
+        ``Spec.from_dict(spec).toml()``.
     """
 
     what: str

@@ -17,10 +17,11 @@ from typing import Any
 
 from magline import _magline, _toml
 from magline.errors import Fault
+from magline.spec import Spec
 from magline.tables import Store, Table, _html_table
 
 _Source = tuple[Path, Path, str | None, list[str]]
-SpecLike = str | os.PathLike[str] | Mapping[str, Any]
+SpecLike = str | os.PathLike[str] | Mapping[str, Any] | Spec
 
 
 @dataclass(frozen=True)
@@ -333,9 +334,9 @@ def run(
 
     Parameters
     ----------
-    spec : path or mapping
-        TOML file, or the keys of a spec as a dict. Paths in a file are relative to the folder of
-        the file; paths in a dict are relative to the current folder.
+    spec : path, mapping or Spec
+        TOML file, the keys of a spec as a dict, or a `Spec`. Paths in a file are relative to the
+        folder of the file, paths in a dict to the current folder.
     set : mapping, optional
         Overrides of the spec: dotted key to new value, such as ``{"axes.lambda": [0.0, 0.025]}``.
         They correspond to ``--set`` of the command. Default: no overrides.
@@ -382,8 +383,8 @@ def check(spec: SpecLike, *, set: Mapping[str, Any] | None = None) -> Check:
 
     Parameters
     ----------
-    spec : path or mapping
-        TOML file, or the keys of a spec as a dict, as for `run`.
+    spec : path, mapping or Spec
+        TOML file, the keys of a spec as a dict, or a `Spec`, as for `run`.
     set : mapping, optional
         Overrides, as for `run`. Default: no overrides.
 
@@ -414,6 +415,8 @@ def _source(
     if store is not None:
         # An override is relative to the spec's folder, an argument to the current folder.
         sets.append(f"store={_toml.value(_absolute(os.fspath(store)))}")
+    if isinstance(spec, Spec):
+        return spec._file, spec.folder, spec.toml(), sets
     if isinstance(spec, Mapping):
         return Path("spec.toml"), Path.cwd(), _toml.document(spec), sets
     return Path(spec), Path(), None, sets
