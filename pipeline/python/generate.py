@@ -110,7 +110,7 @@ def rows(text: str) -> list[Parameter]:
     """Parameters in the first table of a text that has them."""
     table = re.search(r"^\| (?:parameter|key) \| type \| unit .*\n\|[-|]+\n((?:\|.*\n?)*)", text, re.MULTILINE)
     cells = [re.split(r"(?<!\\)\|", line)[1:-1] for line in table.group(1).splitlines()] if table else []
-    plain: list[list[str]] = [[cell.strip().replace(r"\|", "|") for cell in row] for row in cells]
+    plain = ([str(cell).strip().replace(r"\|", "|") for cell in row] for row in cells)
     return [Parameter(key.strip("`"), *rest) for key, *rest in plain]
 
 

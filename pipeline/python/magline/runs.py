@@ -11,14 +11,13 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from html import escape
 from pathlib import Path
 from typing import Any
 
-from magline import _magline, _toml
+from magline import _html, _magline, _toml
 from magline.errors import Fault
 from magline.spec import Spec
-from magline.tables import Store, Table, _html_table
+from magline.tables import Store, Table
 
 _Source = tuple[Path, Path, str | None, list[str]]
 SpecLike = str | os.PathLike[str] | Mapping[str, Any] | Spec
@@ -60,7 +59,7 @@ class Warning:
     cause: str | None
 
     def __str__(self) -> str:
-        return f"{self.stage}: {self.text}"
+        return _html.visible(f"{self.stage}: {self.text}")
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,7 @@ class Failure:
     fault: Fault
 
     def __str__(self) -> str:
-        return f"{self.stage}: {self.error}"
+        return _html.visible(f"{self.stage}: {self.error}")
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ class ScoreTable:
     _text: str = field(repr=False, compare=False)
 
     def records(self) -> list[dict[str, Any]]:
-        """Rows as flat dicts: axes, metrics, ``lines``, ``flagged`` and ``best``, in this order.
+        """Rows as flat dicts: axes, metrics, ``lines``, ``flagged``, ``best`` and ``in_sample``.
 
         Axis values are numbers where possible. ``flagged`` is the number of flagged lines.
         """
@@ -132,6 +131,7 @@ class ScoreTable:
                 "lines": row["lines"],
                 "flagged": row["marked"],
                 "best": row["best"],
+                "in_sample": row["in_sample"],
             }
             for row in self.rows
         ]
@@ -157,8 +157,9 @@ class ScoreTable:
     def _repr_html_(self) -> str:
         rows = self.records()
         names = list(rows[0]) if rows else []
-        cells = [[_cell(row[name]) for name in names] for row in rows]
-        return _html_table(names, cells, f"{self.name}, {self.over}")
+        heads = [f"{name} [{self.units[name]}]" if self.units.get(name, "1") != "1" else name for name in names]
+        cells = [[_cell(row[name]) for name in names] for row in rows[: _html.ROWS]]
+        return _html.table(heads, cells, f"{self.name}, {self.over}, {_html.first_of(len(rows), 'points')}")
 
 
 @dataclass(frozen=True)
@@ -178,6 +179,10 @@ class Check:
     tables: list[str]
     points: int
     notes: list[str]
+
+    def _repr_html_(self) -> str:
+        rows = [["tables", ", ".join(self.tables)], ["points", str(self.points)]]
+        return _html.table(["check", ""], [*rows, *(["note", note] for note in self.notes)], "The spec is valid")
 
 
 class Run:
@@ -216,10 +221,12 @@ class Run:
         self.pipeline: str = summary["pipeline"]
         self.store = Store(summary["store"])
         self.scores = dict(_score_tables(summary))
-        self.warnings = [Warning(**one) for one in summary["warnings"]]
-        self.failures = [
-            Failure(**{**one, "fault": Fault(**one["fault"])}) for one in summary["failures"]
-        ]
+        flagged = [Warning(**one) for one in summary["warnings"]]
+        self.warnings: list[Warning] = _html.Listing(
+            flagged, "warnings", ["stage", "axes", "flight", "line", "text", "cause"]
+        )
+        failed = [Failure(**{**one, "fault": Fault(**one["fault"])}) for one in summary["failures"]]
+        self.failures: list[Failure] = _html.Listing(failed, "failures", ["stage", "axes", "flight", "line", "error"])
         self.notes: list[str] = summary["notes"]
         self.counts: dict[str, dict[str, Any]] = summary["tables"]
         self.seconds: float = summary["seconds"]
@@ -312,10 +319,11 @@ class Run:
             [table, *(str(count[key]) for key in names[1:-1]), f"{count['seconds']:.2f}"]
             for table, count in self.counts.items()
         ]
-        parts = [_html_table(names, cells, f"Run {self.id} of {self.pipeline}")]
+        parts = [_html.table(names, cells, f"Run {self.id} of {self.pipeline}")]
         parts += [scores._repr_html_() for scores in self.scores.values()]
-        parts += [f"<p>warning: {escape(str(one))}</p>" for one in self.warnings]
-        parts += [f"<p>failure: {escape(str(one))}</p>" for one in self.failures]
+        for listing in (self.warnings, self.failures):
+            if listing and isinstance(listing, _html.Listing):
+                parts.append(listing._repr_html_())
         return "\n".join(parts)
 
 

@@ -13,11 +13,10 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from magline import _toml
+from magline import _html, _toml
 from magline._stages import StageMethods
 from magline.errors import SpecError
 
@@ -283,7 +282,7 @@ class Spec(StageMethods):
 
     def toml(self) -> str:
         """TOML text of the spec. Paths are relative to `folder`."""
-        return _toml.document(self._document)
+        return _toml.document(_ordered(self._document))
 
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the spec as a TOML file, which replaces an existing file.
@@ -298,7 +297,7 @@ class Spec(StageMethods):
             The file.
         """
         file = Path(path)
-        text = _toml.document(_moved(self._document, self._folder, file.absolute().parent))
+        text = _toml.document(_ordered(_moved(self._document, self._folder, file.absolute().parent)))
         # A file that is replaced at once is never half written.
         handle, name = tempfile.mkstemp(prefix=f".{file.name}.", dir=file.parent)
         try:
@@ -330,15 +329,16 @@ class Spec(StageMethods):
         return runs.run(self, set=set, threads=threads, store=store)
 
     def __repr__(self) -> str:
-        return f"<magline.Spec {self.name}: {', '.join(self.tables)}>"
+        return _html.visible(f"<magline.Spec {self.name}: {', '.join(self.tables)}>")
 
     def _repr_html_(self) -> str:
-        return f"<pre>{escape(self.toml())}</pre>"
+        return f"<pre>{_html.html(self.toml())}</pre>"
 
     def _stage(self, kind: str, given: Mapping[str, Any]) -> TableHandle:
         keys = self._keys(given)
         name = self._free(keys.pop("name", None), kind)
-        self._document.setdefault("stages", []).append({"name": name, "stage": kind, **keys})
+        first = {key: keys.pop(key) for key in ("input", "where") if key in keys}
+        self._document.setdefault("stages", []).append({"name": name, "stage": kind, **first, **keys})
         return TableHandle(name, self)
 
     def _table(self, given: Mapping[str, Any]) -> TableHandle:
@@ -393,6 +393,14 @@ class Spec(StageMethods):
             return [self._plain(one) for one in item]
         _toml.value(item)  # reports a value without a TOML equivalent
         return item
+
+
+_ORDER = ["name", "seed", "store", "tables", "axes", "search", "stages", "publish"]
+
+
+def _ordered(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys in the usual order; unknown keys are last, for `check` to report them."""
+    return {key: document[key] for key in sorted(document, key=lambda key: [*_ORDER, key].index(key))}
 
 
 def _umask() -> int:
