@@ -111,7 +111,10 @@ def rows(text: str) -> list[Parameter]:
     table = re.search(r"^\| (?:parameter|key) \| type \| unit .*\n\|[-|]+\n((?:\|.*\n?)*)", text, re.MULTILINE)
     cells = [re.split(r"(?<!\\)\|", line)[1:-1] for line in table.group(1).splitlines()] if table else []
     plain = ([str(cell).strip().replace(r"\|", "|") for cell in row] for row in cells)
-    return [Parameter(key.strip("`"), *rest) for key, *rest in plain]
+    return [
+        Parameter(key.strip("`"), type_of, unit, default, allowed, text)
+        for key, type_of, unit, default, allowed, text in plain
+    ]
 
 
 def merged(variants: Sequence[tuple[str, list[Parameter]]]) -> list[Parameter]:

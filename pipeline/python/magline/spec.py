@@ -337,8 +337,9 @@ class Spec(StageMethods):
     def _stage(self, kind: str, given: Mapping[str, Any]) -> TableHandle:
         keys = self._keys(given)
         name = self._free(keys.pop("name", None), kind)
-        first = {key: keys.pop(key) for key in ("input", "where") if key in keys}
-        self._document.setdefault("stages", []).append({"name": name, "stage": kind, **first, **keys})
+        stage: dict[str, Any] = {"name": name, "stage": kind}
+        stage |= {key: keys.pop(key) for key in ("input", "where") if key in keys}
+        self._document.setdefault("stages", []).append(stage | keys)
         return TableHandle(name, self)
 
     def _table(self, given: Mapping[str, Any]) -> TableHandle:
