@@ -7,9 +7,12 @@ import tempfile
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from magline import _html, _magline
+
+if TYPE_CHECKING:
+    import polars as pl
 
 _HTML_ROWS = 10
 
@@ -70,13 +73,13 @@ class Table:
         """All rows as a `pandas.DataFrame`. Requires pandas and pyarrow."""
         return self.to_arrow().to_pandas()
 
-    def polars(self) -> Any:
+    def polars(self) -> pl.DataFrame:
         """All rows as a `polars.DataFrame`. Requires polars."""
         import polars
 
         return polars.DataFrame(self)
 
-    def lazy(self) -> Any:
+    def lazy(self) -> pl.LazyFrame:
         """Lazy table as a `polars.LazyFrame`. Requires polars.
 
         ``collect`` reads only the required columns and, after ``head(n)``, only n rows. Polars
