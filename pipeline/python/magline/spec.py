@@ -169,14 +169,14 @@ class Spec(StageMethods):
     @property
     def tables(self) -> list[str]:
         """Names of all tables: those of files, then those of stages."""
-        stages = self._document.get("stages", [])
-        return [*self._document.get("tables", {}), *(str(one["name"]) for one in stages if "name" in one)]
+        names = [one["name"] for one in _mappings(self._document.get("stages")) if isinstance(one.get("name"), str)]
+        return [*_mapping(self._document.get("tables")), *names]
 
     @property
     def axes(self) -> dict[str, Axis]:
         """Axes of the sweep by name, with those of the search."""
-        searched = self._document.get("search", {}).get("axes", {})
-        return {name: Axis(name, self) for name in [*self._document.get("axes", {}), *searched]}
+        searched = _mapping(_mapping(self._document.get("search")).get("axes"))
+        return {name: Axis(name, self) for name in [*_mapping(self._document.get("axes")), *searched]}
 
     def __getitem__(self, table: str) -> TableHandle:
         """Handle of a table.
@@ -404,6 +404,17 @@ def _ordered(document: Mapping[str, Any]) -> dict[str, Any]:
     return {key: document[key] for key in sorted(document, key=lambda key: [*_ORDER, key].index(key))}
 
 
+# A spec of `from_dict` can have any form, which `check` reports.
+def _mapping(item: Any) -> dict[str, Any]:
+    """The item if it is a mapping, otherwise an empty one."""
+    return item if isinstance(item, dict) else {}
+
+
+def _mappings(item: Any) -> list[dict[str, Any]]:
+    """The mappings in a list."""
+    return [one for one in item if isinstance(one, dict)] if isinstance(item, list) else []
+
+
 def _umask() -> int:
     """Permissions that new files of this process do not have."""
     mask = os.umask(0o077)
@@ -428,9 +439,8 @@ def _moved(document: Mapping[str, Any], old: Path, new: Path) -> dict[str, Any]:
     if "store" not in moved:
         moved["store"] = "store"
     relative(moved, "store")
-    if isinstance(moved.get("publish"), dict):
-        relative(moved["publish"], "licence_file")
-    for table in moved.get("tables", {}).values():
+    relative(_mapping(moved.get("publish")), "licence_file")
+    for table in map(_mapping, _mapping(moved.get("tables")).values()):
         relative(table, "path")
         if table.get("lines") != "auto":
             relative(table, "lines")

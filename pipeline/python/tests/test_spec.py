@@ -180,6 +180,23 @@ def test_a_spec_that_cannot_be_read(tmp_path: Path) -> None:
             Spec.read(path)
 
 
+WRONG_FORMS: list[dict[str, Any]] = [
+    {},
+    {"name": 3, "tables": 3, "axes": [], "stages": "x", "search": 1, "publish": 2},
+    {"tables": {"a": 1}, "stages": [1, {"name": 2}, {}], "axes": 1, "other": {"a": {}}},
+]
+
+
+@pytest.mark.parametrize("keys", WRONG_FORMS)
+def test_a_spec_of_a_wrong_form_is_reported_by_the_check(keys: dict[str, Any], tmp_path: Path) -> None:
+    spec = Spec.from_dict(keys)
+    assert repr(spec) and spec._repr_html_() and spec.axes == {}
+    assert tomllib.loads(spec.toml()) == keys == spec.to_dict()
+    for wrong in (spec, spec.write(tmp_path / "wrong.toml")):
+        with pytest.raises(magline.SpecError):
+            magline.check(wrong)
+
+
 def test_a_fault_has_its_place_in_the_text() -> None:
     spec = Spec.read(EXAMPLES / "tolles_lawson.toml")
     keys = spec.to_dict()
