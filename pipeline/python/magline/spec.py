@@ -56,7 +56,7 @@ class TableHandle:
 
 @dataclass(frozen=True)
 class Axis:
-    """Axis of a sweep. As the value of a key, it stands for each of its values in turn.
+    """Axis of a sweep. A stage that has it as the value of a key is run for each of its values.
 
     Its text is ``$NAME``, for use in a ``where``: ``f"flight = '{plan}'"``.
 
@@ -77,7 +77,7 @@ class Spec(StageMethods):
     """Spec of a pipeline.
 
     `table` declares input files, `axis` a sweep, and each method with the name of a stage adds this
-    stage. They return handles, which are the inputs of later stages. Keys that are left out are
+    stage. They return handles, which are the inputs of later stages. Keys that are omitted are
     unset and have the default of the declaration. Only `check` and `run` compare the spec with the
     declarations and the data.
 
