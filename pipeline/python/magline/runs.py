@@ -415,6 +415,10 @@ def check(spec: SpecLike, *, set: Mapping[str, Any] | None = None) -> Check:
     return Check(**json.loads(_magline.check(*_source(spec, set, None))))
 
 
+def _explain(spec: SpecLike, set: Mapping[str, Any] | None) -> str:
+    return _magline.explain(*_source(spec, set, None))
+
+
 def _source(
     spec: SpecLike, set: Mapping[str, Any] | None, store: str | os.PathLike[str] | None
 ) -> _Source:

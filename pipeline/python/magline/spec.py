@@ -216,6 +216,18 @@ class Spec(StageMethods):
         axes[name] = listed
         return Axis(name, self)
 
+    def stage(self, kind: str, /, **keys: Any) -> TableHandle:
+        """Adds a stage by its kind, for stages, models, filters and metrics of one's own.
+
+        Parameters
+        ----------
+        kind : str
+            Kind of the stage.
+        **keys
+            Inputs and parameters, and ``name``, ``where``, ``publish``, ``carry``, ``keep``.
+        """
+        return self._stage(kind, keys)
+
     def publish(
         self,
         *,
@@ -295,20 +307,38 @@ class Spec(StageMethods):
         -------
         Path
             The file.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written. An existing file is then unchanged.
         """
         file = Path(path)
         text = _toml.document(_ordered(_moved(self._document, self._folder, file.absolute().parent)))
-        # A file that is replaced at once is never half written.
-        handle, name = tempfile.mkstemp(prefix=f".{file.name}.", dir=file.parent)
+        # A file that is replaced at once is never half written. A link stays a link.
+        target = Path(os.path.realpath(file))
+        handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
         try:
-            with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as target:
-                target.write(text)
-            os.chmod(name, file.stat().st_mode & 0o777 if file.exists() else 0o666 & ~_umask())
-            os.replace(name, file)
+            with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as written:
+                written.write(text)
+            os.chmod(name, target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask())
+            os.replace(name, target)
         except BaseException:
             os.unlink(name)
             raise
         return file
+
+    def explain(self, *, set: Mapping[str, Any] | None = None) -> str:
+        """Plan as text: tables, axes, stored results and cost of each stage.
+
+        Parameters
+        ----------
+        set : mapping, optional
+            Overrides, as for `magline.run`. Default: no overrides.
+        """
+        from magline import runs
+
+        return runs._explain(self, set)
 
     def check(self, *, set: Mapping[str, Any] | None = None) -> Check:
         """Check the spec without running it. See `magline.check`."""
