@@ -34,7 +34,8 @@ def pack(library: Path, folder: Path) -> Path:
     files["magline/py.typed"] = (HERE / "magline/py.typed").read_bytes()
     files["magline/_magline.abi3.so"] = library.read_bytes()
     info = f"magline-{version}.dist-info"
-    metadata = f"Metadata-Version: 2.1\nName: magline\nVersion: {version}\nRequires-Dist: {requires}\n"
+    required = "".join(f"Requires-Dist: {one}\n" for one in requires.split('", "'))
+    metadata = f"Metadata-Version: 2.1\nName: magline\nVersion: {version}\n{required}"
     files[f"{info}/METADATA"] = (metadata + "Requires-Python: >=3.10\n").encode()
     files[f"{info}/WHEEL"] = f"Wheel-Version: 1.0\nRoot-Is-Purelib: false\nTag: {tag}\n".encode()
     files[f"{info}/entry_points.txt"] = f"[console_scripts]\nmagline = {script}\n".encode()

@@ -12,9 +12,11 @@ from magline import core_field, maps, metrics, signal, tolles_lawson
 from magline._magline import __version__
 from magline.errors import BugError, DataError, Error, Fault, MachineError, MaglineError, SpecError
 from magline.runs import Check, Failure, Run, ScoreTable, Warning, check, run
+from magline.spec import Axis, Spec, TableHandle
 from magline.tables import Pipeline, Store, Table, sql
 
 __all__ = [
+    "Axis",
     "BugError",
     "Check",
     "DataError",
@@ -26,9 +28,11 @@ __all__ = [
     "Pipeline",
     "Run",
     "ScoreTable",
+    "Spec",
     "SpecError",
     "Store",
     "Table",
+    "TableHandle",
     "Warning",
     "__version__",
     "check",

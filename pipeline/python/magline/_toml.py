@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import date, datetime, time
 from pathlib import PurePath
 from typing import Any
@@ -23,10 +23,39 @@ def document(spec: Mapping[str, Any]) -> str:
     Returns
     -------
     str
-        The document, with one line per top-level key.
+        The document: single keys, then a section for each mapping and for each item of a list of
+        mappings, with one line per key.
     """
-    lines = [f"{_key(key)} = {value(item)}" for key, item in spec.items() if item is not None]
-    return "\n".join(lines) + "\n"
+    given = {key: item for key, item in spec.items() if item is not None}
+    sections = {key: item for key, item in given.items() if isinstance(item, Mapping) or _is_list_of_tables(item)}
+    parts = [_pairs({key: item for key, item in given.items() if key not in sections})]
+    for key, item in sections.items():
+        parts += _section(_key(key), item)
+    return "\n".join(part for part in parts if part)
+
+
+def _section(key: str, item: Any) -> Iterator[str]:
+    """Text of a section; a mapping that contains mappings only has one section for each."""
+    if _is_list_of_tables(item):
+        for one in item:
+            yield f"[[{key}]]\n{_pairs(one)}"
+    elif item and all(isinstance(one, Mapping) for one in item.values()):
+        for name, one in item.items():
+            yield f"[{key}.{_key(name)}]\n{_pairs(one)}"
+    else:
+        yield f"[{key}]\n{_pairs(item)}"
+
+
+def _is_list_of_tables(item: Any) -> bool:
+    listed = isinstance(item, Sequence) and not isinstance(item, str)
+    return listed and len(item) > 0 and all(isinstance(one, Mapping) for one in item)
+
+
+def _pairs(given: Mapping[str, Any]) -> str:
+    """One line per key, with aligned values."""
+    keys = {_key(key): item for key, item in given.items() if item is not None}
+    width = max(map(len, keys), default=0)
+    return "".join(f"{key:<{width}} = {value(item)}\n" for key, item in keys.items())
 
 
 def value(item: Any) -> str:
@@ -51,8 +80,8 @@ def value(item: Any) -> str:
     if isinstance(item, (datetime, date, time)):
         return item.isoformat()
     if isinstance(item, Mapping):
-        pairs = (f"{_key(key)} = {value(one)}" for key, one in item.items() if one is not None)
-        return "{ " + ", ".join(pairs) + " }"
+        pairs = [f"{_key(key)} = {value(one)}" for key, one in item.items() if one is not None]
+        return "{ " + ", ".join(pairs) + " }" if pairs else "{}"
     if isinstance(item, Sequence):
         return "[" + ", ".join(value(one) for one in item) + "]"
     raise TypeError(f"a spec cannot hold a value of type {type(item).__name__}: {item!r}")
@@ -68,5 +97,5 @@ def _number(item: float) -> str:
 
 def _key(key: object) -> str:
     text = str(key)
-    bare = text.isascii() and text.replace("_", "").replace("-", "").isalnum()
+    bare = text != "" and text.isascii() and text.replace("_", "").replace("-", "").isalnum()
     return text if bare else value(text)

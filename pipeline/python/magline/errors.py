@@ -6,7 +6,9 @@ The functions on arrays raise `ValueError` for wrong arguments.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+
+from magline import _html
 
 
 @dataclass(frozen=True)
@@ -26,8 +28,8 @@ class Fault:
     row : int or None
         Row within the line, from 0. If the line is unknown, row within the file.
     spec_line : int or None
-        Line number in the spec, from 1. For a spec given as a dict, every top-level key is one
-        line.
+        Line number in the spec, from 1. For a spec given as a dict, line number in
+        ``Spec.from_dict(spec).toml()``.
     """
 
     what: str
@@ -39,6 +41,10 @@ class Fault:
     column: str | None = None
     row: int | None = None
     spec_line: int | None = None
+
+    def _repr_html_(self) -> str:
+        known = ((one.name, getattr(self, one.name)) for one in fields(self))
+        return _html.table(["fault", ""], [[name, str(item)] for name, item in known if item is not None], "")
 
 
 class MaglineError(Exception):
@@ -60,6 +66,14 @@ class MaglineError(Exception):
     def help(self) -> str | None:
         """Remedy of the first fault."""
         return self.faults[0].help if self.faults else None
+
+    def _repr_html_(self) -> str:
+        names = ["what", "help", "file", "flight", "line", "column", "row", "spec_line"]
+        cells = [[None if (item := getattr(one, name)) is None else str(item) for name in names] for one in self.faults]
+        shown = [name for name, *column in zip(names, *cells, strict=True) if any(cell is not None for cell in column)]
+        rows = [[cell for name, cell in zip(names, row, strict=True) if name in shown] for row in cells[: _html.ROWS]]
+        caption = f"{type(self).__name__}: {_html.first_of(len(self.faults), 'faults')}"
+        return _html.table(shown, rows, caption) if rows else f"<pre>{_html.html(self)}</pre>"
 
 
 class SpecError(MaglineError, ValueError):

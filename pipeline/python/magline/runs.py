@@ -11,16 +11,16 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from html import escape
 from pathlib import Path
 from typing import Any
 
-from magline import _magline, _toml
+from magline import _html, _magline, _toml
 from magline.errors import Fault
-from magline.tables import Store, Table, _html_table
+from magline.spec import Spec
+from magline.tables import Store, Table
 
 _Source = tuple[Path, Path, str | None, list[str]]
-SpecLike = str | os.PathLike[str] | Mapping[str, Any]
+SpecLike = str | os.PathLike[str] | Mapping[str, Any] | Spec
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Warning:
     cause: str | None
 
     def __str__(self) -> str:
-        return f"{self.stage}: {self.text}"
+        return _html.visible(f"{self.stage}: {self.text}")
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Failure:
     fault: Fault
 
     def __str__(self) -> str:
-        return f"{self.stage}: {self.error}"
+        return _html.visible(f"{self.stage}: {self.error}")
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class ScoreTable:
     _text: str = field(repr=False, compare=False)
 
     def records(self) -> list[dict[str, Any]]:
-        """Rows as flat dicts: axes, metrics, ``lines``, ``flagged`` and ``best``, in this order.
+        """Rows as flat dicts: axes, metrics, ``lines``, ``flagged``, ``best`` and ``in_sample``.
 
         Axis values are numbers where possible. ``flagged`` is the number of flagged lines.
         """
@@ -131,6 +131,7 @@ class ScoreTable:
                 "lines": row["lines"],
                 "flagged": row["marked"],
                 "best": row["best"],
+                "in_sample": row["in_sample"],
             }
             for row in self.rows
         ]
@@ -156,8 +157,9 @@ class ScoreTable:
     def _repr_html_(self) -> str:
         rows = self.records()
         names = list(rows[0]) if rows else []
-        cells = [[_cell(row[name]) for name in names] for row in rows]
-        return _html_table(names, cells, f"{self.name}, {self.over}")
+        heads = [f"{name} [{self.units[name]}]" if self.units.get(name, "1") != "1" else name for name in names]
+        cells = [[_cell(row[name]) for name in names] for row in rows[: _html.ROWS]]
+        return _html.table(heads, cells, f"{self.name}, {self.over}, {_html.first_of(len(rows), 'points')}")
 
 
 @dataclass(frozen=True)
@@ -177,6 +179,10 @@ class Check:
     tables: list[str]
     points: int
     notes: list[str]
+
+    def _repr_html_(self) -> str:
+        rows = [["tables", ", ".join(self.tables)], ["points", str(self.points)]]
+        return _html.table(["check", ""], [*rows, *(["note", note] for note in self.notes)], "The spec is valid")
 
 
 class Run:
@@ -215,10 +221,12 @@ class Run:
         self.pipeline: str = summary["pipeline"]
         self.store = Store(summary["store"])
         self.scores = dict(_score_tables(summary))
-        self.warnings = [Warning(**one) for one in summary["warnings"]]
-        self.failures = [
-            Failure(**{**one, "fault": Fault(**one["fault"])}) for one in summary["failures"]
-        ]
+        flagged = [Warning(**one) for one in summary["warnings"]]
+        self.warnings: list[Warning] = _html.Listing(
+            flagged, "warnings", ["stage", "axes", "flight", "line", "text", "cause"]
+        )
+        failed = [Failure(**{**one, "fault": Fault(**one["fault"])}) for one in summary["failures"]]
+        self.failures: list[Failure] = _html.Listing(failed, "failures", ["stage", "axes", "flight", "line", "error"])
         self.notes: list[str] = summary["notes"]
         self.counts: dict[str, dict[str, Any]] = summary["tables"]
         self.seconds: float = summary["seconds"]
@@ -311,10 +319,11 @@ class Run:
             [table, *(str(count[key]) for key in names[1:-1]), f"{count['seconds']:.2f}"]
             for table, count in self.counts.items()
         ]
-        parts = [_html_table(names, cells, f"Run {self.id} of {self.pipeline}")]
+        parts = [_html.table(names, cells, f"Run {self.id} of {self.pipeline}")]
         parts += [scores._repr_html_() for scores in self.scores.values()]
-        parts += [f"<p>warning: {escape(str(one))}</p>" for one in self.warnings]
-        parts += [f"<p>failure: {escape(str(one))}</p>" for one in self.failures]
+        for listing in (self.warnings, self.failures):
+            if listing and isinstance(listing, _html.Listing):
+                parts.append(listing._repr_html_())
         return "\n".join(parts)
 
 
@@ -333,9 +342,9 @@ def run(
 
     Parameters
     ----------
-    spec : path or mapping
-        TOML file, or the keys of a spec as a dict. Paths in a file are relative to the folder of
-        the file; paths in a dict are relative to the current folder.
+    spec : path, mapping or Spec
+        TOML file, the keys of a spec as a dict, or a `Spec`. Paths in a file are relative to the
+        folder of the file, paths in a dict to the current folder.
     set : mapping, optional
         Overrides of the spec: dotted key to new value, such as ``{"axes.lambda": [0.0, 0.025]}``.
         They correspond to ``--set`` of the command. Default: no overrides.
@@ -382,8 +391,8 @@ def check(spec: SpecLike, *, set: Mapping[str, Any] | None = None) -> Check:
 
     Parameters
     ----------
-    spec : path or mapping
-        TOML file, or the keys of a spec as a dict, as for `run`.
+    spec : path, mapping or Spec
+        TOML file, the keys of a spec as a dict, or a `Spec`, as for `run`.
     set : mapping, optional
         Overrides, as for `run`. Default: no overrides.
 
@@ -406,6 +415,10 @@ def check(spec: SpecLike, *, set: Mapping[str, Any] | None = None) -> Check:
     return Check(**json.loads(_magline.check(*_source(spec, set, None))))
 
 
+def _explain(spec: SpecLike, set: Mapping[str, Any] | None) -> str:
+    return _magline.explain(*_source(spec, set, None))
+
+
 def _source(
     spec: SpecLike, set: Mapping[str, Any] | None, store: str | os.PathLike[str] | None
 ) -> _Source:
@@ -414,6 +427,8 @@ def _source(
     if store is not None:
         # An override is relative to the spec's folder, an argument to the current folder.
         sets.append(f"store={_toml.value(_absolute(os.fspath(store)))}")
+    if isinstance(spec, Spec):
+        return spec._file, spec.folder, spec.toml(), sets
     if isinstance(spec, Mapping):
         return Path("spec.toml"), Path.cwd(), _toml.document(spec), sets
     return Path(spec), Path(), None, sets

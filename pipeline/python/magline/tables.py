@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cached_property
-from html import escape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from magline import _magline
+from magline import _html, _magline
+
+if TYPE_CHECKING:
+    import polars as pl
 
 _HTML_ROWS = 10
 
@@ -71,13 +73,13 @@ class Table:
         """All rows as a `pandas.DataFrame`. Requires pandas and pyarrow."""
         return self.to_arrow().to_pandas()
 
-    def polars(self) -> Any:
+    def polars(self) -> pl.DataFrame:
         """All rows as a `polars.DataFrame`. Requires polars."""
         import polars
 
         return polars.DataFrame(self)
 
-    def lazy(self) -> Any:
+    def lazy(self) -> pl.LazyFrame:
         """Lazy table as a `polars.LazyFrame`. Requires polars.
 
         ``collect`` reads only the required columns and, after ``head(n)``, only n rows. Polars
@@ -99,11 +101,12 @@ class Table:
         return register_io_source(batches, schema=polars.DataFrame(head).schema)
 
     def __repr__(self) -> str:
-        return f"<magline.Table: {len(self)} rows of {', '.join(self.columns)}>"
+        return _html.visible(f"<magline.Table: {len(self)} rows of {', '.join(self.columns)}>")
 
     def _repr_html_(self) -> str:
         rows = self._rows.rows(_HTML_ROWS)
-        return _html_table(self.columns, rows, f"{len(self)} rows")
+        shown = f", the first {_HTML_ROWS}" if len(self) > _HTML_ROWS else ""
+        return _html.table(self.columns, rows, f"{len(self)} rows{shown}")
 
 
 class Pipeline:
@@ -144,7 +147,10 @@ class Pipeline:
         return len(self.tables)
 
     def __repr__(self) -> str:
-        return f"<magline.Pipeline {self.name}: {', '.join(self.tables)}>"
+        return _html.visible(f"<magline.Pipeline {self.name}: {', '.join(self.tables)}>")
+
+    def _repr_html_(self) -> str:
+        return _html.table(["table"], [[name] for name in self.tables], f"Pipeline {self.name}")
 
 
 class Store:
@@ -233,7 +239,11 @@ class Store:
         return table
 
     def __repr__(self) -> str:
-        return f"<magline.Store {self.path}: {', '.join(self.pipelines)}>"
+        return _html.visible(f"<magline.Store {self.path}: {', '.join(self.pipelines)}>")
+
+    def _repr_html_(self) -> str:
+        rows = [[name, ", ".join(tables)] for name, tables in self._published().items()]
+        return _html.table(["pipeline", "tables"], rows, f"Store {self.path}")
 
 
 def sql(
@@ -279,15 +289,3 @@ def sql(
 def _quoted(name: str) -> str:
     """Quoted name of a column for SQL."""
     return '"' + name.replace('"', '""') + '"'
-
-
-def _html_table(names: Sequence[str], rows: Sequence[Sequence[str | None]], caption: str) -> str:
-    """HTML table; a missing value is an empty cell."""
-    head = "".join(f"<th>{escape(name)}</th>" for name in names)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell or '')}</td>" for cell in row) + "</tr>" for row in rows
-    )
-    return (
-        f"<table><caption>{escape(caption)}</caption>"
-        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-    )

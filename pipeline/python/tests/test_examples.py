@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from conftest import REPOSITORY
 
-MODULES = ["core_field", "maps", "metrics", "runs", "signal", "tables", "tolles_lawson"]
+MODULES = ["core_field", "maps", "metrics", "runs", "signal", "spec", "tables", "tolles_lawson"]
 
 
 @pytest.mark.parametrize("name", MODULES)
@@ -26,3 +26,11 @@ def test_the_first_ten_lines_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     monkeypatch.setattr("sys.argv", ["first_lines.py", str(tmp_path)])
     found = runpy.run_path(str(REPOSITORY / "pipeline" / "python" / "examples" / "first_lines.py"))
     assert found["clean"].height > 0
+
+
+def test_the_builder_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(REPOSITORY)
+    monkeypatch.setattr("sys.argv", ["builder.py", str(tmp_path)])
+    found = runpy.run_path(str(REPOSITORY / "pipeline" / "python" / "examples" / "builder.py"))
+    assert found["run"].failures == []
+    assert found["run"].counts["fit"]["computed"] == 2

@@ -1,0 +1,3860 @@
+"""Methods of `Spec` for the tables, the search and the stages of a spec.
+
+Made from the declarations by `generate.py`; do not edit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from magline.spec import Axis, ListLike, TableHandle, TableLike
+
+
+class StageMethods:
+    """Methods of `Spec` that are made from the declarations."""
+
+    def _stage(self, kind: str, given: Mapping[str, Any]) -> TableHandle:
+        raise NotImplementedError
+
+    def _table(self, given: Mapping[str, Any]) -> TableHandle:
+        raise NotImplementedError
+
+    def _search(self, given: Mapping[str, Any]) -> None:
+        raise NotImplementedError
+
+    def _search_axis(self, given: Mapping[str, Any]) -> Axis:
+        raise NotImplementedError
+    def table(
+        self,
+        name: str,
+        path: str | PathLike[str],
+        *,
+        format: str | None = None,
+        topic: str | None = None,
+        rename: Mapping[str, Any] | None = None,
+        units: Mapping[str, Any] | None = None,
+        missing: ListLike | None = None,
+        flight: str | None = None,
+        line: str | None = None,
+        epsg: int | None = None,
+        accept: Sequence[Literal["range"]] | None = None,
+        mapping: str | None = None,
+        table: str | None = None,
+        lines: str | None = None,
+        alt_m: float | None = None,
+        unit: str | None = None,
+        features: ListLike | None = None,
+        where: str | None = None,
+        restricted: bool | Sequence[str] | None = None,
+        embargo: str | None = None,
+        reason: str | None = None,
+        least_samples: int | None = None,
+        least_ratio: float | None = None,
+    ) -> TableHandle:
+        """Declares a table that is read from files: flights, a map or a model.
+
+        Parameters
+        ----------
+        name : str
+            Name of the table.
+        path : str | PathLike[str]
+            File, folder, glob or address of the files; or a spec of simulated flights.
+        format : str, optional
+            For tables of flights, maps: Name of the format. Unset: detected from content and
+            extension.
+        topic : str, optional
+            For tables of flights: Message, topic or array of a log that holds several, such as
+            `MAG`, `sensor_mag:1` or `.` (the vectors at the root of a MATLAB file). Unset: the only
+            topic of the file.
+        rename : Mapping[str, Any], optional
+            For tables of flights: Canonical names of columns, by their names in the file. If the
+            name in the file contains a unit (`GPS Lat (rad)`, `Alt ft`, `Mag_mgauss`), this is the
+            unit of the column. A unit that does not convert is an error. Default: `{}`.
+        units : Mapping[str, Any], optional
+            For tables of flights: Units of columns, by their names in the file. They override names
+            and metadata. Default: `{}`.
+        missing : ListLike, optional
+            For tables of flights: Texts and numbers that mark a missing value, in addition to
+            `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an empty cell, -99999 and Geosoft's -1e32.
+            Default: `[]`.
+            For maps: Numbers that mark an unknown value, in addition to the markers in the file and
+            the usual markers (the largest single-precision number, Surfer's blank, Geosoft's
+            -1e32). Default: `[]`.
+        flight : str, optional
+            For tables of flights: Flight identifier, for files without one. Unset: read from the
+            file.
+        line : str, optional
+            For tables of flights: Line identifier, for files without one. Unset: read from the
+            file.
+        epsg : int, optional
+            For tables of flights: EPSG code of the eastings and northings of survey points (`format
+            = "points"`). Unset: read from the file.
+            For maps: EPSG code of the coordinates. It overrides the file, and is required for
+            eastings and northings in a file without a code. Unset: read from the file.
+        accept : Sequence[{"range"}], optional
+            For tables of flights: Plausibility checks that are disabled for this file. Default:
+            `[]`.
+            For maps: Plausibility checks that are disabled for this map. Default: `[]`.
+        mapping : str, optional
+            For tables of flights: The mapping of the columns: a TOML file, or the name of a
+            built-in mapping such as `px4_ulog`. It replaces `rename`, `units` and `topic`. Unset:
+            columns are identified by their names.
+        table : str, optional
+            For tables of flights: The table of the mapping. Unset: the only table.
+        lines : str, optional
+            For tables of flights: A table of `flight`, `line`, `t_start` and `t_end` (s past
+            midnight UTC) that replaces the lines in the files. A sample belongs to the line that
+            contains its time; samples outside all lines are dropped. `auto` finds the lines of each
+            flight: straight lines and tie lines, calibration boxes, cloverleafs, figures of eight
+            and circles. `magline ingest --lines auto --picture lines.svg` draws them and writes the
+            table. Unset: the lines of the files.
+        alt_m : float, optional
+            For maps: Height of the map above the WGS-84 ellipsoid. It overrides the file. Unit: m.
+            Unset: read from the file.
+        unit : str, optional
+            For maps: Unit of the anomaly. It overrides the file. Unset: read from the file, else
+            nT.
+        features : ListLike, optional
+            For models: The columns that the model requires in a line, as the `features` of its fit.
+            Default: `["tl"]`.
+        where : str, optional
+            For a model: SQL condition on its columns that selects one model of several.
+        restricted : bool | Sequence[str], optional
+            True for the whole table, or the names of columns. `magline publish` rejects results
+            made from them row by row. Default: False.
+        embargo : str, optional
+            First day of permitted publication, `YYYY-MM-DD`. Unset: no end of the restriction.
+        reason : str, optional
+            Reason of the restriction, for messages. Unset: no reason.
+        least_samples : int, optional
+            Minimum number of samples behind each published score or coefficient that is computed
+            from restricted columns. Default: 100.
+        least_ratio : float, optional
+            Minimum number of samples per published number of one aggregate. Default: 10.0.
+        """
+        return self._table(locals())
+
+    def search(
+        self,
+        *,
+        trials: int,
+        goal: str,
+        method: Literal["random", "sobol", "tpe"] | None = None,
+        direction: Literal["minimise", "maximise"] | None = None,
+        seed: int | None = None,
+        generation: int | None = None,
+        start: int | None = None,
+        scramble: bool | None = None,
+        where: str | None = None,
+        halving: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Declares a search, which proposes the values of the axes of `search_axis`.
+
+        Parameters
+        ----------
+        trials : int
+            The number of trials. Allowed: 1 to 100000.
+        goal : str
+            The objective: a table of scores and one of its metrics, such as `scores.std_error`. The
+            values of the lines are pooled as in the summary of a run, over all points of the other
+            axes.
+        method : {"random", "sobol", "tpe"}, optional
+            The method that proposes trials. Default: `"tpe"`.
+        direction : {"minimise", "maximise"}, optional
+            The direction of improvement of the goal. Unset: the direction of the metric.
+        seed : int, optional
+            The seed of all random draws. Unset: the spec's seed.
+        generation : int, optional
+            For `tpe`: the number of trials that are proposed together, before any of their scores
+            is available. Allowed: 1 to 100000. Unset: 8.
+        start : int, optional
+            For `tpe`: the number of initial trials from a Sobol sequence. Allowed: 1 to 100000.
+            Unset: 10.
+        scramble : bool, optional
+            For `sobol`: whether the seed scrambles the sequence. An unscrambled sequence begins at
+            the lower ends. Unset: true.
+        where : str, optional
+            SQL predicate on `flight` and `line` that selects the lines of the goal.
+        halving : Mapping[str, Any], optional
+            Successive halving: `axis`, its `values`, the cheapest first, and `eta`.
+        """
+        return self._search(locals())
+
+    def search_axis(
+        self,
+        name: str,
+        choices: Sequence[Any] | None = None,
+        *,
+        low: float | None = None,
+        high: float | None = None,
+        log: bool | None = None,
+        whole: bool | None = None,
+    ) -> Axis:
+        """Declares an axis whose values a search proposes.
+
+        Parameters
+        ----------
+        name : str
+            Name of the axis.
+        choices : Sequence[Any], optional
+            Values to choose from. Default: all values from `low` to `high`.
+        low : float, optional
+            The lower end. Allowed: finite.
+        high : float, optional
+            The upper end. Allowed: finite.
+        log : bool, optional
+            Whether the axis is logarithmic. Default: `false`.
+        whole : bool, optional
+            Whether the values are whole numbers, both ends included. Default: `false`.
+        """
+        return self._search_axis(locals())
+
+    def resample(
+        self,
+        *,
+        input: TableLike | Sequence[TableLike],
+        rate_hz: float | Axis,
+        method: Literal["linear", "nearest", "cubic"] | Axis | None = None,
+        max_gap_s: ListLike | Axis | None = None,
+        span: Literal["all", "first"] | Axis | None = None,
+        lag_s: Mapping[str, Any] | Axis | None = None,
+        input_lag_s: ListLike | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Resamples every column of a line to evenly spaced times: the whole multiples of
+        1/`rate_hz`.
+
+        Numbers are interpolated, and angles (unit deg) along the shorter arc. Text, integers and
+        booleans take the value of the nearest sample. Whole numbers without a unit stay whole.
+        Codes and flags, which have few distinct values, take the value of the nearest sample;
+        counts are interpolated and rounded. A column with a unit, or with the role sensor or truth,
+        is a measured quantity. It is interpolated even if its values are whole. State the unit of a
+        measured column in `units` of its table.
+
+        The grid begins at the first multiple at or after the first sample, and ends at the last
+        multiple at or before the last sample. All sensors and lines of a flight therefore share
+        their times.
+
+        Times within a gap longer than `max_gap_s` are kept, with NaN (or null) in every column
+        except `flight`, `line` and `tt`. A missing value counts as a gap of its column. A column
+        that a line lacks, but other lines have, is missing on the whole line. Repeated or
+        decreasing times are rejected.
+
+        Sensors with different sampling rates are separate tables, `input = ["mag", "imu", "gps"]`.
+        A line combines the rows of the same flight and line in all tables. Their columns are
+        resampled to one grid. It covers the time that all tables cover, or the time of the first
+        table (`span`). If several tables have a date, their times are converted to a common
+        midnight. A column name in two tables is rejected, except `year` and `doy`, which are read
+        from the first table that has them. A line whose tables have no common time is rejected.
+
+        `lag_s` and `input_lag_s` remove the lag of a sensor. With a lag of 0.06 s, a reading
+        stamped t was measured at t - 0.06 s. The resampled value at t is therefore the reading
+        stamped t + 0.06 s. The stage `lag` estimates lags with this sign.
+
+        Entries of lists that are differences per sample, such as those of `tl`, are converted to
+        the new rate. A list with values of earlier samples is rejected: compute it after
+        resampling. A lag cannot be removed twice.
+
+        The stage does not filter: at a lower rate, frequencies above half of the new rate are
+        aliased. Apply `lowpass` or `bandpass` first.
+
+        Parameters
+        ----------
+        input : TableLike | Sequence[TableLike]
+            Input: one or several tables of flight lines.
+        rate_hz : float
+            Sample rate of the new grid. Unit: Hz. Allowed: above 0.
+        method : {"linear", "nearest", "cubic"}, optional
+            Interpolation between samples; `cubic` is Akima's. Default: `"linear"`.
+        max_gap_s : ListLike, optional
+            Longest gap that is interpolated: one value for all inputs, or one value per input.
+            Unit: s. Allowed: above 0. Default: `[1.0]`.
+        span : {"all", "first"}, optional
+            Time that the grid covers, with several inputs. Default: `"all"`.
+        lag_s : Mapping[str, Any], optional
+            Lags of columns, by column name. The name of a vector magnetometer, such as `flux_a`,
+            sets the lag of its `x`, `y`, `z` and `t`. Replaces the lag of the column's input. Unit:
+            s. Allowed: finite. Default: `{}`.
+        input_lag_s : ListLike, optional
+            Lag of the sensors of each input, one value per input. Unit: s. Allowed: finite. Unset:
+            0 for all.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+        """
+        return self._stage("resample", locals())
+
+    def core_field(
+        self,
+        *,
+        input: TableLike,
+        model: Literal["igrf", "wmm"] | Axis | None = None,
+        column: str | Axis | None = None,
+        position: Literal["truth", "ins"] | Axis | None = None,
+        attitude: Literal["truth", "ins", "none"] | Axis | None = None,
+        decimal_year: float | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Appends the core field at every sample: the magnitude `igrf` and the components `igrf_n`,
+        `igrf_e`, `igrf_d` (north, east, down).
+
+        If an attitude is available, also `igrf_x`, `igrf_y`, `igrf_z` in the body frame (nose,
+        right wing, down). `column` changes these names. An existing column of the same name is
+        replaced.
+
+        The date of each sample is given by `year`, `doy` and `tt` of the flight, or by
+        `decimal_year` for all samples. Heights are above the WGS-84 ellipsoid. A sample without a
+        position is NaN. A body component is NaN if it depends on a missing angle.
+
+        A flight without a date is rejected unless `decimal_year` is set. A date outside the model's
+        range is rejected. An impossible position is rejected too: latitude beyond 90 degrees,
+        longitude outside -180 to 360 degrees, height outside -10 to 2,000 km.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        model : {"igrf", "wmm"}, optional
+            Model: `igrf` (IGRF-14, 1900 to 2030) or `wmm` (the World Magnetic Model, 2020 to 2030).
+            Default: `"igrf"`.
+        column : str, optional
+            Name of the column of the magnitude. The names of the components extend it. Default:
+            `"igrf"`.
+        position : {"truth", "ins"}, optional
+            Position at which the field is computed: true (`lat`, `lon`, `alt`) or of the INS.
+            Default: `"truth"`.
+        attitude : {"truth", "ins", "none"}, optional
+            Attitude that rotates the field into the body frame. Unset: the attitude of the INS if
+            present, otherwise the true attitude if present.
+        decimal_year : float, optional
+            Date of all samples, instead of the flight's date. Unit: a. Allowed: 1900 to 2030.
+            Unset: the flight's own date.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        IGRF-14 (IAGA, doi:10.5281/zenodo.14012302); WMM2020 and WMM2025 (NOAA NCEI and BGS).
+        """
+        return self._stage("core_field", locals())
+
+    def simulate_ins(
+        self,
+        *,
+        input: TableLike,
+        method: Literal["error_model", "mechanisation"] | Axis | None = None,
+        smooth_s: float | Axis | None = None,
+        seed: int | Axis | None = None,
+        replace: bool | Axis | None = None,
+        ins_grade: Literal["magnav", "navigation", "tactical", "commercial"] | Axis | None = None,
+        init_position_sigma_m: float | Axis | None = None,
+        init_altitude_sigma_m: float | Axis | None = None,
+        init_velocity_sigma_mps: float | Axis | None = None,
+        init_attitude_sigma_deg: float | Axis | None = None,
+        init_heading_sigma_deg: float | Axis | None = None,
+        vrw_sigma: float | Axis | None = None,
+        arw_sigma: float | Axis | None = None,
+        baro_sigma_m: float | Axis | None = None,
+        ha_sigma_m: float | Axis | None = None,
+        a_hat_sigma_mps2: float | Axis | None = None,
+        acc_sigma_mps2: float | Axis | None = None,
+        gyro_sigma_radps: float | Axis | None = None,
+        baro_tau_s: float | Axis | None = None,
+        acc_tau_s: float | Axis | None = None,
+        gyro_tau_s: float | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Simulates an INS of a given grade: the GNSS track plus simulated errors.
+
+        The INS is added to a flight without one, or replaces the flight's INS. The stage appends
+        `ins_lat`, `ins_lon`, `ins_alt`, `ins_vn`, `ins_ve`, `ins_vd`, `ins_fn`, `ins_fe`, `ins_fd`,
+        `ins_roll`, `ins_pitch`, `ins_yaw`, `ins_aligned` and `ins_grade`, which `navigate` reads
+        like measured ones.
+
+        The truth is `lat`, `lon` and `alt`, with `vn`, `ve`, `vd` and `roll`, `pitch`, `yaw` if the
+        flight has all three. Missing velocities are derived from the positions, and specific forces
+        from the velocities. A missing attitude is level, with the yaw along the course. Derivatives
+        amplify the noise of a GNSS receiver, and the specific force is a second derivative.
+        Positions and velocities are therefore first smoothed over `smooth_s`. Apart from the effect
+        of smoothing, the INS then has only its own errors and no jitter of the receiver.
+
+        Each line begins with a new alignment. Its errors are random, with the standard deviations
+        of the `init_*` keys. They depend only on `seed` and the names of flight and line. Lines
+        with the same seed and names have the same INS on every machine. Samples need not be evenly
+        spaced. One seed gives one realisation; sweep `seed` for the statistics of a grade.
+
+        The stage rejects a NaN in position, velocity or attitude, times that do not increase, a
+        line of one sample, and an INS with an error above 1,000 km. An existing INS is rejected
+        unless `replace = true`.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        method : {"error_model", "mechanisation"}, optional
+            Propagation of the errors: the linear error model of `navigate`, or a strapdown
+            mechanisation of sensor readings with errors. The mechanisation is accurate for errors
+            of any size. Default: `"error_model"`.
+        smooth_s : float, optional
+            Length of the window over which parabolas smooth positions and velocities. The weights
+            fall to 0 at its ends. 0 switches smoothing off. Unit: s. Allowed: 0 or above. Default:
+            `5.0`.
+        seed : int, optional
+            Seed of all random draws. Default: `0`.
+        replace : bool, optional
+            Replaces an existing INS of the flight. Default: `false`.
+        ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
+            Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
+            of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
+            HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
+            [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
+            (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
+            `ins_grade` if it has one.
+        init_position_sigma_m : float, optional
+            Standard deviation of the initial horizontal position error, each axis. Unit: m.
+            Allowed: 0 or above. Default: `3.0`.
+        init_altitude_sigma_m : float, optional
+            Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
+            `0.001`.
+        init_velocity_sigma_mps : float, optional
+            Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
+            above. Default: `0.01`.
+        init_attitude_sigma_deg : float, optional
+            Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
+            Default: `0.01`.
+        init_heading_sigma_deg : float, optional
+            Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
+            than the level tilt errors, because the INS finds north by the earth's rotation, which
+            is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
+            tilt error.
+        vrw_sigma : float, optional
+            Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
+            above. Default: `0.000238`.
+        arw_sigma : float, optional
+            Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
+            or above. Default: `5.81e-7`.
+        baro_sigma_m : float, optional
+            Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
+        ha_sigma_m : float, optional
+            Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
+            Allowed: 0 or above. Default: `0.001`.
+        a_hat_sigma_mps2 : float, optional
+            Standard deviation of the initial error of the barometric-aiding vertical acceleration.
+            Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+        acc_sigma_mps2 : float, optional
+            Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
+            `0.000245`.
+        gyro_sigma_radps : float, optional
+            Standard deviation of the gyro bias. Unit: rad/s. Allowed: 0 or above. Default:
+            `7.27e-9`.
+        baro_tau_s : float, optional
+            Time constant of the barometer error. Unit: s. Allowed: above 0. Default: `3600.0`.
+        acc_tau_s : float, optional
+            Time constant of the accelerometer bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        gyro_tau_s : float, optional
+            Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Gnadt 2022, (5.15) to (5.35); Titterton & Weston 2004, chapter 12; grades: Lee 2019, Tables
+        9 and 10.
+        """
+        return self._stage("simulate_ins", locals())
+
+    def bandpass(
+        self,
+        *,
+        input: TableLike,
+        columns: ListLike | Axis,
+        low_hz: float | Axis | None = None,
+        high_hz: float | Axis | None = None,
+        order: int | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Removes frequencies outside the pass band without lag and appends `<column>_bp`.
+
+        A Butterworth filter of second-order sections runs forwards and backwards over each line. It
+        uses odd reflection at the ends and steady-state initial conditions. Each of the two passes
+        halves the power at a corner.
+
+        A missing value (NaN) or a gap in time ends a run, and the filter restarts after it. Gaps
+        stay NaN and do not spread. A run shorter than the filter's padding becomes NaN. The padding
+        is 6 samples for each second-order section, 25 samples for the default. A line is rejected
+        if all its runs are too short. Samples must be evenly spaced.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        columns : ListLike
+            Columns to filter.
+        low_hz : float, optional
+            Lower corner frequency. 0 removes it, which gives a low-pass filter. Unit: Hz. Allowed:
+            0 or above. Default: `0.1`.
+        high_hz : float, optional
+            Upper corner frequency. 0 removes it, which gives a high-pass filter. Unit: Hz. Allowed:
+            0 or above. Default: `0.9`.
+        order : int, optional
+            Order of the Butterworth prototype. A band-pass filter has twice as many poles. Allowed:
+            1 to 12. Default: `4`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        F. Gustafsson, Determining the initial states in forward-backward filtering, 1996. The
+        defaults are those of Gnadt 2022, section 3.4.
+        """
+        return self._stage("bandpass", locals())
+
+    def lowpass(
+        self,
+        *,
+        input: TableLike,
+        columns: ListLike | Axis,
+        corner_hz: float | Axis | None = None,
+        for_rate_hz: float | Axis | None = None,
+        order: int | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Removes frequencies above a corner without lag and appends `<column>_lp`.
+
+        The filter is that of `bandpass` without a lower corner. With `for_rate_hz` instead of
+        `corner_hz` it is an anti-alias filter before a `resample` to that rate. It then has order 8
+        and its corner at 0.8 of the new Nyquist frequency, where it attenuates by 31 dB.
+
+        Angles (unit deg) are filtered along the shorter arc. A slope is distorted within about
+        1/corner of the ends of a run. Gaps, short runs and uneven samples are treated as in
+        `bandpass`.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        columns : ListLike
+            Columns to filter.
+        corner_hz : float, optional
+            Corner frequency. Both passes together halve the amplitude there. Unit: Hz. Allowed:
+            above 0. Unset: set by `for_rate_hz`.
+        for_rate_hz : float, optional
+            Lower sample rate to which the columns will be resampled. Unit: Hz. Allowed: above 0.
+            Unset: set by `corner_hz`.
+        order : int, optional
+            Order of the Butterworth filter. Allowed: 1 to 12. Unset: 4, or 8 with `for_rate_hz`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        F. Gustafsson, Determining the initial states in forward-backward filtering, 1996.
+        """
+        return self._stage("lowpass", locals())
+
+    def notch(
+        self,
+        *,
+        input: TableLike,
+        columns: ListLike | Axis,
+        mains_hz: float | Axis,
+        harmonics: int | Axis | None = None,
+        width_hz: float | Axis | None = None,
+        sampled_hz: float | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Removes a sinusoid and its harmonics, such as those of power lines, without lag and
+        appends `<column>_nt`.
+
+        Each harmonic is removed at its alias in the samples, for example 10 Hz for 150 Hz sampled
+        at 160 Hz. If the sensor sampled at another rate than the line and no filter was applied in
+        between, set `sampled_hz` to that rate. The alias at that rate is then folded to the rate of
+        the line. Any signal within the notch width is also removed. A harmonic is rejected if its
+        alias is less than half a notch width from 0 Hz or from the Nyquist frequency. Remove it
+        before resampling to a lower rate.
+
+        A second-order notch at each frequency runs forwards and backwards. It settles in about
+        1/`width_hz`, so part of the sinusoid remains for this time at each end of a run. Angles are
+        filtered along the shorter arc. Gaps, short runs and uneven samples are treated as in
+        `bandpass`.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        columns : ListLike
+            Columns to filter.
+        mains_hz : float
+            Frequency of the sinusoid: 50 or 60 Hz for most power lines, 16.7 Hz for some railways.
+            Unit: Hz. Allowed: above 0.
+        harmonics : int, optional
+            Number of harmonics to remove, including the fundamental. Allowed: 1 to 50. Default:
+            `3`.
+        width_hz : float, optional
+            Full width of each notch. At half the width from the notch frequency, half of the
+            amplitude remains. Unit: Hz. Allowed: above 0. Default: `0.5`.
+        sampled_hz : float, optional
+            Original sample rate of the sensor. Unit: Hz. Allowed: above 0. Unset: the rate of the
+            line.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        S. J. Orfanidis, Introduction to signal processing, 1995, section 11.3.
+        """
+        return self._stage("notch", locals())
+
+    def derivative(
+        self,
+        *,
+        input: TableLike,
+        columns: ListLike | Axis,
+        method: Literal["central", "savitzky_golay"] | Axis | None = None,
+        window: int | Axis | None = None,
+        degree: int | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Appends the rate of change of columns per second, `<column>_dot`.
+
+        `central` is the central difference divided by the time between samples, one-sided at the
+        ends of a run. `savitzky_golay` is the slope of the least-squares polynomial over a window.
+        It amplifies noise less than `central`: by 0.32 per step with the default window and degree,
+        compared with 0.71.
+
+        Changes of angles (unit deg) are taken along the shorter arc. A missing value or a gap in
+        time ends a run. A run that is too short for the method is NaN. Samples must be evenly
+        spaced. The unit is the column's unit per second.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        columns : ListLike
+            Columns to differentiate.
+        method : {"central", "savitzky_golay"}, optional
+            Method of differentiation. Default: `"central"`.
+        window : int, optional
+            For `savitzky_golay`: odd number of samples in a window. Allowed: 3 to 10001. Unset: 5.
+        degree : int, optional
+            For `savitzky_golay`: degree of the polynomial. Allowed: 1 to 8. Unset: 2.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Savitzky & Golay 1964, Analytical Chemistry 36(8).
+        """
+        return self._stage("derivative", locals())
+
+    def despike(
+        self,
+        *,
+        input: TableLike,
+        columns: ListLike | Axis,
+        method: Literal["hampel", "fourth_difference"] | Axis | None = None,
+        threshold: float | Axis | None = None,
+        window: int | Axis | None = None,
+        replace: Literal["nan", "linear"] | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Detects spikes in `columns` and appends two columns for each: `<column>_ds` without the
+        spikes, and `<column>_spike`, which is 1 for a removed sample and 0 elsewhere.
+
+        `hampel` removes a sample that differs from the median of `window` samples by more than
+        `threshold` standard deviations of the noise. It detects several adjacent spikes, up to half
+        of the window. It does not require evenly spaced samples, so use it before `resample`, which
+        would spread a spike.
+
+        `fourth_difference` removes a sample whose fourth difference, divided by the root of 70,
+        exceeds `threshold` standard deviations of the noise. It detects small spikes on steep
+        signals, but not two adjacent ones. It requires evenly spaced samples.
+
+        The noise is 1.4826 times the median absolute deviation, and at least one quantisation step.
+        If more than half of the samples in a run are held or interpolated, the noise is estimated
+        from the remaining samples, so that steps and corners are not flagged as spikes. Spikes in
+        an otherwise constant run are kept.
+
+        A spike becomes NaN, or is interpolated linearly in time between its neighbours. At the end
+        of a run it always becomes NaN. A missing value or a gap in time ends a run. A column in
+        which more than a tenth of the samples are spikes is rejected: the threshold is too low, or
+        the signal is not smooth. Angles are not unwrapped.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        columns : ListLike
+            Columns to despike.
+        method : {"hampel", "fourth_difference"}, optional
+            Method of detection. Default: `"hampel"`.
+        threshold : float, optional
+            Threshold, in standard deviations of the noise. Allowed: above 0. Default: `6.0`.
+        window : int, optional
+            For `hampel`: odd number of samples in a window. Allowed: 3 to 10001. Unset: 11.
+        replace : {"nan", "linear"}, optional
+            Replacement of a spike. Default: `"nan"`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Hampel 1974, J. Am. Stat. Assoc. 69; Pearson 2002, IEEE Trans. Control Systems Technology
+        10(1).
+        """
+        return self._stage("despike", locals())
+
+    def derive(
+        self,
+        *,
+        input: TableLike,
+        columns: Mapping[str, Any] | Axis,
+        units: Mapping[str, Any] | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Appends columns defined by SQL expressions over the columns of the same row: differences,
+        ratios, clips (`greatest(-5, least(5, x))`), choices (`case when radar < 50 then NULL else
+        mag_4_uc end`).
+
+        Expressions may use the DataFusion functions that depend only on the row. Clocks, random
+        numbers and other rows are not available. A missing value (NaN) is NULL in an expression:
+        arithmetic with it gives a missing value, a comparison with it is unknown, and `coalesce`
+        and `is null` detect it. An infinite result, such as 1/0, is missing. A line fails if SQL
+        rejects a value, such as the square root of a negative number. Division is real, also
+        between integers. `greatest` and `least` with a missing argument are missing.
+
+        The unit is inferred for sums, differences, clips, choices and multiples of columns of one
+        unit, and for ratios of equal units. Otherwise set it in `units`. Sums and comparisons of
+        columns with different units are rejected. An expression can use the columns of `input` but
+        not the other new columns. An existing column of the same name is replaced. A column
+        computed from a truth column has the role truth.
+
+        For a column in nT, the metadata `removed` list the corrections already applied to its
+        terms, and `igrf` or `diurnal` if the expression subtracts it. Later stages do not repeat
+        these corrections.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        columns : Mapping[str, Any]
+            SQL expression of each new column, by column name.
+        units : Mapping[str, Any], optional
+            Unit of new columns, by column name. Required where it cannot be inferred; converts a
+            multiple to another unit. Default: `{}`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+        """
+        return self._stage("derive", locals())
+
+    def select(
+        self,
+        *,
+        input: TableLike,
+        rows: str | Axis | None = None,
+        columns: ListLike | Axis | None = None,
+        drop: ListLike | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Keeps the rows of each line for which `rows` is true.
+
+        Keeps the columns that `columns` names, or those that `drop` does not name.
+
+        `rows` is an SQL predicate over the columns of a row. A row is dropped if the predicate is
+        unknown because a value is missing (NaN). A line fails if no row is kept. Rows dropped in
+        the middle of a line leave a gap in time, at which filters restart.
+
+        `where` selects lines. The columns `flight`, `line` and `tt` are always kept.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        rows : str, optional
+            Predicate for the rows that are kept, such as `radar > 100 and abs(roll) < 5`. Unset:
+            all.
+        columns : ListLike, optional
+            Columns that are kept. Unset: all columns except those of `drop`.
+        drop : ListLike, optional
+            Columns that are dropped. Default: `[]`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+        """
+        return self._stage("select", locals())
+
+    def join(
+        self,
+        *,
+        input: TableLike,
+        with_: TableLike,
+        columns: ListLike | Axis | None = None,
+        method: Literal["exact", "nearest", "linear"] | Axis | None = None,
+        tolerance_s: float | Axis | None = None,
+        suffix: str | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Appends columns of another table (`with`) to each line.
+
+        Rows are matched by flight, line and time.
+
+        `exact` uses the row at the same time, within one microsecond, and fails if there is none.
+        Use it for tables with the same times, such as two tables computed from the same `resample`.
+        `nearest` uses the nearest row within `tolerance_s`; of two equally near rows, the earlier
+        one. `linear` interpolates between the rows before and after, if they are at most
+        `tolerance_s` apart. It interpolates angles (unit deg) along the shorter arc. Text, integers
+        and booleans take the nearest value, and whole numbers without a unit stay whole, as in
+        `resample`. Without a matching row the value is missing (NaN or null). If both tables have a
+        date, their times are converted to a common midnight.
+
+        A line that is absent from `with` is omitted without a message, here and in later stages. A
+        column that is also in `input` is rejected, unless `suffix` renames it. Repeated or
+        decreasing times are rejected.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        with_ : TableLike
+            Input: flight lines.
+        columns : ListLike, optional
+            Columns to append. Unset: all columns that are not in `input`.
+        method : {"exact", "nearest", "linear"}, optional
+            Method that matches rows. Default: `"exact"`.
+        tolerance_s : float, optional
+            Maximum time to the nearest row, or between the two rows of an interpolation. Unit: s.
+            Allowed: above 0. Default: `1.0`.
+        suffix : str, optional
+            Suffix of the name of each appended column. Default: `""`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+        """
+        return self._stage("join", locals())
+
+    def lag(
+        self,
+        *,
+        input: TableLike,
+        columns: ListLike | Axis,
+        reference: str | Axis,
+        most_s: float | Axis | None = None,
+        either_sign: bool | Axis | None = None,
+        low_hz: float | Axis | None = None,
+        high_hz: float | Axis | None = None,
+        order: int | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Estimates the lag of each of `columns` against `reference` on each line that `where`
+        selects.
+
+        The lag is at the peak of the cross-correlation. Each line and column gives a row with
+        `lag_s`, which the parameter `lag_s` of `resample` removes.
+
+        A lag of 0.06 s means column(t) = reference(t - 0.06 s), up to a factor and a constant. Both
+        must measure the same quantity. Examples are two magnetometers in a manoeuvre, the magnitude
+        of a vector magnetometer and a scalar magnetometer, or the turn rate and the derivative of a
+        heading. Slow signals have a flat peak, so remove them with `low_hz` or with a `derivative`
+        stage before this one. Samples must be evenly spaced. Resample sensors with different rates
+        to one grid with `resample`, at the highest of their rates or above.
+
+        `sd_s` is the standard error if the difference of the two signals is white noise. It is too
+        small for correlated noise. `correlation` is the correlation coefficient at the peak.
+        `next_peak` is the height of the second highest peak divided by the height of the highest.
+        If it is near 1, the lag is ambiguous, as for periodic signals. `n` is the number of pairs
+        of samples. The lag is NaN, with a warning, if a line has no peak within `most_s`, a column
+        is constant, or a line is too short. Missing samples are omitted.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        columns : ListLike
+            Columns whose lags are estimated.
+        reference : str
+            Column against which the lags are measured.
+        most_s : float, optional
+            Largest lag, in either direction. Unit: s. Allowed: above 0. Default: `2.0`.
+        either_sign : bool, optional
+            Also accepts a negative correlation, for columns with opposite signs. Default: `false`.
+        low_hz : float, optional
+            Lower corner frequency of a band-pass of both signals. 0 removes it. Unit: Hz. Allowed:
+            0 or above. Default: `0.0`.
+        high_hz : float, optional
+            Upper corner frequency of the band-pass. 0 removes it. Unit: Hz. Allowed: 0 or above.
+            Default: `0.0`.
+        order : int, optional
+            Order of the Butterworth prototype of the band-pass. Allowed: 1 to 12. Default: `4`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Carter 1987, Coherence and time delay estimation, Proc. IEEE 75(2).
+        """
+        return self._stage("lag", locals())
+
+    def diurnal(
+        self,
+        *,
+        input: TableLike,
+        record: TableLike | Sequence[TableLike],
+        element: str | Axis | None = None,
+        column: str | Axis | None = None,
+        method: Literal["linear", "nearest", "cubic"] | Axis | None = None,
+        max_gap_s: float | Axis | None = None,
+        level: Literal["record", "line"] | Axis | None = None,
+        level_nt: Mapping[str, Any] | Axis | None = None,
+        power: float | Axis | None = None,
+        position: Literal["truth", "ins"] | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Appends `diurnal`, the variation of the external field: the record of an observatory or
+        base station at the time of each sample, minus the level of the record.
+
+        An existing column of that name is replaced.
+
+        A record is a table of flight lines. Its flight is the station and its lines are days. It
+        has `year`, `doy`, `tt` and the column `element`. IAGA-2002 and IMF files have this form
+        after reading; their total field is `field_f`. If a record has no scalar magnetometer,
+        compute the magnitude of `field_n`, `field_e` and `field_d` with `derive`. Every line can
+        use all days of a record, so a line may cross midnight.
+
+        Values are interpolated between samples of the record. They are NaN outside the record and
+        in gaps longer than `max_gap_s`. A line without any value is rejected, and so is a line
+        without a date. Several stations, in one or more tables, are averaged at each sample with
+        weights 1/distance^`power`. A sample is NaN if one station has no value for it.
+
+        The level of each record is subtracted, so that a station contributes only its variation.
+        `level` selects the mean of the whole record, or its mean over the time of the line.
+        `level_nt` sets the level explicitly, for example that of a quiet night. A variation record
+        (IAGA `Data Type variation`) has no absolute level.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        record : TableLike | Sequence[TableLike]
+            Input: one or several records, tables of flight lines; each line reads the whole tables.
+        element : str, optional
+            Column of the record to use. Unit: nT. Default: `"field_f"`.
+        column : str, optional
+            Name of the new column. Unit: nT. Default: `"diurnal"`.
+        method : {"linear", "nearest", "cubic"}, optional
+            Interpolation between samples of the record. Default: `"linear"`.
+        max_gap_s : float, optional
+            Longest gap between samples of the record that is interpolated. Unit: s. Allowed: above
+            0. Default: `180.0`.
+        level : {"record", "line"}, optional
+            Level that is subtracted from each record. Default: `"record"`.
+        level_nt : Mapping[str, Any], optional
+            Level that is subtracted from the record of each station, by station name. Unit: nT.
+            Allowed: finite. Unset: set by `level`.
+        power : float, optional
+            For several stations: power of the distance in the inverse-distance weights. Allowed: 0
+            or above. Default: `1.0`.
+        position : {"truth", "ins"}, optional
+            For several stations: source of the position from which distances are measured. Default:
+            `"truth"`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+        """
+        return self._stage("diurnal", locals())
+
+    def segments(
+        self,
+        *,
+        input: TableLike,
+        heading: str | Axis | None = None,
+        window_s: float | Axis | None = None,
+        turn_dps: float | Axis | None = None,
+        turn_deg: float | Axis | None = None,
+        least_s: float | Axis | None = None,
+        attitude: ListLike | Axis | None = None,
+        manoeuvre: float | Axis | None = None,
+        low_hz: float | Axis | None = None,
+        high_hz: float | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Divides each line into straight parts, turns and manoeuvres.
+
+        Appends `segment`, the number of the part from 1, and `segment_kind`: `straight`, `turn`,
+        `manoeuvre`, or `none` if the heading is missing.
+
+        In a turn the heading changes faster than `turn_dps` and by at least `turn_deg` in total, so
+        the yaws of a calibration are not turns. A part shorter than `least_s` between two turns
+        belongs to the turns. A manoeuvre is part of a straight part. In it, the band-passed columns
+        of `attitude` (angles, or components of a vector magnetometer) have a root mean square above
+        `manoeuvre` over `window_s`. Examples are the pitches, rolls and yaws of a calibration box.
+        Boundaries are accurate to the length of the window.
+
+        `select` with `rows = "segment_kind = 'straight'"` keeps the straight parts and does not
+        divide the line. Samples must be evenly spaced. A gap in time or a missing heading ends a
+        segment. A run shorter than the window is `none`. The heading may be a course computed with
+        `derive`: `degrees(atan2(ve, vn))`.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        heading : str, optional
+            Heading or course. Unit: deg. Default: `"yaw"`.
+        window_s : float, optional
+            Window over which the turn rate and the manoeuvres are computed. Unit: s. Allowed: above
+            0. Default: `5.0`.
+        turn_dps : float, optional
+            Minimum turn rate of a turn. Unit: deg/s. Allowed: above 0. Default: `1.0`.
+        turn_deg : float, optional
+            Minimum change of heading in a turn. Unit: deg. Allowed: 0 or above. Default: `20.0`.
+        least_s : float, optional
+            Shortest straight part. Unit: s. Allowed: 0 or above. Default: `20.0`.
+        attitude : ListLike, optional
+            Columns that show manoeuvres, all with one unit. Default: `[]`.
+        manoeuvre : float, optional
+            Threshold of a manoeuvre: root mean square of the sum of the columns of `attitude`, in
+            their unit. Allowed: above 0. Default: `2.0`.
+        low_hz : float, optional
+            Lower corner frequency of the band-pass of `attitude`. Unit: Hz. Allowed: 0 or above.
+            Default: `0.05`.
+        high_hz : float, optional
+            Upper corner frequency of the band-pass. 0 removes it. Unit: Hz. Allowed: 0 or above.
+            Default: `0.0`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+        """
+        return self._stage("segments", locals())
+
+    def magnitude(
+        self,
+        *,
+        input: TableLike,
+        vector: str | Axis,
+        allow_truth: bool | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Appends the magnitude of a vector magnetometer, `flux_a_t` for `flux_a`.
+
+        It can then be compensated like a scalar magnetometer.
+
+        An existing column of that name is replaced. A sample with a missing component is NaN.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        vector : str
+            Vector magnetometer, such as `flux_a` for the columns `flux_a_x`, `flux_a_y` and
+            `flux_a_z`.
+        allow_truth : bool, optional
+            Allows truth columns. Default: `false`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        van der Meer 2025, section 4.2.2 (its Tables 4.3 and 4.5).
+        """
+        return self._stage("magnitude", locals())
+
+    def a_matrix(
+        self,
+        *,
+        input: TableLike,
+        vector: str | Axis,
+        terms: ListLike | Axis | None = None,
+        scalar: str | Axis | None = None,
+        bt_scale_nt: float | Axis | None = None,
+        allow_truth: bool | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Builds the Tolles-Lawson terms of a vector magnetometer and appends them as the list
+        column `tl`.
+
+        B is the reading of the vector magnetometer, Bt its magnitude or `scalar`, dB the central
+        difference of B per sample and s `bt_scale_nt`. The terms are: permanent B_i/Bt, induced B_i
+        B_j/(Bt s), eddy B_i dB_j/(Bt s), derivative dB_i, bias 1.
+
+        The column's metadata list the terms (`terms`) and those terms that are differences
+        (`per_sample`). `rate_hz` holds the sample rate if `resample` set it. `fit` writes this rate
+        to its table, and stages that apply a model convert its coefficients to the rate of their
+        input.
+
+        Differences are one-sided at the ends of a line and at gaps. They never cross a gap. A
+        sample without a vector gives a row of NaN. Terms that are differences require evenly spaced
+        samples; other lines are rejected.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        vector : str
+            Vector magnetometer, such as `flux_a` for the columns `flux_a_x`, `flux_a_y` and
+            `flux_a_z`.
+        terms : ListLike, optional
+            Groups of terms: `permanent`, `induced` (or `induced5`, `induced3`), `eddy` (or `eddy8`,
+            `eddy3`), `derivative`, `bias`. Default: `["permanent","induced","eddy"]`.
+        scalar : str, optional
+            Scalar magnetometer whose reading replaces Bt. This gives the modified model. Unset: the
+            magnitude of `vector`.
+        bt_scale_nt : float, optional
+            Scale s of the induced and eddy terms. A value near the total field gives all terms
+            similar magnitudes. Unit: nT. Allowed: above 0. Default: `50000.0`.
+        allow_truth : bool, optional
+            Allows truth columns. Default: `false`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        W. E. Tolles and J. D. Lawson 1950; Gnadt 2022, (3.13) to (3.20) with the scale of its
+        Tables 3.1 and 3.2.
+        """
+        return self._stage("a_matrix", locals())
+
+    def features(
+        self,
+        *,
+        input: TableLike,
+        features: ListLike | Axis,
+        terms: ListLike | Axis | None = None,
+        bt_scale_nt: float | Axis | None = None,
+        vector: str | Axis | None = None,
+        mag: str | Axis | None = None,
+        groups: ListLike | Axis | None = None,
+        origin: ListLike | Axis | None = None,
+        position: Literal["truth", "ins"] | Axis | None = None,
+        allow_truth: bool | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Appends the list column `features`, computed from columns as defined in the theses.
+
+        | feature | definition |
+        |---|---|
+        | any column | the column itself |
+        | `COLUMN_dot`, `COLUMN_dot4` | central and fourth difference of the column per sample |
+        | `COLUMN_lag_N` | value of the column N samples earlier |
+        | `mag_2_3_uc` | `mag_2_uc` minus `mag_3_uc`, for any two magnetometers |
+        | `lpf_COLUMN` | the column, low-passed at 0.2 Hz |
+        | `dcm`, `dcm_1` to `dcm_9` | direction cosines, north-east-down to body, column by column |
+        | `crcy`, ... `srsp` | products of cosines and sines (c, s) of roll, pitch and yaw |
+        | `TL_A_flux_a` | Tolles-Lawson terms of a vector magnetometer |
+        | `ETL_COLUMN` | terms `COLUMN_1` to `COLUMN_7` of the extended Tolles-Lawson model, for `groups` |
+        | `core_flux_a` | 21 terms of the core-field model; requires `igrf_x`, `igrf_y`, `igrf_z` of `core_field` |
+        | `slope`, `slope_quadratic` | easting and northing, km, with squares and product: the slope of the anomaly |
+
+        Three names denote sets: `down_selected` (Gnadt 2022, Table C.1), `small_1` and `small_2`
+        (Gnadt 2022, section 4.9). The small sets use the magnetometer `mag` and the vector
+        magnetometer `vector`.
+
+        Differences and lags are per sample. The column's metadata `per_sample` list them, and
+        `rate_hz` holds the sample rate if `resample` set it. A stage that applies a model at
+        another rate converts the differences and rejects the lags. A column of the table, such as
+        one of `derivative`, is used unchanged at any rate.
+
+        Differences, lags and filters stay within a run of samples without gaps. A feature is NaN
+        where it cannot be computed, and `fit` omits that row. Truth columns and features with
+        missing inputs are rejected.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        features : ListLike
+            Features, in the order of the list.
+        terms : ListLike, optional
+            Groups of Tolles-Lawson terms in `TL_A_...`. Unset: permanent, induced and eddy; for a
+            set of Gnadt 2022: permanent, induced and derivative.
+        bt_scale_nt : float, optional
+            Scale of the induced, eddy and core-field terms. Unit: nT. Allowed: above 0. Default:
+            `50000.0`.
+        vector : str, optional
+            Vector magnetometer of the small sets. The inputs of `ETL_...` are projected on its
+            direction. Unset: `ETL_...` and the small sets are rejected.
+        mag : str, optional
+            Scalar magnetometer of the small sets. Unit: nT. Unset: the small sets are rejected.
+        groups : ListLike, optional
+            Groups of the extended model: 1 raw, 2 projected on the direction of the field, 3 rate
+            of change, projected. Default: `[1,2,3]`.
+        origin : ListLike, optional
+            Latitude and longitude, in degrees, of the origin of `slope`. Unit: deg. Unset: the
+            line's first sample.
+        position : {"truth", "ins"}, optional
+            Position used by `slope`. Default: `"ins"`.
+        allow_truth : bool, optional
+            Allows truth columns as features. Default: `false`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Gnadt 2022, section 4.8 and appendix C; van der Meer 2025, sections 2.2.2 and 2.3; Lee 2019,
+        appendix B; names of MagNav.jl.
+        """
+        return self._stage("features", locals())
+
+    def target(
+        self,
+        *,
+        input: TableLike,
+        kind: Literal["a", "b", "c", "d", "e"] | Axis | None = None,
+        mag: str | Axis | None = None,
+        truth: str | Axis | None = None,
+        remove_core: bool | Axis | None = None,
+        remove_diurnal: bool | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Appends `target`, one of the five targets of Gnadt 2022 to which models are fitted.
+
+        | type | target | a model of it predicts |
+        |---|---|---|
+        | `a` | truth minus core field and diurnal variation | the anomaly |
+        | `b` | value of the map | the anomaly |
+        | `c` | magnetometer minus core field, diurnal variation and map | the aircraft field |
+        | `d` | magnetometer minus truth | the aircraft field |
+        | `e` | magnetometer minus core field and diurnal variation; `fit` band-passes it | the aircraft field |
+
+        Set `target` of `fit` to this column. Set `low_hz = 0` and `high_hz = 0` too, except for
+        type `e`. Apply a model of the anomaly with `predicts = "anomaly"` of `compensate`. Types
+        `b` and `c` require `map_anomaly`, which `map_value` computes.
+
+        The column has the role truth: it may be a target but not a feature. A sample is NaN if a
+        term is missing. The metadata `removed` list the corrections, so that no later stage repeats
+        them.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        kind : {"a", "b", "c", "d", "e"}, optional
+            Type of the target. Default: `"d"`.
+        mag : str, optional
+            Scalar magnetometer to be compensated, for `c`, `d` and `e`. Unit: nT. Unset: `c`, `d`
+            and `e` are rejected.
+        truth : str, optional
+            Column of the true field, for `a` and `d`. Unit: nT. Default: `"mag_1_c"`.
+        remove_core : bool, optional
+            Subtracts the core field `igrf`, for `a`, `c` and `e`. Unset: true, unless it has
+            already been removed.
+        remove_diurnal : bool, optional
+            Subtracts the diurnal variation `diurnal`, for `a`, `c` and `e`. Unset: true, unless it
+            has already been removed.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Gnadt 2022, section 3.7.
+        """
+        return self._stage("target", locals())
+
+    def fit(
+        self,
+        *,
+        input: TableLike,
+        model: Literal["tolles_lawson", "extended_tolles_lawson", "ridge", "elastic_net", "pls",
+            "truncated_svd", "robust", "recursive_least_squares", "m1", "m2a", "m2b", "m2c", "m2d",
+            "tlnn", "etlnn", "gru", "lstm", "tcn", "boosted_trees", "random_features"] | Axis,
+        target: str | Axis,
+        warm_start: TableLike | None = None,
+        features: ListLike | Axis | None = None,
+        entries: ListLike | Axis | None = None,
+        choose: Literal["given", "gcv", "l_curve", "leave_one_line_out", "leave_one_flight_out"] |
+            Axis | None = None,
+        one_standard_error: bool | Axis | None = None,
+        scaling: Literal["none", "standardise", "max_abs", "min_max"] | Axis | None = None,
+        whiten: float | Axis | None = None,
+        intercept: bool | Axis | None = None,
+        low_hz: float | Axis | None = None,
+        high_hz: float | Axis | None = None,
+        order: int | Axis | None = None,
+        trim: int | Axis | None = None,
+        allow_truth: bool | Axis | None = None,
+        lambda_: float | Axis | None = None,
+        lambdas: ListLike | Axis | None = None,
+        l1_ratio: float | Axis | None = None,
+        components: int | Axis | None = None,
+        with_targets: ListLike | Axis | None = None,
+        loss: Literal["huber", "student_t"] | Axis | None = None,
+        scale: Literal["mad", "joint"] | Axis | None = None,
+        threshold: float | Axis | None = None,
+        degrees_of_freedom: float | Axis | None = None,
+        forgetting: float | Axis | None = None,
+        hidden: ListLike | Axis | None = None,
+        activation: Literal["swish", "relu", "tanh", "sigmoid"] | Axis | None = None,
+        inputs: ListLike | Axis | None = None,
+        epochs: int | Axis | None = None,
+        lbfgs_epochs: int | Axis | None = None,
+        batch: int | Axis | None = None,
+        learning_rate: float | Axis | None = None,
+        schedule: Literal["constant", "cosine", "plateau"] | Axis | None = None,
+        training_loss: Literal["squared", "absolute", "huber"] | Axis | None = None,
+        huber_threshold: float | Axis | None = None,
+        weight_decay: float | Axis | None = None,
+        dropout: float | Axis | None = None,
+        group_lasso: float | Axis | None = None,
+        group_share: float | Axis | None = None,
+        validation: ListLike | Axis | None = None,
+        patience: int | Axis | None = None,
+        members: int | Axis | None = None,
+        seed: int | Axis | None = None,
+        physics: float | Axis | None = None,
+        linear: ListLike | Axis | None = None,
+        linear_low_hz: float | Axis | None = None,
+        linear_high_hz: float | Axis | None = None,
+        window: int | Axis | None = None,
+        units: int | Axis | None = None,
+        trees: int | Axis | None = None,
+        shrinkage: float | Axis | None = None,
+        leaves: int | Axis | None = None,
+        depth: int | Axis | None = None,
+        leaf_samples: int | Axis | None = None,
+        leaf_l2: float | Axis | None = None,
+        subsample: float | Axis | None = None,
+        random_features: int | Axis | None = None,
+        length_scale: float | Axis | None = None,
+        linear_weight: float | Axis | None = None,
+        noise_ratio: float | Axis | None = None,
+        sigma: bool | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Fits a compensation model to all lines that `where` selects, as one data set.
+
+        One zero-phase filter band-passes terms and target (`low_hz = 0` and `high_hz = 0` switch it
+        off). `trim` samples are removed at each end of every run. The model is fitted to the
+        remaining samples. Each model below has its own keys; a key of another model is rejected.
+
+        `tolles_lawson` uses the feature `tl`, which `a_matrix` computes. The stage `features`
+        computes all other features. The two-step model of van der Meer 2025 consists of two fits
+        with a `compensate` between them. The target of the second fit is `mag_c`.
+
+        `choose` selects `lambda` or the number of components. It uses generalised cross-validation,
+        the corner of the L-curve, or cross-validation that omits one line or one flight at a time.
+        If a whole line is omitted, its samples are not predicted from their neighbours. If a whole
+        flight is omitted, they are not predicted from effects that last a flight, such as a
+        magnetisation or a temperature. The score of an omitted line is the variance (divisor n) of
+        the prediction error. Its mean is ignored, because a filter removes constants and
+        compensation does not determine them. All lines have equal weight. The selected value is in
+        the column `chosen`.
+
+        All points of a sweep are solved together. Each line is reduced once to a triangular factor,
+        which serves all lambdas, numbers of components and omitted lines. Normal equations are not
+        used, because they square the condition number. Coefficients are in the units of the
+        columns, independent of the scaling. The intercept is the term `intercept`.
+
+        `std` is the standard deviation of a coefficient. It is computed from the spectra of the
+        residual and of the terms in bands, because the filter and coloured noise correlate the
+        samples. It includes the ramp of a drifting residual from the first to the last sample. The
+        intercept's `std` excludes the effect of a random walk on the mean. `std` is null for models
+        other than ridges, and, with a note, for 96 or more terms.
+
+        `rate_hz` is the rate of the first line. Terms that are differences per sample, such as
+        `xx_dot`, are converted to it on lines with other rates, so all coefficients are valid at
+        this rate. Lagged values cannot be converted and are rejected on lines with another rate.
+        Training that starts from `warm_start` keeps the rate of that table.
+
+        A filter removes the mean of the target, so the constant part of the aircraft field is not
+        determined.
+
+        Rows with a NaN in a feature or the target, and rows that `where` omits, end a run. Each run
+        is filtered separately. A run that is too short for filter and trim is omitted. `left_out`
+        counts the omitted rows, `n` the used rows, and `lines` lists the lines of the used rows.
+
+        `condition` is the condition number of the filtered matrix; if it is large, individual
+        coefficients are poorly determined. With `lambda = 0`, terms that the flight does not excite
+        are rejected by name. `trivial_share` is the fraction of the total field that the fit
+        attributes to the aircraft. It is 1 for the trivial solution of band-passed fits. `warning`
+        describes problems of the fit and is otherwise empty. Lines that failed in an earlier stage,
+        or that lack a column, are omitted. Lines that are not evenly sampled, or whose rate is
+        unsuitable for the filter, are omitted and listed in the table `failures`.
+
+        `approximation_bound` bounds the error of the model's linear form. This form approximates
+        the change of the magnitude by the projection of the aircraft field on the earth's field. It
+        neglects up to b^2/2 of the total field, where b is the ratio of the two fields. The bound
+        is computed from the permanent and induced coefficients for the worst attitude. It is null
+        if the terms do not determine it, or if the target is not a total field.
+
+        `residual_sigma`, `residual_fogm_sigma` and `residual_fogm_tau` are the residual noise of
+        the model over all frequencies. They are the smallest white and first-order Gauss-Markov
+        noise that bound the Allan variance of the unfiltered residual on the lines of the fit.
+        `igrf` and `diurnal` are subtracted from a total field if present. Without `igrf` the core
+        field is computed at the INS positions and the line's date. The crustal anomaly is unknown
+        here and counts as noise. The noise of a calibration at low height is therefore
+        overestimated. A time constant longer than the lines cannot be resolved. The columns are
+        null if the lines are shorter than 16 s.
+
+        `warm_start` names the table of another fit of the same kind of network, in this pipeline or
+        published. Training starts from its weights instead of random weights, for example from
+        those of an aircraft with more flight data. Inputs, layers, activation, linear terms and
+        members must be the same. Inputs and target are scaled as in that network, because its
+        weights depend on the scales. Its constant is replaced by the constant of the new lines.
+        Trained coefficients (`m2c`) start from those of that network. Coefficients that are not
+        trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        model : {"tolles_lawson", "extended_tolles_lawson", "ridge", "elastic_net", "pls",
+        "truncated_svd", "robust", "recursive_least_squares", "m1", "m2a", "m2b", "m2c", "m2d",
+        "tlnn", "etlnn", "gru", "lstm", "tcn", "boosted_trees", "random_features"}
+            Compensation model.
+        target : str
+            Column to which the model is fitted, such as `mag_4_uc`, or `target` of the stage
+            `target`. Unit: nT.
+        warm_start : TableLike, optional
+            Input: model, optional.
+        features : ListLike, optional
+            Input columns of the model: lists such as `tl` and `features`, or single columns.
+            Default: `["tl"]`.
+        entries : ListLike, optional
+            Entries of the lists in `features` to use, in this order. Each is a name, or a prefix
+            that several names share before a `_`, such as `TL_A_flux_a`. A row must be finite in
+            all entries of the lists. The lists are factored once for all choices of entries, so a
+            sweep over `entries` is fast. Unset: all entries.
+        choose : {"given", "gcv", "l_curve", "leave_one_line_out", "leave_one_flight_out"}, optional
+            Method that selects `lambda` or `components`. The permitted values depend on the model.
+            Default: `"given"`.
+        one_standard_error : bool, optional
+            With cross-validation: selects the simplest model whose error is within one standard
+            error of the smallest. Default: `false`.
+        scaling : {"none", "standardise", "max_abs", "min_max"}, optional
+            Scaling of the columns before the penalty is applied. `standardise` divides by the
+            standard deviation with divisor n - 1, as in MagNav.jl. scikit-learn uses this divisor
+            in partial least squares and whitened components. Its `StandardScaler` uses the divisor
+            n; the same ridge then requires `lambda` n / (n - 1). Unset: the default of the model.
+        whiten : float, optional
+            Fits to whitened principal components of the features instead of the features. A value
+            of 1 or more is the number of components, a value below 1 the fraction of the variance.
+            The table still holds coefficients of the features. Allowed: above 0. Unset: no
+            whitening.
+        intercept : bool, optional
+            Also fits a constant, without a penalty. Unset: the default of the model, and true with
+            `whiten`.
+        low_hz : float, optional
+            Lower corner frequency of the filter. 0 removes it. Unit: Hz. Allowed: 0 or above.
+            Default: `0.1`.
+        high_hz : float, optional
+            Upper corner frequency of the filter. 0 removes it. Unit: Hz. Allowed: 0 or above.
+            Default: `0.9`.
+        order : int, optional
+            Order of the Butterworth prototype. Allowed: 1 to 12. Default: `4`.
+        trim : int, optional
+            Number of samples removed at each end of a run after filtering. Unit: samples. Default:
+            `20`.
+        allow_truth : bool, optional
+            Allows truth columns as features. Default: `false`.
+        lambda_ : float, optional
+            For `tolles_lawson`, `extended_tolles_lawson`, `ridge`, `elastic_net`, `robust`, `m2a`,
+            `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`: Ridge parameter. Allowed: 0 or above. Default:
+            `0.025`.
+            For `recursive_least_squares`: Ridge parameter of the initial coefficients. Allowed: 0
+            or above. Default: `0.025`.
+        lambdas : ListLike, optional
+            For `tolles_lawson`, `extended_tolles_lawson`, `ridge`, `elastic_net`: Values of
+            `lambda` to choose from. Unset: a grid computed from the features.
+        l1_ratio : float, optional
+            For `elastic_net`: Fraction of the penalty on absolute values. Allowed: 0 to 1. Default:
+            `0.99`.
+        components : int, optional
+            For `pls`: Number of components, or the maximum number if `choose` selects it. As many
+            components as terms give ordinary least squares, which causes a warning. Allowed: 1 to
+            10000. Default: `18`.
+            For `truncated_svd`: Number of components, or the maximum number if `choose` selects it.
+            Allowed: 1 to 10000. Default: `18`.
+        with_targets : ListLike, optional
+            For `pls`: Further columns that are fitted together with `target`, with common
+            components. The table holds the coefficients of `target`. Unit: nT. Default: `[]`.
+        loss : {"huber", "student_t"}, optional
+            For `robust`: Loss function of a residual. Default: `"huber"`.
+        scale : {"mad", "joint"}, optional
+            For `robust`: Estimator of the scale of the residuals: their median absolute deviation,
+            or an estimate together with the coefficients. Default: `"mad"`.
+        threshold : float, optional
+            For `robust`: Residual at which Huber's loss changes from quadratic to linear, in units
+            of the scale. Allowed: above 0. Default: `1.345`.
+        degrees_of_freedom : float, optional
+            For `robust`: Degrees of freedom of Student's t. Allowed: above 0. Default: `4.0`.
+        forgetting : float, optional
+            For `recursive_least_squares`: Forgetting factor: weight of a row relative to the next.
+            With 1 nothing is forgotten. Allowed: 0.9 to 1. Default: `1.0`.
+        hidden : ListLike, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of
+            units of each hidden layer, for up to three layers. Allowed: 1 to 1000. Unset: `[8]`;
+            `[11]` for `tlnn` and `etlnn`, as in van der Meer 2025; with `warm_start`: the layers of
+            its network.
+        activation : {"swish", "relu", "tanh", "sigmoid"}, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Activation
+            function of the hidden units. Default: `"swish"`.
+        inputs : ListLike, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Inputs of
+            the network: entries of the features, by name or by a prefix that several names share
+            before a `_`. Unset: all features.
+            For `boosted_trees`: Inputs of the trees: entries of the features, by name or by a
+            prefix that several names share before a `_`. Unset: all features.
+            For `random_features`: Inputs: entries of the features, by name or by a prefix that
+            several names share before a `_`. Unset: all features.
+        epochs : int, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of
+            epochs with Adam. Allowed: 0 to 100000. Default: `200`.
+        lbfgs_epochs : int, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of
+            L-BFGS iterations on all samples after Adam. Allowed: 0 to 10000. Default: `0`.
+        batch : int, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of
+            samples per step of Adam. Unit: samples. Allowed: 1 to 10000000. Default: `2048`.
+        learning_rate : float, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Learning
+            rate of Adam. Allowed: above 0. Default: `0.001`.
+        schedule : {"constant", "cosine", "plateau"}, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`:
+            Learning-rate schedule. Default: `"constant"`.
+        training_loss : {"squared", "absolute", "huber"}, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Loss
+            function. Default: `"squared"`.
+        huber_threshold : float, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Residual at
+            which the Huber loss becomes linear, in units of the target's scale. Allowed: above 0.
+            Default: `1.0`.
+        weight_decay : float, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Weight
+            decay (AdamW): a step of Adam subtracts this fraction of each weight, times the learning
+            rate. Allowed: 0 or above. Default: `0.0`.
+        dropout : float, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Fraction of
+            the hidden units that a training step omits. Allowed: 0 to 0.9. Default: `0.0`.
+        group_lasso : float, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Strength of
+            the sparse group lasso on the weights of each input. Allowed: 0 or above. Default:
+            `0.0`.
+        group_share : float, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Fraction of
+            the lasso that applies to the group. The remainder applies to single weights. Allowed: 0
+            to 1. Default: `1.0`.
+        validation : ListLike, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Lines
+            (`1003.08` or `1003/1003.08`) or whole flights reserved for validation. The epoch with
+            the smallest validation loss is used. Default: `[]`.
+            For `boosted_trees`: Lines (`1003.08` or `1003/1003.08`) or whole flights reserved for
+            validation. The number of trees with the smallest validation loss is used. Default:
+            `[]`.
+        patience : int, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of
+            epochs without a smaller validation loss after which training ends. Allowed: above 0.
+            Unset: all epochs are trained.
+            For `boosted_trees`: Number of trees without a smaller validation loss after which
+            training ends. Allowed: above 0. Unset: all trees are trained.
+        members : int, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of
+            networks that are trained from different initial weights and averaged. Their spread
+            gives the standard deviation of the prediction. Allowed: 1 to 100. Default: `1`.
+        seed : int, optional
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Seed of
+            initial weights, batch order and dropout. Default: `0`.
+            For `boosted_trees`: Seed of the subsample of each tree. Default: `0`.
+            For `random_features`: Seed of the random features. Default: `0`.
+        physics : float, optional
+            For `m2a`, `m2c`, `m2d`: Weight in the loss of the squared distance between the
+            prediction and the linear model, relative to the scale of the target. Allowed: 0 or
+            above. Default: `0.0`.
+        linear : ListLike, optional
+            For `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`: Terms of the linear model: entries of
+            the features, by name or by a prefix that several names share before a `_`. Unset: the
+            Tolles-Lawson terms among the features, otherwise those of the core-field model; for
+            `etlnn` all features. Other terms, such as slopes or terms of the extended model, are
+            inputs of the network only.
+        linear_low_hz : float, optional
+            For `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`: Lower corner frequency of the filter of
+            the linear fit. 0 removes it. Unit: Hz. Allowed: 0 or above. Default: `0.1`.
+        linear_high_hz : float, optional
+            For `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`: Upper corner frequency of that filter.
+            0 removes it. Unit: Hz. Allowed: 0 or above. Default: `0.9`.
+        window : int, optional
+            For `gru`, `lstm`, `tcn`: Number of samples in a window, ending at the predicted sample.
+            Future samples are not used. Unit: samples. Allowed: 2 to 4096. Default: `16`.
+        units : int, optional
+            For `gru`, `lstm`, `tcn`: Number of features computed from the window. Allowed: 1 to
+            1000. Default: `8`.
+        trees : int, optional
+            For `boosted_trees`: Maximum number of trees. Allowed: 1 to 100000. Default: `200`.
+        shrinkage : float, optional
+            For `boosted_trees`: Factor applied to each tree, also called learning rate. Halving it
+            requires twice as many trees. Allowed: 0.000001 to 1. Default: `0.1`.
+        leaves : int, optional
+            For `boosted_trees`: Maximum number of leaves of a tree. Allowed: 2 to 65536. Default:
+            `31`.
+        depth : int, optional
+            For `boosted_trees`: Maximum number of splits above a leaf. Allowed: above 0. Unset:
+            limited by `leaves` only.
+        leaf_samples : int, optional
+            For `boosted_trees`: Minimum number of samples of a leaf. Unit: samples. Allowed: above
+            0. Default: `20`.
+        leaf_l2 : float, optional
+            For `boosted_trees`: L2 penalty: added to the number of samples of a leaf when its value
+            is computed. It shrinks small leaves. Unit: samples. Allowed: 0 or above. Default:
+            `0.0`.
+        subsample : float, optional
+            For `boosted_trees`: Fraction of the samples used for each tree. Allowed: 0.001 to 1.
+            Default: `1.0`.
+        random_features : int, optional
+            For `random_features`: Number of random features. More features approximate the Gaussian
+            process better. Computing time is proportional to the square of this number. Allowed: 2
+            to 10000. Default: `200`.
+        length_scale : float, optional
+            For `random_features`: Length scale of the kernel, in standard deviations of the inputs:
+            the distance over which values are correlated. Allowed: above 0. Unset: the most likely
+            of 1/4, 1/2, 1, 2 and 4 times the median distance between samples.
+        linear_weight : float, optional
+            For `random_features`: Weight of the linear model: the expected coefficient of a
+            standardised input divided by the standard deviation of the process. 0 removes the
+            linear model. Allowed: 0 or above. Default: `1.0`.
+        noise_ratio : float, optional
+            For `random_features`: Variance of the errors divided by the variance of the process.
+            Allowed: above 0. Unset: the most likely value.
+        sigma : bool, optional
+            For `random_features`: Stores the factor from which the standard deviation of the
+            prediction is computed. Its number of rows is the square of the number of features.
+            Default: `true`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Gnadt 2022, (3.19) to (3.43), Figure 5-6 of `warm_start`; van der Meer 2025, sections 2.2 to
+        2.4, 4.2.1 and Figure 4.2.
+        """
+        return self._stage("fit", locals())
+
+    def compensate(
+        self,
+        *,
+        input: TableLike,
+        model: TableLike,
+        mag: str | Axis,
+        predicts: Literal["aircraft", "anomaly", "field"] | Axis | None = None,
+        without: ListLike | Axis | None = None,
+        detrend: bool | Axis | None = None,
+        allow_truth: bool | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Subtracts the aircraft field that a fitted model predicts from a scalar magnetometer.
+
+        Appends the compensated field `mag_c` and the predicted aircraft field `mag_aircraft`. Their
+        sum is the reading of the magnetometer. Both are NaN if the sample lacks a term of the
+        model.
+
+        Terms that are differences per sample are converted to the rate of the fit, so a line may
+        have another rate. A central difference underestimates the rate of change at frequency f by
+        the fraction (2 pi f / rate)^2 / 6. At f = 0.2 Hz this is 0.3 % at 10 Hz and 1 % at 5 Hz. If
+        the rates may differ, a model without a stored rate or with a lagged feature is rejected.
+
+        The metadata of `mag_c` list the corrections already applied to `mag`, such as the removal
+        of the diurnal variation.
+
+        A model fitted to band-passed data does not determine the constant part of the aircraft
+        field. `detrend` leaves the mean of the prediction over the line in the signal, as
+        MagNav.jl's examples do.
+
+        `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau` are the noise of `mag_c`, estimated from
+        the residual of the model on its calibration lines. They are equal for all samples.
+        `navigate` uses them for noise parameters that are `"auto"`.
+
+        `mag_aircraft_sigma` is the standard deviation of the prediction, from the spread of an
+        ensemble. It is null if the model does not provide one. A nonlinear model predicts the
+        constant part if its target includes it. Source: Gnadt 2022, (3.22).
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        model : TableLike
+            Input: model.
+        mag : str
+            Scalar magnetometer, such as `mag_4_uc`. Unit: nT.
+        predicts : {"aircraft", "anomaly", "field"}, optional
+            Quantity that the model was fitted to predict. `aircraft` is the aircraft field.
+            `anomaly` is the anomaly, to which `igrf` and `diurnal` are added (targets `a` and `b`).
+            `field` is the total field. Default: `"aircraft"`.
+        without : ListLike, optional
+            Terms of the model that are not part of the aircraft field and are not subtracted, such
+            as `easting` and `northing`. Default: `[]`.
+        detrend : bool, optional
+            Leaves the mean of the predicted aircraft field in the signal. Default: `false`.
+        allow_truth : bool, optional
+            Allows truth columns. Default: `false`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+        """
+        return self._stage("compensate", locals())
+
+    def importance(
+        self,
+        *,
+        input: TableLike,
+        model: TableLike,
+        target: str | Axis,
+        method: Literal["permutation", "shapley", "expected_gradients", "pearson", "spearman",
+            "hard_thresholding", "group_lasso"] | Axis | None = None,
+        groups: ListLike | Axis | None = None,
+        block_s: float | Axis | None = None,
+        repeats: int | Axis | None = None,
+        samples: int | Axis | None = None,
+        background: int | Axis | None = None,
+        draws: int | Axis | None = None,
+        kept_samples: int | Axis | None = None,
+        terms: int | Axis | None = None,
+        seed: int | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Computes the importance of each input of a fitted model on each line.
+
+        Each group of inputs gives a row with `value` and, for a mean, its `spread`. The methods use
+        predictions only, so they apply to all kinds of models.
+
+        Every entry of the features that the model uses is a separate group, except those that
+        `groups` combine. Correlated inputs share or mask importance. Put all inputs from one sensor
+        into one group.
+
+        | `method` | `value` | `spread` |
+        |---|---|---|
+        | `permutation` | increase of the mean square error against `target`, nT2 | over the repeats |
+        | `shapley` | mean absolute contribution to the prediction, nT | over the samples |
+        | `expected_gradients` | mean absolute contribution to the prediction, from gradients, nT | over the samples |
+        | `pearson`, `spearman` | correlation with `target` | |
+        | `hard_thresholding` | coefficient of the standardised entry, nT; 0 if it is not selected | |
+        | `group_lasso` | norm of an input's weights times its standard deviation on the line, 1 | over the ensemble |
+
+        `permutation` permutes blocks of `block_s`, because permuting single samples would turn a
+        slow signal into noise. The mean of the model's error is ignored. `shapley` and
+        `expected_gradients` explain `samples` samples of the line relative to `background` samples
+        of the line, both evenly spaced. Shapley values of linear models and of trees are exact.
+        Those of other models are estimated by sampling, and `error` is the mean standard error of
+        these estimates. Samples that `where` omits, or that lack an input or the target, are
+        ignored. A line that is too short is rejected.
+
+        For `shapley` and `expected_gradients`, up to `kept_samples` samples are stored. The list
+        `sample_values` holds their contributions to the prediction, and `sample_inputs` holds the
+        values of the input. They are NaN for a group of several inputs. The report draws both lists
+        for all lines together, like the beeswarm plot of the SHAP package.
+
+        A sweep gives the increase of the error when an input is dropped and the model is refitted.
+        Its axis holds all subsets that lack at most one input, `{ subsets_of = [...], at_least = n
+        - 1 }`, for `entries` or `inputs` of the fit. A sweep over `seed` of the fit gives the
+        spread over seeds.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        model : TableLike
+            Input: model.
+        target : str
+            Target of the fitted model, such as `mag_4_uc`. Unit: nT.
+        method : {"permutation", "shapley", "expected_gradients", "pearson", "spearman",
+        "hard_thresholding", "group_lasso"}, optional
+            Method that computes the importance. Default: `"permutation"`.
+        groups : ListLike, optional
+            Groups of entries. Each is a name, or a prefix that several names share before a `_`,
+            such as `TL_A_flux_a`. Default: `[]`.
+        block_s : float, optional
+            Length of the permuted blocks. It must exceed the correlation time of the target and the
+            inputs. Unit: s. Allowed: above 0. Default: `30.0`.
+        repeats : int, optional
+            Number of repeats of the permutation. Allowed: 1 to 10000. Default: `10`.
+        samples : int, optional
+            Number of samples of a line that are explained. Unit: samples. Allowed: 2 to 1000000.
+            Default: `200`.
+        background : int, optional
+            Number of background samples. Unit: samples. Allowed: 1 to 100000. Default: `50`.
+        draws : int, optional
+            Number of random orders of the groups, each with its reverse, for each sample and
+            background sample. For `expected_gradients`: number of gradients divided by
+            `background`. Allowed: 2 to 100000. Default: `2`.
+        kept_samples : int, optional
+            Number of explained samples whose values are stored, evenly spaced. 0 stores none. Unit:
+            samples. Allowed: 0 to 10000. Default: `100`.
+        terms : int, optional
+            Number of entries of the linear model of `hard_thresholding`. Allowed: 1 to 10000.
+            Default: `10`.
+        seed : int, optional
+            Seed of the random draws. Default: `0`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Breiman 2001; Lundberg & Lee 2017; Lundberg et al. 2020; Erion et al. 2021; Blumensath &
+        Davies 2010; Gnadt 2022, section 4.3 and (4.10).
+        """
+        return self._stage("importance", locals())
+
+    def residual_noise(
+        self,
+        *,
+        input: TableLike,
+        mag: str | Axis | None = None,
+        truth: str | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Estimates the noise of a compensated signal on the lines that `where` selects.
+
+        The true field comes from another magnetometer (`truth`) or, if that is unset, from a map,
+        the core field and the diurnal variation.
+
+        The noise that `fit` reports is the residual on its own calibration lines, in manoeuvres and
+        including the anomaly. `residual_noise` is more realistic: it uses lines flown over a map as
+        in navigation, and includes the error of the map. `assume_noise` assigns the result to other
+        lines, and `navigate` uses it for noise parameters that are `"auto"`. Do not select the
+        lines that are navigated.
+
+        The noise has a white and a first-order Gauss-Markov part, the smallest that bound the Allan
+        variance of the lines. A constant has no effect. A time constant longer than the lines
+        cannot be resolved. Lines without a run of 16 s are rejected.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        mag : str, optional
+            Compensated signal. Unit: nT. Default: `"mag_c"`.
+        truth : str, optional
+            Column of the true field, such as `mag_1_c`. Unit: nT. Unset: the sum of `igrf`,
+            `map_anomaly` (computed by `map_value`) and, if present, `diurnal`, except those already
+            removed from `mag`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Allan 1966; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8.
+        """
+        return self._stage("residual_noise", locals())
+
+    def assume_noise(
+        self,
+        *,
+        input: TableLike,
+        noise: TableLike,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Appends the noise estimated by `residual_noise`, `fogm_noise` or `fit`: `mag_sigma`,
+        `mag_fogm_sigma` and `mag_fogm_tau`, equal for all samples.
+
+        These columns replace those of `compensate`.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        noise : TableLike
+            Input: model.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+        """
+        return self._stage("assume_noise", locals())
+
+    def fogm_noise(
+        self,
+        *,
+        input: TableLike,
+        column: str | Axis | None = None,
+        truth: str | Axis | None = None,
+        method: Literal["autocorrelation", "allan"] | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Fits white noise and first-order Gauss-Markov noise to a residual, on the lines that
+        `where` selects.
+
+        The standard deviation and the time constant of the Gauss-Markov noise can be used as
+        `fogm_sigma_nt` and `fogm_tau_s` of `navigate`. The white noise can be used as
+        `measurement_sigma_nt`. `assume_noise` reads the table.
+
+        The residual is `column`, minus `truth` if that is set. Examples are a compensated signal
+        minus the true one, the variation of a base station, or the `residual` of a track over a
+        stretch where its filter used no measurements. `residual_noise` gives the smallest noise
+        that bounds a signal at every time span, for a cautious filter. `fogm_noise` gives the best
+        fit for noise with one time scale. It represents noise with several time scales only partly.
+
+        `autocorrelation` fits the variance minus the autocovariance at lags from one sample to a
+        quarter of the longest run. `allan` fits the Allan variance. Neither depends on a constant.
+        A gap ends a run. If the Gauss-Markov noise is not significant, its standard deviation is 0
+        and the time constant is the sample interval. The white noise is at least 0.01 nT.
+
+        These are rejected: records without a run of 64 samples, constant records, and lines with
+        different sample rates. A record must also last 20 time constants in total and 8 in its
+        longest run. A shorter record does not determine the time constant.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        column : str, optional
+            Residual, or the signal from which `truth` is subtracted. Unit: nT. Default:
+            `"residual"`.
+        truth : str, optional
+            Column to subtract, such as `mag_1_c`. Unit: nT. Unset: nothing is subtracted.
+        method : {"autocorrelation", "allan"}, optional
+            Statistic that is fitted. Default: `"autocorrelation"`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Cressie 1993, section 2.6; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8.
+        """
+        return self._stage("fogm_noise", locals())
+
+    def navigate(
+        self,
+        *,
+        input: TableLike,
+        map: TableLike | None = None,
+        model: TableLike | Sequence[TableLike] | None = None,
+        filter: Literal["ekf", "iekf", "ukf", "ekf_adaptive", "ekf_online_tl", "ekf_online_nn",
+            "fixed_lag", "rts", "mpf", "slam", "crlb", "ins_only"] | Axis | None = None,
+        tuning: Literal["auto", "magnav"] | Axis | None = None,
+        mag: ListLike | Axis | None = None,
+        core_field: bool | Axis | None = None,
+        remove_diurnal: bool | Axis | None = None,
+        decimal_year: float | Axis | None = None,
+        map_interpolation: Literal["linear", "quadratic", "cubic"] | Axis | None = None,
+        map_levels_m: ListLike | Axis | None = None,
+        map_error_length_m: float | Axis | None = None,
+        offset_window_s: float | Axis | None = None,
+        measurement_sigma_nt: float | Literal["auto"] | Axis | None = None,
+        fogm_sigma_nt: float | Literal["auto"] | Axis | None = None,
+        fogm_tau_s: float | Literal["auto"] | Axis | None = None,
+        noise_column: str | Axis | None = None,
+        start: Literal["auto", "fix", "alignment", "given"] | Axis | None = None,
+        fix: ListLike | Axis | None = None,
+        fix_velocity: ListLike | Axis | None = None,
+        fix_sigma_m: float | Axis | None = None,
+        fix_alt_sigma_m: float | Axis | None = None,
+        fix_velocity_sigma_mps: float | Axis | None = None,
+        vector: str | Axis | None = None,
+        sensor_axis: ListLike | Axis | None = None,
+        dead_zones: Literal["none", "polar", "polar_and_equatorial"] | Axis | None = None,
+        ins_grade: Literal["magnav", "navigation", "tactical", "commercial"] | Axis | None = None,
+        init_position_sigma_m: float | Axis | None = None,
+        init_altitude_sigma_m: float | Axis | None = None,
+        init_velocity_sigma_mps: float | Axis | None = None,
+        init_attitude_sigma_deg: float | Axis | None = None,
+        init_heading_sigma_deg: float | Axis | None = None,
+        vrw_sigma: float | Axis | None = None,
+        arw_sigma: float | Axis | None = None,
+        baro_sigma_m: float | Axis | None = None,
+        ha_sigma_m: float | Axis | None = None,
+        a_hat_sigma_mps2: float | Axis | None = None,
+        acc_sigma_mps2: float | Axis | None = None,
+        gyro_sigma_radps: float | Axis | None = None,
+        baro_tau_s: float | Axis | None = None,
+        acc_tau_s: float | Axis | None = None,
+        gyro_tau_s: float | Axis | None = None,
+        save_state: bool | Axis | None = None,
+        gate_nis: float | Axis | None = None,
+        discretisation: Literal["trapezoidal", "rectangular", "van_loan"] | Axis | None = None,
+        gnss_lost_s: ListLike | Axis | None = None,
+        gnss: ListLike | Axis | None = None,
+        gnss_interval_s: float | Axis | None = None,
+        gnss_sigma_m: float | Axis | None = None,
+        gnss_alt_sigma_m: float | Axis | None = None,
+        gnss_noise: bool | Axis | None = None,
+        gnss_test: bool | Axis | None = None,
+        gradient: ListLike | Axis | None = None,
+        gradient_baseline_m: ListLike | Axis | None = None,
+        gradient_sigma_nt: float | Axis | None = None,
+        gradient_bias_sigma_nt: float | Axis | None = None,
+        gradient_bias_tau_s: float | Axis | None = None,
+        gradient_slope_sigma: float | Literal["auto"] | Axis | None = None,
+        use_scalar: bool | Axis | None = None,
+        vector_sigma_nt: float | Axis | None = None,
+        vector_bias_sigma_nt: float | Axis | None = None,
+        vector_bias_tau_s: float | Axis | None = None,
+        vector_crustal_sigma_nt: float | Axis | None = None,
+        vector_crustal_length_m: float | Axis | None = None,
+        height: str | Axis | None = None,
+        height_sigma_m: float | Axis | None = None,
+        height_bias_sigma_m: float | Axis | None = None,
+        height_bias_tau_s: float | Axis | None = None,
+        map_sigma_nt: float | Axis | None = None,
+        map_sigma_length_m: float | Axis | None = None,
+        mag_latency_sigma_s: float | Axis | None = None,
+        permanent_change_sigma_nt: float | Axis | None = None,
+        permanent_change_tau_s: float | Axis | None = None,
+        flat_over_m: float | Axis | None = None,
+        iterations: int | Axis | None = None,
+        tolerance_m: float | Axis | None = None,
+        alpha: float | Axis | None = None,
+        beta: float | Axis | None = None,
+        kappa: float | Axis | None = None,
+        adapt: Literal["r", "q", "both"] | Axis | None = None,
+        window: int | Axis | None = None,
+        sigma_min_nt: float | Axis | None = None,
+        sigma_max_nt: float | Axis | None = None,
+        form: Literal["residual", "matched", "compatible"] | Axis | None = None,
+        walk_per_hour: float | Axis | None = None,
+        flux_bias_sigma_nt: float | Axis | None = None,
+        flux_bias_tau_s: float | Axis | None = None,
+        bt_scale_nt: float | Axis | None = None,
+        terms: str | Axis | None = None,
+        permanent_sigma_nt: float | Axis | None = None,
+        induced_sigma_nt: float | Axis | None = None,
+        eddy_sigma_nt_s: float | Axis | None = None,
+        bias_sigma_nt: float | Axis | None = None,
+        input_sigma_nt: float | Axis | None = None,
+        heading_error_sigma_nt: float | Axis | None = None,
+        prior_factor: float | Axis | None = None,
+        features: str | Axis | None = None,
+        hidden: int | Axis | None = None,
+        activation: Literal["swish", "tanh"] | Axis | None = None,
+        seed: int | Axis | None = None,
+        passes: int | Axis | None = None,
+        memory_s: float | Axis | None = None,
+        save_weights: bool | Axis | None = None,
+        window_s: float | Axis | None = None,
+        overlap: float | Axis | None = None,
+        lag_s: float | Axis | None = None,
+        measurement_interval_s: float | Axis | None = None,
+        loss: Literal["none", "huber", "cauchy"] | Axis | None = None,
+        loss_scale: float | Axis | None = None,
+        aircraft_sigma_nt: float | Axis | None = None,
+        aircraft_tau_s: float | Axis | None = None,
+        particles: int | Axis | None = None,
+        resample_threshold: float | Axis | None = None,
+        regularise: bool | Axis | None = None,
+        smooth_over_m: float | Axis | None = None,
+        roughening: float | Axis | None = None,
+        save_modes: bool | Axis | None = None,
+        update_interval_s: float | Axis | None = None,
+        expected_measurement: Literal["nearest_neighbour", "regression", "inverse_distance"] | Axis
+            | None = None,
+        hyperparameters: Literal["fitted", "fixed"] | Axis | None = None,
+        covariance: Literal["matern_5_2", "matern_3_2", "squared_exponential"] | Axis | None = None,
+        sigma_se_nt: float | Axis | None = None,
+        length_m: float | Axis | None = None,
+        sigma_n_nt: float | Axis | None = None,
+        fit_window_s: float | Axis | None = None,
+        neighbours: int | Axis | None = None,
+        ignore_s: float | Axis | None = None,
+        trigger_radius_m: float | Axis | None = None,
+        trigger_points: int | Axis | None = None,
+        interpolation_radius_m: float | Axis | None = None,
+        max_height_difference_m: float | Axis | None = None,
+        interpolant_sigma_nt: float | Axis | None = None,
+        resample_below: float | Axis | None = None,
+        smooth: bool | Axis | None = None,
+        smooth_measurements: int | Axis | None = None,
+        smooth_sigma_nt: float | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Corrects an INS by matching the compensated field to an anomaly map with one of the
+        filters below.
+
+        The states are the errors of the INS (truth minus INS) and the temporal variation. The
+        estimate is INS plus state. Each row holds the state a posteriori. `update` gives the
+        outcome of the measurement: `used`; `missing` (NaN); `off_map` (predicted position off the
+        map or in an unknown cell); `gated` (outlier); `flat` (map too flat to observe the position,
+        `flat_over_m`); `unused` (not needed by the filter). Without a used measurement the filter
+        makes only the time update, and `residual` and `nis` are NaN.
+
+        A flat map without a core field corrects the temporal variation only. With a core field, the
+        slope of the core field also corrects the position slightly. A NaN in an INS column is
+        rejected, and the error names its row. Missing velocities, specific forces and attitudes are
+        derived from the INS positions (attitude: level, along the course).
+
+        The map is used at its own height unless `map_levels_m` or `tuning = "auto"` continues it.
+        `map_height_error` is the expected rms error of the whole map at the mean height of the
+        line, from the spectrum of the map. For a continued map it is the error of downward
+        continuation: amplified noise and the field that damping removes. It is NaN where the map's
+        height is unknown. A map in eastings and northings is interpolated on its native grid.
+
+        The core field (IGRF-14) is computed at one date per line: `decimal_year`, or the flight's
+        first sample with both `year` and `doy`. A flight without a date is rejected unless
+        `core_field = false`.
+
+        `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. Their values are
+        then those of the calibration residual, from the columns `mag_sigma`, `mag_fogm_sigma` and
+        `mag_fogm_tau`. `compensate` estimates these columns from the lines of its model's fit;
+        `residual_noise` and `assume_noise` estimate them from lines over a known field. With
+        `offset_window_s` the offset removes the slow error of the first seconds, and the variance
+        and time constant of the remaining error are doubled. With `measurement_sigma_nt = "auto"`
+        the error of bilinear interpolation between nodes is added to the white noise.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        map : TableLike, optional
+            Input: map, optional.
+        model : TableLike | Sequence[TableLike], optional
+            Input: one or several model tables, optional.
+        filter : {"ekf", "iekf", "ukf", "ekf_adaptive", "ekf_online_tl", "ekf_online_nn",
+        "fixed_lag", "rts", "mpf", "slam", "crlb", "ins_only"}, optional
+            Navigation filter. Default: `"ekf"`.
+        tuning : {"auto", "magnav"}, optional
+            Source of unset parameters. `auto` estimates the noise of each line from the likelihood
+            of its innovations, rejects outliers, and continues a map of known height to the flight
+            heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
+            height. A key in the spec overrides either. Default: `"auto"`.
+        mag : ListLike, optional
+            Measured field of one or several magnetometers. A filter that cannot process
+            magnetometers separately uses their mean at each sample, with the noise of a mean of
+            independent readings. Each magnetometer has its own offset. Unit: nT. Default:
+            `["mag_c"]`.
+        core_field : bool, optional
+            Predicts the core field as part of the measurement. `false`: the measurement is an
+            anomaly. Default: `true`.
+        remove_diurnal : bool, optional
+            Subtracts the column `diurnal` from the measurement, so that the filter need not
+            estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
+            Unset: true if the flight has the column and the measurement still contains it.
+        decimal_year : float, optional
+            Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
+            1900 to 2030. Unset: the flight's own date.
+        map_interpolation : {"linear", "quadratic", "cubic"}, optional
+            Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+        map_levels_m : ListLike, optional
+            Heights above the ellipsoid, ascending, to which the map is continued. Between them the
+            map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
+            `tuning = "auto"`, else used at its own height.
+        map_error_length_m : float, optional
+            Correlation length of the map error, for a map with the column `error` (`map_grid`,
+            `track_map`); typically the spacing of its survey lines. The equivalent white noise is
+            added to the measurement noise of each sample. An extended Kalman filter predicts the
+            position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+            `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
+            assumed exact.
+        offset_window_s : float, optional
+            Length of the window from the start of a line over which the mean of measurement minus
+            prediction is computed. This offset is subtracted before filtering, because compensation
+            leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
+            Default: `0.0`.
+        measurement_sigma_nt : float | {"auto"}, optional
+            Standard deviation of the white noise of a measurement: sensor, map and residual of the
+            compensation. `"auto"` uses the residual of the calibration, from the column
+            `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
+            "auto"`, else 5.0.
+        fogm_sigma_nt : float | {"auto"}, optional
+            Standard deviation of the first-order Gauss-Markov process for the temporal variation
+            and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
+            0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        fogm_tau_s : float | {"auto"}, optional
+            Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
+            s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        noise_column : str, optional
+            Column with the standard deviation of an additional error of each sample:
+            `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
+            added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
+            Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+        start : {"auto", "fix", "alignment", "given"}, optional
+            Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
+            are not valid minutes later. Default: `"auto"`.
+        fix : ListLike, optional
+            Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
+            2 s of the line's start are used. White noise with the fix's standard deviations is
+            added to columns with the role truth. It is reproducible for each line. Unset:
+            `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+            `alt`.
+        fix_velocity : ListLike, optional
+            Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
+            `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
+            if the flight has them; else the velocity of the INS.
+        fix_sigma_m : float, optional
+            Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+            above 0. Default: `3.0`.
+        fix_alt_sigma_m : float, optional
+            Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
+        fix_velocity_sigma_mps : float, optional
+            Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
+            Default: `0.1`.
+        vector : str, optional
+            Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
+            and the aircraft field at its position are neglected here. Unset: equal noise in all
+            attitudes.
+        sensor_axis : ListLike, optional
+            Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
+            Allowed: finite. Default: `[1.0,0.0,0.0]`.
+        dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
+            Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
+            and inversely proportional to the amplitude. A sample below a tenth of the largest
+            amplitude has no measurement. Default: `"none"`.
+        ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
+            Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
+            of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
+            HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
+            [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
+            (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
+            `ins_grade` if it has one.
+        init_position_sigma_m : float, optional
+            Standard deviation of the initial horizontal position error, each axis. Unit: m.
+            Allowed: 0 or above. Default: `3.0`.
+        init_altitude_sigma_m : float, optional
+            Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
+            `0.001`.
+        init_velocity_sigma_mps : float, optional
+            Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
+            above. Default: `0.01`.
+        init_attitude_sigma_deg : float, optional
+            Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
+            Default: `0.01`.
+        init_heading_sigma_deg : float, optional
+            Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
+            than the level tilt errors, because the INS finds north by the earth's rotation, which
+            is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
+            tilt error.
+        vrw_sigma : float, optional
+            Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
+            above. Default: `0.000238`.
+        arw_sigma : float, optional
+            Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
+            or above. Default: `5.81e-7`.
+        baro_sigma_m : float, optional
+            Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
+        ha_sigma_m : float, optional
+            Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
+            Allowed: 0 or above. Default: `0.001`.
+        a_hat_sigma_mps2 : float, optional
+            Standard deviation of the initial error of the barometric-aiding vertical acceleration.
+            Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+        acc_sigma_mps2 : float, optional
+            Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
+            `0.000245`.
+        gyro_sigma_radps : float, optional
+            Standard deviation of the gyro bias. Unit: rad/s. Allowed: 0 or above. Default:
+            `7.27e-9`.
+        baro_tau_s : float, optional
+            Time constant of the barometer error. Unit: s. Allowed: above 0. Default: `3600.0`.
+        acc_tau_s : float, optional
+            Time constant of the accelerometer bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        gyro_tau_s : float, optional
+            Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        save_state : bool, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `rts`: Appends the state `x` and its
+            covariance `p` (row-major). Default: `false`.
+            For `ekf_online_tl`: Appends the state `x` and its covariance `p` (row-major), of the 18
+            states of `ekf`. Default: `false`.
+            For `crlb`: Appends the covariance `p` (row-major). Default: `false`.
+        gate_nis : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_online_tl`, `ekf_online_nn`, `slam`: Largest accepted NIS
+            (squared innovation divided by its variance) of a measurement. Allowed: above 0. Unset:
+            no gate; `tuning = "auto"` rejects outliers before the filter.
+            For `ekf_adaptive`: Largest accepted NIS (squared innovation divided by its variance) of
+            a measurement. Rejected measurements are used only to estimate the noise. Allowed: above
+            0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
+            For `mpf`: Largest accepted NIS of a measurement, for the mean and variance of the whole
+            cloud. Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the
+            filter.
+        discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `slam`, `crlb`: Discretisation of the process noise: to second order, to first
+            order as in MagNav.jl, or exact. Default: `"trapezoidal"`.
+        gnss_lost_s : ListLike, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `slam`, `crlb`, `ins_only`: Times of loss and recovery of GNSS, in s from
+            the first sample of the line. Before the loss and after the recovery, the GNSS position
+            (columns `gnss`) aids the filter. `[0.0, 600.0]` starts without GNSS and recovers it
+            after ten minutes. If the recovery is after the end of the line, GNSS is not recovered.
+            Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
+        gnss : ListLike, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `slam`, `crlb`, `ins_only`: Columns of the GNSS latitude, longitude (deg)
+            and height above the ellipsoid (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the
+            flight has them, else `lat`, `lon` and `alt`.
+        gnss_interval_s : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `slam`, `crlb`, `ins_only`: Time between two GNSS positions. Unit: s.
+            Allowed: above 0. Default: `1.0`.
+        gnss_sigma_m : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `slam`, `crlb`, `ins_only`: Standard deviation of the GNSS position in
+            each of north and east. Unit: m. Allowed: above 0. Default: `2.0`.
+        gnss_alt_sigma_m : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `slam`, `crlb`, `ins_only`: Standard deviation of the GNSS height. Unit:
+            m. Allowed: above 0. Default: `5.0`.
+        gnss_noise : bool, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `slam`, `crlb`, `ins_only`: Adds white noise with these standard
+            deviations to the positions. It is reproducible for each line. The truth of a simulation
+            is free of noise; a filter that assumes noise where there is none appears better than it
+            is. Unset: true if `gnss` names columns of the role truth.
+        gnss_test : bool, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `slam`, `crlb`, `ins_only`: Tests each position against the INS, alone
+            (chi-square) and together with earlier positions (cumulative sum). Rejected positions
+            are not used. The test detects a jump at once and a drift of 1 m/s after about 10 s; a
+            drift is then rejected from its start. Positions are accepted again after ten
+            consecutive positions agree with the INS. `gnss_update` is appended with and without the
+            test. Default: `true`.
+        gradient : ListLike, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Two compensated scalar magnetometers. Their difference, first
+            minus second, measures the slope of the map along the line between them. The temporal
+            variation and all other common errors cancel in it. Requires `map_interpolation =
+            "cubic"`, because the slope of a bilinear map has steps. Unit: nT. Unset: the difference
+            is not measured.
+        gradient_baseline_m : ListLike, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Vector from the second magnetometer of `gradient` to the first,
+            body frame: nose, right, down. It is rotated by the attitude of the INS. The estimated
+            error of this attitude is part of the measurement model. Unit: m. Allowed: finite.
+            Unset: required with `gradient`.
+        gradient_sigma_nt : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Standard deviation of the white noise of the difference. Unit: nT.
+            Allowed: above 0. Default: `0.1`.
+        gradient_bias_sigma_nt : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Standard deviation of the slow error of the difference, such as
+            the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
+            `1.0`.
+        gradient_bias_tau_s : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Time constant of the slow error of the difference. Unit: s.
+            Allowed: above 0. Default: `3600.0`.
+        gradient_slope_sigma : float | {"auto"}, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Standard deviation of the error of the map's slope along that
+            line. Multiplied by the baseline, it is an error of the difference. Like the map's
+            anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood value
+            from the innovations of the difference, which also detects maps made from sparse lines.
+            For a map without a vertical slope (one height, no `map_levels_m`), the error increases
+            by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
+            `auto`.
+        use_scalar : bool, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Uses `mag` for the measurement update too. `false` uses only the
+            difference and the vector, for example in a magnetic storm. Default: `true`.
+        vector_sigma_nt : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Standard deviation of the white noise of each component of
+            `vector`. If set, the vector is a measurement of the attitude about the field and of the
+            scalar field. Requires `core_field` and a vector magnetometer with its own calibration.
+            Unit: nT. Allowed: above 0. Unset: the vector is not measured.
+        vector_bias_sigma_nt : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Standard deviation of the bias of each component. In a field of
+            50,000 nT, 50 nT correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        vector_bias_tau_s : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Time constant of the bias. Unit: s. Allowed: above 0. Default:
+            `3600.0`.
+        vector_crustal_sigma_nt : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Standard deviation of the part of each crustal-field component
+            that a map of the scalar anomaly does not determine. It is about the standard deviation
+            of the anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+        vector_crustal_length_m : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Correlation length of that part; about the height above the
+            sources. Unit: m. Allowed: above 0. Default: `1000.0`.
+        height : str, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Column of measured heights above the ellipsoid, such as `baro` of
+            a barometer that does not already aid the INS. Unit: m. Unset: the height of the INS and
+            its barometer is used.
+        height_sigma_m : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Standard deviation of the white noise of the height. Unit: m.
+            Allowed: above 0. Default: `3.0`.
+        height_bias_sigma_m : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Standard deviation of the slow error of the height, from the
+            weather or the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
+        height_bias_tau_s : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Time constant of the slow error of the height. Unit: s. Allowed:
+            above 0. Default: `3600.0`.
+        map_sigma_nt : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Standard deviation of the map error as a state that is correlated
+            along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        map_sigma_length_m : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Distance over which the autocorrelation of the map error falls to
+            1/e. Unit: m. Allowed: above 0. Default: `500.0`.
+        mag_latency_sigma_s : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Prior standard deviation of the lag of the magnetometer's time
+            stamps. If set, the lag is a state of the filter, constant along the line. A sample
+            stamped `t` was measured at `t` minus the lag, which may be negative. Appends
+            `mag_latency` and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s.
+            Allowed: above 0. Unset: time stamps are exact.
+        permanent_change_sigma_nt : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Standard deviation of each component (nose, right, down) of the
+            change of the aircraft's permanent field since its calibration. The change is three
+            further states. Their effect on the scalar field follows from the attitude and the core
+            field. A constant offset of 100 nT (standard deviation) is a fourth state. Requires
+            `core_field`. 0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT.
+            Allowed: 0 or above. Unset: from the likelihood with `tuning = "auto"`: 0 unless these
+            states increase it clearly; else 0.
+        permanent_change_tau_s : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Time constant of this change. Unit: s. Allowed: above 0. Unset:
+            from the likelihood with `tuning = "auto"`, else the change is constant along the line.
+        flat_over_m : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `crlb`: Largest ratio of a measurement's standard deviation to the map's
+            horizontal slope at which the sample observes the position. Above it the sample is
+            `flat` and corrects only the temporal variation and the map error. Appends `map_slope`.
+            Unit: m. Allowed: above 0. Unset: all samples observe the position.
+        iterations : int, optional
+            For `iekf`: Maximum number of linearisations of the map per sample. Allowed: 1 to 1000.
+            Default: `5`.
+            For `fixed_lag`: Maximum number of iterations per window. Default: `15`.
+            For `rts`: Maximum number of passes over the line. Allowed: 1 to 1000. Default: `20`.
+        tolerance_m : float, optional
+            For `iekf`: Position change of an iteration step below which the iteration ends. Unit:
+            m. Allowed: above 0. Default: `0.1`.
+            For `rts`: Largest position change along the line in one iteration, below which the
+            iteration ends. Unit: m. Allowed: above 0. Default: `0.1`.
+        alpha : float, optional
+            For `ukf`: Scale factor of the distance of the outer points. Allowed: above 0. Default:
+            `1.0`.
+        beta : float, optional
+            For `ukf`: Additional weight of the centre in the variance, compared with the mean; at
+            least -alpha² kappa/3. Averaged over directions, the variance computed for the
+            nonlinearity of the field is (5 + 4 beta)/8 of the true variance. The filter is
+            therefore cautious with a beta of 2. Allowed: finite. Default: `2.0`.
+        kappa : float, optional
+            For `ukf`: Parameter of the outer points, which are alpha sqrt(3 + kappa) standard
+            deviations from the centre; above -3. With 0 the gain is exact to the fourth moment of a
+            normal distribution. Allowed: finite. Default: `0.0`.
+        adapt : {"r", "q", "both"}, optional
+            For `ekf_adaptive`: Estimated noise: of the measurement (`"r"`), of the process (`"q"`),
+            or both. Default: `"r"`.
+        window : int, optional
+            For `ekf_adaptive`: Number of past innovations in the estimate. With 50 the noise is
+            accurate to 10 %, with 10, as in MagNav.jl, to 20 %. With 10 the forms `"matched"` and
+            `"compatible"` occasionally estimate a noise near 0. The filter is then far
+            overconfident unless `sigma_min_nt` is near the true noise. Allowed: 2 to 1000000.
+            Default: `50`.
+        sigma_min_nt : float, optional
+            For `ekf_adaptive`: Lower bound of the estimated noise. Unit: nT. Allowed: above 0.
+            Unset: half of the noise that `tuning = "auto"` estimates, else a twentieth of
+            `measurement_sigma_nt`; with `noise_column` the smallest assumed noise.
+        sigma_max_nt : float, optional
+            For `ekf_adaptive`: Upper bound of the estimated noise. Unit: nT. Allowed: above 0.
+            Unset: 20 times `measurement_sigma_nt`, or with `noise_column` 20 times the largest
+            assumed noise.
+        form : {"residual", "matched", "compatible"}, optional
+            For `ekf_adaptive`: Estimator of the noise. `"residual"` uses the a posteriori residual
+            of each measurement. `"matched"`, the default of version 1, subtracts from each squared
+            innovation the predicted covariance of its time. `"compatible"`, as in MagNav.jl, starts
+            at the mean of the bounds and subtracts the present covariance from all. Default:
+            `"residual"`.
+        walk_per_hour : float, optional
+            For `ekf_online_tl`: Random walk of a coefficient: its standard deviation after one
+            hour, divided by its prior standard deviation. With 0 the coefficients are constants.
+            Allowed: 0 or above. Default: `0.1`.
+            For `fixed_lag`: Random walk of every coefficient in one hour, as a fraction of its
+            prior standard deviation; 0 for constants. Allowed: 0 or above. Default: `0.0`.
+        flux_bias_sigma_nt : float, optional
+            For `ekf_online_tl`: Standard deviation of a bias of each axis of `vector`, from which
+            the terms are computed. If set, the bias is estimated. Unit: nT. Allowed: above 0.
+            Unset: `vector` is exact.
+        flux_bias_tau_s : float, optional
+            For `ekf_online_tl`: Time constant of that bias. Unit: s. Allowed: above 0. Unset: the
+            bias is constant.
+        bt_scale_nt : float, optional
+            For `ekf_online_tl`: Field scale of the terms, as in the `a_matrix` that made them.
+            Unit: nT. Allowed: above 0. Default: `50000.0`.
+        terms : str, optional
+            For `ekf_online_tl`, `fixed_lag`: List column of the terms, as made by `a_matrix`.
+            Default: `"tl"`.
+        permanent_sigma_nt : float, optional
+            For `ekf_online_tl`, `fixed_lag`: Standard deviation of the zero-mean prior of a
+            permanent coefficient, unless `model` supplies a prior. Unit: nT. Allowed: above 0.
+            Default: `2000.0`.
+        induced_sigma_nt : float, optional
+            For `ekf_online_tl`, `fixed_lag`: Standard deviation of the prior of an induced
+            coefficient, as for `permanent_sigma_nt`. Unit: nT. Allowed: above 0. Default: `1000.0`.
+        eddy_sigma_nt_s : float, optional
+            For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of an eddy coefficient. Its
+            term is the change of the field from sample to sample divided by the scale. The value is
+            multiplied by the sample rate of the line. Unit: nT s. Allowed: above 0. Default:
+            `500.0`.
+        bias_sigma_nt : float, optional
+            For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of the constant `bias`. Unit:
+            nT. Allowed: above 0. Default: `500.0`.
+        input_sigma_nt : float, optional
+            For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of any other term, such as a
+            current, in nT per unit of its column. A loop in the same cabin causes a few nT per
+            ampere. Unit: nT. Allowed: above 0. Default: `20.0`.
+        heading_error_sigma_nt : float, optional
+            For `ekf_online_tl`, `fixed_lag`: Prior standard deviation of each harmonic of the
+            magnetometer's heading error: the first, second and fourth harmonic of the angle between
+            its axis and the field, `heading_1`, `heading_2` and `heading_4`. Requires `vector`.
+            Unit: nT. Allowed: above 0. Unset: the heading error is not estimated.
+        prior_factor : float, optional
+            For `ekf_online_tl`, `fixed_lag`: Factor on the prior standard deviations from `model`.
+            With one calibration these are the standard deviations of its fit, with several they are
+            the scatter between the calibrations. Coefficients of differences per sample are
+            converted from the rate of the fit to that of the line. At rates below about 5 Hz the
+            differences are inaccurate in manoeuvres: they underestimate a change at frequency f by
+            the fraction (2 pi f / rate)^2 / 6. Allowed: above 0. Default: `1.0`.
+        features : str, optional
+            For `ekf_online_nn`: List column of the network's inputs, as made by `features` or
+            `a_matrix`. Default: `"features"`.
+        hidden : int, optional
+            For `ekf_online_nn`: Number of units in the hidden layer. Allowed: 1 to 64. Default:
+            `8`.
+        activation : {"swish", "tanh"}, optional
+            For `ekf_online_nn`: Activation function. Default: `"swish"`.
+        seed : int, optional
+            For `ekf_online_nn`: Seed of the initial weights. Default: `0`.
+            For `mpf`: Seed of all random draws. The same seed gives the same bits on any number of
+            threads. Default: `0`.
+            For `slam`: Seed of all random draws. Default: `0`.
+        passes : int, optional
+            For `ekf_online_nn`: Number of passes of the training over its samples. Allowed: 1 to
+            1000. Default: `10`.
+        memory_s : float, optional
+            For `ekf_online_nn`: Time in which the weights are expected to change by their standard
+            deviation after training. Unit: s. Allowed: above 0. Default: `3600.0`.
+        save_weights : bool, optional
+            For `ekf_online_nn`: Appends the weights at each sample: weights of the inputs by hidden
+            unit, biases of the units, weights of the output, bias of the output. Default: `false`.
+        window_s : float, optional
+            For `fixed_lag`: Length of a window. Unit: s. Allowed: above 0. Default: `300.0`.
+        overlap : float, optional
+            For `fixed_lag`: Fraction of a window that the next window shares: windows end every
+            `window_s` (1 - `overlap`) seconds. Allowed: 0 to 0.999. Default: `0.95`.
+        lag_s : float, optional
+            For `fixed_lag`: Maximum time by which a measurement in the estimate of a sample is
+            later than the sample. 0 gives real-time navigation. Unit: s. Allowed: 0 or above.
+            Default: `0.0`.
+        measurement_interval_s : float, optional
+            For `fixed_lag`: Interval over which measurements are averaged into one. 0 uses every
+            sample. Unit: s. Allowed: 0 or above. Default: `1.0`.
+        loss : {"none", "huber", "cauchy"}, optional
+            For `fixed_lag`: Loss function of a residual: quadratic, or robust to outliers. Default:
+            `"none"`.
+            For `rts`: Loss function of a residual: quadratic, Huber's, or Cauchy's. Default:
+            `"none"`.
+        loss_scale : float, optional
+            For `fixed_lag`: Residual above which a robust `loss` departs from the quadratic, in
+            standard deviations of the measurement. Allowed: above 0. Default: `2.5`.
+            For `rts`: Residual above which a robust loss departs from the quadratic, in standard
+            deviations of the measurement. Allowed: above 0. Unset: 1.345 with `huber`, 2.385 with
+            `cauchy`: 95 % efficient for normal noise.
+        aircraft_sigma_nt : float, optional
+            For `fixed_lag`: Standard deviation of the slow aircraft field that its coefficients do
+            not explain; 0 for none. Unit: nT. Allowed: 0 or above. Unset: 30.0, or 0 if `tuning =
+            "auto"` estimates the noise of the line, which then includes it.
+        aircraft_tau_s : float, optional
+            For `fixed_lag`: Time constant of that slow aircraft field. Unit: s. Allowed: above 0.
+            Default: `300.0`.
+        particles : int, optional
+            For `mpf`: Number of particles: 1000 for an INS known to hundreds of metres; 10,000 for
+            an INS lost by kilometres or with a measurement as precise as `gradient`. Allowed: 1 to
+            1000000. Default: `1000`.
+            For `slam`: Number of particles. They must cover the drift between revisits densely, so
+            a less accurate INS requires more particles. Allowed: 2 to 1000000. Default: `1000`.
+        resample_threshold : float, optional
+            For `mpf`: Effective number of particles, as a fraction of all, below which they are
+            resampled. 0.5 is usual; more frequent resampling (MagNav.jl: 0.8) only adds noise.
+            Allowed: 0 to 1. Default: `0.5`.
+        regularise : bool, optional
+            For `mpf`: Resamples from a kernel density. Without it, only copies of a few particles
+            remain with a good INS, whose position error has almost no driving noise. The covariance
+            is then far too small. Default: `true`.
+        smooth_over_m : float, optional
+            For `mpf`: Distance over which the map is nearly linear; about its height above the
+            sources. A wider cloud has one kernel for each of its parts. The slope that `gradient`
+            measures is linear over a third of this distance. Unit: m. Allowed: above 0. Default:
+            `200.0`.
+        roughening : float, optional
+            For `mpf`: Standard deviation of the position noise of each resampled particle, per
+            axis. It is in units of the range of the particles divided by the square root of their
+            number. Gordon, Salmond & Smith 1993 use 0.2. Allowed: 0 or above. Default: `0.0`.
+        save_modes : bool, optional
+            For `mpf`: Appends the three most probable modes of the position to each sample. Takes
+            50 % more time. Default: `false`.
+        update_interval_s : float, optional
+            For `slam`: Minimum time between two updates of the particles. Measurements within it
+            are averaged. 0 uses every sample. Unit: s. Allowed: 0 or above. Default: `1.0`.
+        expected_measurement : {"nearest_neighbour", "regression", "inverse_distance"}, optional
+            For `slam`: Prediction of a measurement from earlier ones: from the nearest and the most
+            recent (`"nearest_neighbour"`), by the regression of Lee 2019 (`"regression"`), or by
+            inverse distance (`"inverse_distance"`). Default: `"nearest_neighbour"`.
+        hyperparameters : {"fitted", "fixed"}, optional
+            For `slam`: Source of the three hyper-parameters: maximum likelihood on the first part
+            of the flight, or the spec. Default: `"fitted"`.
+        covariance : {"matern_5_2", "matern_3_2", "squared_exponential"}, optional
+            For `slam`: Covariance function of the anomaly over distance. Default: `"matern_5_2"`.
+        sigma_se_nt : float, optional
+            For `slam`: Standard deviation of the anomaly. Unit: nT. Allowed: above 0. Unset: 50 nT,
+            the value of the Louisa flight in Lee 2019.
+        length_m : float, optional
+            For `slam`: Correlation length of the anomaly. Unit: m. Allowed: above 0. Unset: 150 m,
+            as for `sigma_se_nt`.
+        sigma_n_nt : float, optional
+            For `slam`: Standard deviation of the white part of the anomaly, in addition to the
+            measurement noise. Unit: nT. Allowed: 0 or above. Unset: 1 nT, as for `sigma_se_nt`.
+        fit_window_s : float, optional
+            For `slam`: Length of the first part of the flight, to which the hyper-parameters are
+            fitted. Unit: s. Allowed: above 0. Default: `600.0`.
+        neighbours : int, optional
+            For `slam`: Maximum number of earlier samples in a prediction. Allowed: 1 to 20.
+            Default: `12`.
+        ignore_s : float, optional
+            For `slam`: Time before a sample in which other samples do not count as earlier samples.
+            Unit: s. Allowed: 0 or above. Default: `30.0`.
+        trigger_radius_m : float, optional
+            For `slam`: Radius of a revisit: it contains more than `trigger_points` earlier samples.
+            Unit: m. Allowed: above 0. Unset: 18 m, or 1.6 times the distance between samples.
+        trigger_points : int, optional
+            For `slam`: Number of earlier samples within `trigger_radius_m` that a revisit exceeds.
+            Default: `2`.
+        interpolation_radius_m : float, optional
+            For `slam`: Radius within which earlier samples are used for a prediction. Unit: m.
+            Allowed: above 0. Unset: half the length of the covariance, at most 0.4 of the distance
+            flown in `ignore_s`.
+        max_height_difference_m : float, optional
+            For `slam`: Maximum height difference of earlier samples. Smaller differences increase
+            the variance of these samples. Unit: m. Allowed: 0 or above. Default: `100.0`.
+        interpolant_sigma_nt : float, optional
+            For `slam`: Standard deviation of a prediction by inverse distance. Unit: nT. Allowed:
+            above 0. Default: `10.0`.
+        resample_below : float, optional
+            For `slam`: Effective number of particles, as a fraction of all, below which they are
+            resampled. Allowed: 0 to 1. Default: `0.5`.
+        smooth : bool, optional
+            For `slam`: Replaces the track of the particles by the most probable track of the whole
+            flight. Default: `false`.
+        smooth_measurements : int, optional
+            For `slam`: Maximum number of measurements in the smoother. If there are more, each is
+            the mean of a few neighbours, and others are omitted. Computing time is proportional to
+            the third power of this number. Allowed: 2 to 5000. Default: `1000`.
+        smooth_sigma_nt : float, optional
+            For `slam`: Standard deviation of the white noise of a measurement in the smoother,
+            where the particles assume more because they are few. Unit: nT. Allowed: above 0. Unset:
+            the assumed noise of the particles.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+        """
+        return self._stage("navigate", locals())
+
+    def map_value(
+        self,
+        *,
+        input: TableLike,
+        map: TableLike,
+        position: Literal["truth", "ins"] | Axis | None = None,
+        map_interpolation: Literal["linear", "quadratic", "cubic"] | Axis | None = None,
+        map_levels_m: ListLike | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Appends the value of a map at every sample: the anomaly `map_anomaly` and its slopes
+        `map_grad_n`, `map_grad_e`, `map_grad_u` (per metre north, east and up).
+
+        Use it to compare a signal with the map, or to assess a map for navigation. A sample off the
+        map, in a cell with an unknown node, or without a position is NaN. A map in eastings and
+        northings is interpolated on its native grid: the position is projected, and the slopes are
+        rotated back to north and east.
+
+        By default the map is used at its native height and has no vertical slope. `map_levels_m`
+        continues it to these heights and interpolates between them, so that the values follow
+        climbs and descents. A sample more than half a step above or below the levels is NaN.
+        Downward continuation amplifies short wavelengths, so keep the levels at or above the map.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        map : TableLike
+            Input: map.
+        position : {"truth", "ins"}, optional
+            Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS.
+            Columns computed at the true position have the role truth, so using them as features
+            requires `allow_truth`. Unset: the INS position if the flight has `ins_lat`, `ins_lon`
+            and `ins_alt`, otherwise the true position.
+        map_interpolation : {"linear", "quadratic", "cubic"}, optional
+            Interpolation of the map: bilinear, or a natural cubic spline. Default: `"linear"`.
+        map_levels_m : ListLike, optional
+            Heights above the WGS-84 ellipsoid, ascending, to which the map is continued. Unit: m.
+            Unset: the map is used at its native height.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Gnadt 2022, section 2.3; Blakely 1996, chapter 12.
+        """
+        return self._stage("map_value", locals())
+
+    def map_quality(
+        self,
+        *,
+        input: TableLike,
+        map: TableLike,
+        position: Literal["truth", "ins"] | Axis | None = None,
+        sigma_nt: float | Axis | None = None,
+        window_s: float | Axis | None = None,
+        unknown_constant: bool | Axis | None = None,
+        map_interpolation: Literal["linear", "quadratic", "cubic"] | Axis | None = None,
+        map_levels_m: ListLike | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Appends measures of a map's usefulness for navigation along a planned or flown track.
+
+        `map_gradient_n` and `map_gradient_e` are the slopes of the map to the north and east, and
+        `map_gradient` is the magnitude of the slope. `map_sd_sample` is the position accuracy of
+        one measurement along that slope. `map_sd_expected` is the expected root mean square
+        horizontal error from the measurements within `window_s` about the sample. Use it to plan
+        flights over informative parts of a map, and to find where no filter could have been more
+        accurate.
+
+        `map_sd_sample` is sigma divided by slope. `map_sd_expected` is the Cramér-Rao bound: the
+        square root of the trace of the inverse Fisher information sum(g g')/sigma^2 of the slopes g
+        in the window. It holds for an unbiased filter with perfect knowledge of its motion within
+        the window and no earlier position. It assumes independent sample errors with standard
+        deviation `sigma_nt`. At ten samples per second, errors of the map and of the temporal
+        variation are correlated. Multiply `sigma_nt` by the square root of the number of correlated
+        samples. `unknown_constant` subtracts the mean slope, which gives the bound for a
+        measurement with an unknown constant (`map_position_bound` of `score` is this bound over the
+        whole line).
+
+        All columns are NaN for a sample off the map, in a cell with an unknown node, or without a
+        position. Both bounds are NaN where the map is flat. `map_sd_expected` is also NaN where all
+        slopes in the window have one direction. The slope of the core field is not included.
+
+        A line without a sample on the map is rejected, and so are times that do not increase.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        map : TableLike
+            Input: map.
+        position : {"truth", "ins"}, optional
+            Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS.
+            Columns computed at the true position have the role truth, so using them as features
+            requires `allow_truth`. Default: `"truth"`.
+        sigma_nt : float, optional
+            Standard deviation of the error of a measurement: sensor, map and residual of the
+            compensation, per sample. Unit: nT. Allowed: above 0. Default: `5.0`.
+        window_s : float, optional
+            Length of the window about each sample. Unit: s. Allowed: above 0. Default: `60.0`.
+        unknown_constant : bool, optional
+            Treats a constant of the measurement as unknown. Default: `false`.
+        map_interpolation : {"linear", "quadratic", "cubic"}, optional
+            Interpolation of the map: bilinear, or a natural cubic spline. Default: `"linear"`.
+        map_levels_m : ListLike, optional
+            Heights above the WGS-84 ellipsoid, ascending, to which the map is continued. Unit: m.
+            Unset: the map is used at its native height.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Kay 1993, section 3.7; Gnadt 2022, section 2.3.
+        """
+        return self._stage("map_quality", locals())
+
+    def map_grid(
+        self,
+        *,
+        input: TableLike,
+        value: str | Axis | None = None,
+        core_field: Literal["none", "igrf", "wmm", "column"] | Axis | None = None,
+        decimal_year: float | Axis | None = None,
+        remove_diurnal: bool | Axis | None = None,
+        level_order: int | Axis | None = None,
+        crossing_height_m: float | Axis | None = None,
+        method: Literal["equivalent_sources", "minimum_curvature"] | Axis | None = None,
+        spacing_m: float | Axis | None = None,
+        level_m: float | Axis | None = None,
+        damping: float | Axis | None = None,
+        tension: float | Axis | None = None,
+        bounds: ListLike | Axis | None = None,
+        block_m: float | Axis | None = None,
+        mask_m: float | Axis | None = None,
+        keep_outliers: bool | Axis | None = None,
+        cross_validate: int | Axis | None = None,
+        to_epsg: int | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Grids survey lines to a map.
+
+        It subtracts the core field and the diurnal variation, levels the lines at their crossings,
+        removes outliers, and fits a surface.
+
+        Use it to make a navigation map from a survey, with the lines that `where` selects.
+        `equivalent_sources` gives a potential field on a level, which can be continued. By default
+        the level is the height of the highest point. `minimum_curvature` interpolates at the
+        heights flown and requires no heights. Levelling is part of this stage because crossings are
+        found among the gridded points, on the plane of the map and after the reduction. Do not grid
+        the lines that are navigated: the map would then contain the field along them.
+
+        These points are omitted: points without a position, a value or, for equivalent sources, a
+        height; duplicates; outliers along a line; points far from all others; and lines of fewer
+        than five points. These inputs are rejected: a level below the points, a spacing wider than
+        the area, levelling of lines that do not cross, and a core field for points without a date.
+
+        `cross_validate` predicts every line from others. The column `error` then holds the expected
+        error of each node.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        value : str, optional
+            Column of the values. Unit: nT. Default: `"anomaly"`.
+        core_field : {"none", "igrf", "wmm", "column"}, optional
+            Core field to subtract: magnitude of IGRF-14, of the World Magnetic Model, or the column
+            `igrf`. Default: `"none"`.
+        decimal_year : float, optional
+            Date of the core field, instead of the date of each point. Unit: a. Allowed: 1900 to
+            2030. Unset: the date of each point, from `year`, `doy` and `tt`.
+        remove_diurnal : bool, optional
+            Subtracts the column `diurnal`. Default: `false`.
+        level_order : int, optional
+            Order of the levelling correction of each line: 0 for a constant, 1 for a linear
+            correction, and so on. Allowed: 0 to 8. Unset: no levelling.
+        crossing_height_m : float, optional
+            Largest height difference of two lines at a crossing. Unit: m. Allowed: 0 or above.
+            Default: `50.0`.
+        method : {"equivalent_sources", "minimum_curvature"}, optional
+            Method that makes the surface between the points. Default: `"equivalent_sources"`.
+        spacing_m : float, optional
+            Distance between nodes. Unit: m. Allowed: above 0. Unset: half the distance between
+            lines.
+        level_m : float, optional
+            Height of the map above the WGS-84 ellipsoid, for equivalent sources. Unit: m. Unset:
+            the height of the highest point.
+        damping : float, optional
+            Damping of the equivalent sources. Allowed: above 0. Default: `1.0`.
+        tension : float, optional
+            Tension of the minimum-curvature surface. Allowed: 0 to 1. Default: `0.25`.
+        bounds : ListLike, optional
+            West, south, east and north bound of the map: eastings and northings in metres. Unit: m.
+            Unset: all points.
+        block_m : float, optional
+            Side of the blocks to which points are reduced. 0 keeps every point. Unit: m. Allowed: 0
+            or above. Unset: a quarter of the distance between lines, at most 200 m.
+        mask_m : float, optional
+            Distance from the nearest point beyond which nodes are unknown. `inf` for no limit.
+            Unit: m. Unset: twice the distance between lines.
+        keep_outliers : bool, optional
+            Keeps points that deviate from their line, and points far from all others. Default:
+            `false`.
+        cross_validate : int, optional
+            Omits every n-th line in turn and predicts it from the others. Allowed: 2 to 65535.
+            Unset: no cross-validation.
+        to_epsg : int, optional
+            EPSG code of the map's coordinate system. Allowed: 1 to 65535. Unset: the coordinate
+            system of the points, or their UTM zone.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Soler and Uieda 2021, "Gradient-boosted equivalent sources"; Briggs 1974, Smith and Wessel
+        1990 (minimum curvature with tension); Luyendyk 1997, "Processing of airborne magnetic data"
+        (levelling).
+        """
+        return self._stage("map_grid", locals())
+
+    def track_map(
+        self,
+        *,
+        input: TableLike,
+        track: TableLike | None = None,
+        mag: str | Axis | None = None,
+        core_field: bool | Axis | None = None,
+        decimal_year: float | Axis | None = None,
+        remove_diurnal: bool | Axis | None = None,
+        interval_s: float | Axis | None = None,
+        hyperparameters: Literal["fitted", "fixed"] | Axis | None = None,
+        position_sigma_m: float | Axis | None = None,
+        covariance: Literal["matern_5_2", "matern_3_2", "squared_exponential"] | Axis | None = None,
+        sigma_se_nt: float | Axis | None = None,
+        length_m: float | Axis | None = None,
+        sigma_n_nt: float | Axis | None = None,
+        fogm_sigma_nt: float | Axis | None = None,
+        fogm_tau_s: float | Axis | None = None,
+        line_sigma_nt: float | Axis | None = None,
+        spacing_m: float | Axis | None = None,
+        bounds: ListLike | Axis | None = None,
+        max_sd_nt: float | Axis | None = None,
+        max_functions: int | Axis | None = None,
+        to_epsg: int | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Makes a map from the measurements of lines at the positions of their tracks, by
+        reduced-rank Gaussian-process regression.
+
+        `sd` is the standard deviation of each node.
+
+        Use it to plot, score and navigate on the anomaly that an aircraft measured without a map.
+        `track` is the table of a `navigate`, for example by `slam`; its `lat`, `lon` and `alt` are
+        the positions of the measurements of `input`. Without `track` they are the flight's own
+        `lat`, `lon` and `alt`, from GNSS. For survey lines that are first levelled and cleaned, use
+        `map_grid`.
+
+        The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area
+        of the lines. The size of the equations therefore does not depend on the length of the
+        flight. Each line may have its own constant, each flight a temporal variation. The kernel is
+        that of `slam`, fitted by maximum likelihood to segments of the lines. The map is at the
+        mean height of the measurements; height differences are treated as noise.
+
+        The covariance of the track's position (`sd_n`, `sd_e`, `cov_ne`) times the slope of the map
+        counts as measurement noise and is included in `sd`. An error common to the whole track
+        shifts the map. The measurements do not reveal it, so `sd` is only as accurate as the
+        covariance of the track. Nodes with an `sd` above `max_sd_nt` are unknown.
+
+        Rows without a position, its standard deviation, a height or a measurement are skipped. The
+        stage rejects lines and tracks with different samples, a core field without a date, and an
+        area that is too large for the length of the kernel. Divide such an area by `bounds`;
+        measurements more than three lengths beyond them are skipped.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        track : TableLike, optional
+            Input: flight lines, optional.
+        mag : str, optional
+            Column of the measured field. Unit: nT. Default: `"mag_c"`.
+        core_field : bool, optional
+            Subtracts the core field (IGRF-14) at the position of the track. `false`: the
+            measurement is an anomaly. Default: `true`.
+        decimal_year : float, optional
+            Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
+            1900 to 2030. Unset: the flight's own date.
+        remove_diurnal : bool, optional
+            Subtracts the column `diurnal` from the measurement. A sample with a NaN in `diurnal`
+            has no measurement. Unset: true if the flight has the column and the measurement still
+            contains it.
+        interval_s : float, optional
+            Interval over which measurements are averaged. 0 uses every sample. Unit: s. Allowed: 0
+            or above. Default: `1.0`.
+        hyperparameters : {"fitted", "fixed"}, optional
+            Source of the hyper-parameters of the kernel: maximum likelihood on the lines, or the
+            spec. Default: `"fitted"`.
+        position_sigma_m : float, optional
+            Standard deviation, north and east, that is added to that of the track. It describes an
+            error that the track's covariance omits, such as that of `slam` before its first
+            revisit. Unit: m. Allowed: 0 or above. Default: `0.0`.
+        covariance : {"matern_5_2", "matern_3_2", "squared_exponential"}, optional
+            Covariance function of the anomaly over distance. Default: `"matern_5_2"`.
+        sigma_se_nt : float, optional
+            Standard deviation of the anomaly. Unit: nT. Allowed: above 0. Unset: 50 nT.
+        length_m : float, optional
+            Correlation length of the anomaly; if it is fitted, the initial value of the search.
+            Unit: m. Allowed: above 0. Unset: 150 m.
+        sigma_n_nt : float, optional
+            Standard deviation of the noise of an averaged measurement; if it is fitted, the initial
+            value of the search. Unit: nT. Allowed: 0 or above. Unset: 1 nT.
+        fogm_sigma_nt : float, optional
+            Standard deviation of the temporal variation; 0 for none. Unit: nT. Allowed: 0 or above.
+            Default: `3.0`.
+        fogm_tau_s : float, optional
+            Time constant of the temporal variation. Unit: s. Allowed: above 0. Default: `600.0`.
+        line_sigma_nt : float, optional
+            Standard deviation of the constant of each line, if there are several lines; 0 for none.
+            Unit: nT. Allowed: 0 or above. Default: `3.0`.
+        spacing_m : float, optional
+            Distance between nodes. Unit: m. Allowed: above 0. Unset: a sixth of the length of the
+            kernel.
+        bounds : ListLike, optional
+            West, south, east and north limits of the map: eastings and northings. Unit: m. Unset:
+            all measurements.
+        max_sd_nt : float, optional
+            Largest standard deviation of a known node. Nodes above it are unknown. Unit: nT.
+            Allowed: above 0. Unset: a quarter of the standard deviation of the anomaly.
+        max_functions : int, optional
+            Maximum number of functions in the expansion of the anomaly. Computing time grows with
+            its third power. Allowed: 1 to 20000. Default: `3000`.
+        to_epsg : int, optional
+            EPSG code of the map's coordinate system. Allowed: 1 to 65535. Unset: the UTM zone of
+            the measurements.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Solin and Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression";
+        Viset, Kullberg, Wesel and Solin 2024 (its normal equations); McHutchon and Rasmussen 2011
+        (input noise).
+        """
+        return self._stage("track_map", locals())
+
+    def map_fill(
+        self,
+        *,
+        map: TableLike,
+        with_: TableLike | Sequence[TableLike] | None = None,
+        method: Literal["knn", "harmonic", "minimum_curvature", "none"] | Axis | None = None,
+        neighbours: int | Axis | None = None,
+        power: float | Axis | None = None,
+        within_m: float | Axis | None = None,
+        feather_m: float | Axis | None = None,
+        bias: Literal["nothing", "constant", "plane"] | Axis | None = None,
+        extend: bool | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Fills the unknown nodes of a map, first from other maps in the order of `with`, then from
+        their surroundings.
+
+        Other maps are converted to the coordinate system of the map. Lower maps are continued
+        upward to its height. Their difference to the map in the overlap (`bias`) is removed. Values
+        filled from the surroundings contain no information about the anomaly there.
+        `minimum_curvature` is suitable for gaps of a few nodes. No method is suitable for large
+        gaps.
+
+        A map of `with` that is higher than the map to be filled is rejected. A draped map together
+        with other maps is also rejected.
+
+        Parameters
+        ----------
+        map : TableLike
+            Input: map.
+        with_ : TableLike | Sequence[TableLike], optional
+            Input: one or several maps, optional.
+        method : {"knn", "harmonic", "minimum_curvature", "none"}, optional
+            Method that fills gaps from their surroundings: `knn`, the mean of the nearest known
+            nodes; `harmonic`, a harmonic surface, which stays between the values around the gap;
+            `minimum_curvature`, which continues the slope at the gap's edge; or `none`. Default:
+            `"knn"`.
+        neighbours : int, optional
+            Number of neighbours in a mean. Allowed: above 0. Default: `3`.
+        power : float, optional
+            Weights neighbours by 1/distance^`power`. Allowed: above 0. Unset: equal weights.
+        within_m : float, optional
+            Distance from the nearest known node beyond which nodes remain unknown. Unit: m.
+            Allowed: above 0. Unset: all nodes are filled.
+        feather_m : float, optional
+            Width of the transition between a map and the next at its edge. Unit: m. Allowed: 0 or
+            above. Default: `1000.0`.
+        bias : {"nothing", "constant", "plane"}, optional
+            Difference to the map that is estimated in the overlap and removed from the other maps.
+            Default: `"constant"`.
+        extend : bool, optional
+            Extends the map to the extent of all maps together. Default: `false`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Briggs 1974 (`minimum_curvature`); Blakely 1996, section 12.1 (upward continuation).
+        """
+        return self._stage("map_fill", locals())
+
+    def map_continue(
+        self,
+        *,
+        map: TableLike,
+        drape: TableLike | None = None,
+        to_m: float | Axis | None = None,
+        derivative: Literal["up", "north", "east", "up2"] | Axis | None = None,
+        alpha_m2: float | Literal["auto"] | Axis | None = None,
+        keep_filled: bool | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Continues a map to another height, or differentiates it.
+
+        It continues one level to another, a draped map to a level, or a level to the heights of
+        another map on the same grid (`drape`).
+
+        Use it to bring a map to the flight height, or above the highest of several maps before they
+        are combined. Upward continuation is a stable smoothing. Downward continuation amplifies
+        short wavelengths and noise, so it is damped by `alpha_m2`. The damping removes part of the
+        signal. Unknown nodes are filled by minimum curvature for the transform and are unknown
+        again in the result. The field beyond the map's edges is unknown. Keep the distance below
+        1/50 of the shorter side, or remove the edges afterwards.
+
+        These are rejected: a map without a known height, a derivative of a draped map, and a
+        `drape` that is on another grid or has one height for all nodes.
+
+        Parameters
+        ----------
+        map : TableLike
+            Input: map.
+        drape : TableLike, optional
+            Input: map, optional.
+        to_m : float, optional
+            Height above the WGS-84 ellipsoid to which the map is continued. Unit: m. Unset: the
+            map's own height, or the heights of `drape`.
+        derivative : {"up", "north", "east", "up2"}, optional
+            Returns a derivative in nT/m (`up2`: nT/m2) instead of the field. Unset: the field
+            itself.
+        alpha_m2 : float | {"auto"}, optional
+            Damping of downward continuation. `auto` uses the corner of the L-curve. Unit: m2.
+            Allowed: 0 or above. Default: `auto`.
+        keep_filled : bool, optional
+            Keeps values at nodes where the input map has none. Default: `false`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Blakely 1996, sections 12.1 and 12.2; Gnadt 2022, section 2.3 (downward).
+        """
+        return self._stage("map_continue", locals())
+
+    def map_convert(
+        self,
+        *,
+        map: TableLike,
+        to_epsg: int | Axis | None = None,
+        spacing: float | Axis | None = None,
+        bounds: ListLike | Axis | None = None,
+        trim: bool | Axis | None = None,
+        expand_nodes: int | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Resamples a map to another coordinate system or spacing, crops it, or extends it
+        periodically.
+
+        The operations run in the order of the parameters.
+
+        Use it to bring maps onto one grid, or to remove the edges of a continued map. Resampling
+        uses polynomials of degree nine, or lower near edges and unknown nodes. A node within two
+        nodes of an unknown node becomes unknown. Stages that interpolate a map project positions
+        themselves, so a map need not be converted for them.
+
+        Bounds outside the map are rejected, and so is the periodic extension of a map that is
+        draped or has gaps.
+
+        Parameters
+        ----------
+        map : TableLike
+            Input: map.
+        to_epsg : int, optional
+            EPSG code of the coordinate system to which the map is resampled, such as 4326 or 32754.
+            Allowed: 1 to 65535. Unset: the map's own coordinate system.
+        spacing : float, optional
+            Distance between nodes, in the unit of the coordinate system: metres, feet or degrees.
+            Allowed: above 0. Unset: at most the spacing of the map.
+        bounds : ListLike, optional
+            West, south, east and north bound of the kept part, in coordinates of that system.
+            Unset: the whole map.
+        trim : bool, optional
+            Removes rows and columns without values at the edges. Default: `false`.
+        expand_nodes : int, optional
+            Extends the map periodically, by at least this number of nodes on each side, to sizes
+            without a prime factor above 7. Unset: no periodic extension.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+        """
+        return self._stage("map_convert", locals())
+
+    def score(
+        self,
+        *,
+        input: TableLike | Sequence[TableLike],
+        truth: str | Axis | None = None,
+        metrics: Sequence[Literal["std_error", "bias_error", "rms_error", "std_uncompensated",
+            "improvement_ratio", "improvement_ratio_band", "snr", "anomaly_retention",
+            "anomaly_retention_se", "figure_of_merit", "figure_of_merit_crossings", "drms",
+            "drms_bound", "cep", "r95", "rms_north", "rms_east", "rms_down", "mrse", "rms_vn",
+            "rms_ve", "rms_vd", "rms_speed", "ins_drms", "nees", "nis", "nees_consistent",
+            "nis_consistent", "whiteness", "correlated_nis", "error_within_3sigma", "divergence",
+            "samples_used", "samples_missing", "samples_off_map", "samples_gated", "samples_flat",
+            "gnss_rejected", "map_height_error", "map_std_error", "map_bias_error",
+            "map_gradient_along_track", "map_position_bound"]] | Axis | None = None,
+        mag: str | Axis | None = None,
+        low_hz: float | Axis | None = None,
+        high_hz: float | Axis | None = None,
+        order: int | Axis | None = None,
+        map_sigma_nt: float | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Scores each line: a compensated signal against the truth, and a track against the true
+        positions.
+
+        `input` names one or several tables with the same samples: the table with the compensated
+        signal and the table of the track. If `metrics` is unset, all metrics that these tables
+        allow are scored. Each metric is a row with `metric`, `value`, `unit` and `n`, the number of
+        samples (for crossings: pairs). Rows with a NaN are excluded from a metric and its `n`; a
+        metric without samples has a null value. A metric that cannot be computed for a line has a
+        null value and the reason in `note`. An example is an upper corner above half the sample
+        rate. The other metrics are kept. The run reports a warning, or fails if `metrics` names the
+        metric.
+
+        The published table also has `in_sample`: true if the line was used to make the model, noise
+        or map behind the score, or to choose a parameter in a search. Such a score is an error of
+        the fit, not of a prediction, and is never selected as the best of a sweep. Noise that
+        `navigate` estimates on the navigated line uses no truth, so it does not make the line in
+        sample. Models read from files are assumed to be fitted to other lines.
+
+        The table `scores_pooled` of the pipeline has one row per point and metric. Its `value`
+        pools the lines that are not in sample (all lines if every line is in sample), and
+        `value_in_sample` pools the others. For a radius, `spread` holds the quantiles of its
+        samples, from which the pooled radius is computed.
+
+        With `truth`, errors are against the truth. Without it, `std_uncompensated` and the ratios
+        are those of the signals themselves and include the anomaly. The run lists the metrics that
+        would require only a truth.
+
+        A table computed by `map_value` adds scores of the map: the agreement of the signal with the
+        map, the slope of the map along the track, and the expected accuracy of navigation. `igrf`
+        and, if available, `diurnal` are first subtracted from the signal. `map_position_bound` is
+        the Cramér-Rao bound for a constant horizontal offset and an unknown constant of the
+        measurement. It assumes independent sample errors of `map_sigma_nt`; correlated errors, such
+        as those of maps and the temporal variation, increase the actual error.
+
+        A track is also tested against its own covariance: `nees_consistent` and `nis_consistent`
+        are tests at 95 %. `whiteness`, `error_within_3sigma` and `divergence` are shares of lags or
+        samples with known expected values for a consistent filter. Innovations on both sides of a
+        sample without a measurement do not count as neighbours. `correlated_nis` is the NIS of
+        averages of innovations.
+
+        Parameters
+        ----------
+        input : TableLike | Sequence[TableLike]
+            Input: one or several tables of flight lines.
+        truth : str, optional
+            Column with the true signal, such as `mag_1_c`. Unit: nT. Unset: metrics that require
+            the truth are not scored.
+        metrics : Sequence[{"std_error", "bias_error", "rms_error", "std_uncompensated",
+        "improvement_ratio", "improvement_ratio_band", "snr", "anomaly_retention",
+        "anomaly_retention_se", "figure_of_merit", "figure_of_merit_crossings", "drms",
+        "drms_bound", "cep", "r95", "rms_north", "rms_east", "rms_down", "mrse", "rms_vn", "rms_ve",
+        "rms_vd", "rms_speed", "ins_drms", "nees", "nis", "nees_consistent", "nis_consistent",
+        "whiteness", "correlated_nis", "error_within_3sigma", "divergence", "samples_used",
+        "samples_missing", "samples_off_map", "samples_gated", "samples_flat", "gnss_rejected",
+        "map_height_error", "map_std_error", "map_bias_error", "map_gradient_along_track",
+        "map_position_bound"}], optional
+            Metrics to score. Unset: all metrics that the inputs allow.
+        mag : str, optional
+            Column of the compensated signal. Unit: nT. Default: `"mag_c"`.
+        low_hz : float, optional
+            Lower corner frequency for `improvement_ratio_band` and `figure_of_merit`. Unit: Hz.
+            Allowed: 0 or above. Default: `0.1`.
+        high_hz : float, optional
+            Upper corner frequency for `improvement_ratio_band` and `figure_of_merit`. Unit: Hz.
+            Allowed: 0 or above. Default: `0.9`.
+        order : int, optional
+            Order of the band-pass filter for `improvement_ratio_band` and `figure_of_merit`.
+            Allowed: 1 to 12. Default: `4`.
+        map_sigma_nt : float, optional
+            Standard deviation of the error of a sample, for `map_position_bound`. Unit: nT.
+            Allowed: above 0. Default: `5.0`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Gnadt 2022, (3.45), (3.46); Lee 2019, (66); van der Meer 2025, (2.39) to (2.41); Bar-Shalom,
+        Li & Kirubarajan 2001, section 5.4; Mehra 1970.
+        """
+        return self._stage("score", locals())
+
+    def summary(
+        self,
+        *,
+        input: TableLike,
+        metrics: Sequence[Literal["std_error", "bias_error", "rms_error", "std_uncompensated",
+            "improvement_ratio", "improvement_ratio_band", "snr", "anomaly_retention",
+            "anomaly_retention_se", "figure_of_merit", "figure_of_merit_crossings", "drms",
+            "drms_bound", "cep", "r95", "rms_north", "rms_east", "rms_down", "mrse", "rms_vn",
+            "rms_ve", "rms_vd", "rms_speed", "ins_drms", "nees", "nis", "nees_consistent",
+            "nis_consistent", "whiteness", "correlated_nis", "error_within_3sigma", "divergence",
+            "samples_used", "samples_missing", "samples_off_map", "samples_gated", "samples_flat",
+            "gnss_rejected", "map_height_error", "map_std_error", "map_bias_error",
+            "map_gradient_along_track", "map_position_bound"]] | Axis | None = None,
+        train: ListLike | Axis | None = None,
+        level: float | Axis | None = None,
+        draws: int | Axis | None = None,
+        seed: int | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Pools the scores of lines, with a confidence interval for each pooled value.
+
+        Errors in nT and m are pooled as root mean squares, ratios and biases as means. Both are
+        weighted by the number of samples. `cep` and `r95` are radii of the samples of all lines.
+        Numbers of samples are added. The interval consists of percentiles over `draws` resamples of
+        lines with replacement. Whole lines are resampled because the errors within a line are
+        correlated. A single line has no interval (null).
+
+        Each metric is pooled over the held-out lines. If no held-out line has a value, it is pooled
+        over the lines in sample, and `in_sample` is true. A line is in sample if it was used to
+        make a model, noise or map behind its scores, or to choose a parameter in a search. The
+        table `scores_pooled` also pools the lines in sample if other lines exist.
+
+        `train` lists the lines to which the model was fitted, and adds the metric
+        `overfitting_ratio`. It is the pooled `std_error` of all other lines, in sample or not,
+        divided by that of the training lines. Without `std_error` it uses the root mean square of
+        `map_std_error`. The ratio is 1 for a model that is as accurate on new lines as on its
+        training lines, and larger for one that overfits. In its resamples, training lines are drawn
+        only from training lines, and other lines only from other lines.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: a table of scores.
+        metrics : Sequence[{"std_error", "bias_error", "rms_error", "std_uncompensated",
+        "improvement_ratio", "improvement_ratio_band", "snr", "anomaly_retention",
+        "anomaly_retention_se", "figure_of_merit", "figure_of_merit_crossings", "drms",
+        "drms_bound", "cep", "r95", "rms_north", "rms_east", "rms_down", "mrse", "rms_vn", "rms_ve",
+        "rms_vd", "rms_speed", "ins_drms", "nees", "nis", "nees_consistent", "nis_consistent",
+        "whiteness", "correlated_nis", "error_within_3sigma", "divergence", "samples_used",
+        "samples_missing", "samples_off_map", "samples_gated", "samples_flat", "gnss_rejected",
+        "map_height_error", "map_std_error", "map_bias_error", "map_gradient_along_track",
+        "map_position_bound"}], optional
+            Metrics to pool. Unset: all scored metrics.
+        train : ListLike, optional
+            Lines to which the model was fitted, for `overfitting_ratio`. Default: `[]`.
+        level : float, optional
+            Confidence level of the interval. Allowed: 0.5 to 0.999. Default: `0.95`.
+        draws : int, optional
+            Number of resamples. Allowed: 10 to 100000. Default: `1000`.
+        seed : int, optional
+            Seed of the resamples. Default: `0`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        van der Meer 2025, (2.42) and section 4.1; Efron & Tibshirani 1993, chapter 13.
+        """
+        return self._stage("summary", locals())
