@@ -8,21 +8,26 @@ Examples
 >>> run.table("clean").pandas()  # doctest: +SKIP
 """
 
-from magline import core_field, maps, metrics, signal, tolles_lawson
+from magline import core_field, maps, metrics, parts, signal, tolles_lawson
 from magline._magline import __version__
 from magline.errors import BugError, DataError, Error, Fault, MachineError, MaglineError, SpecError
+from magline.parts import Column, Flight, Line, Param, filter, load_parts, metric, model, stage
 from magline.runs import Check, Failure, Run, ScoreTable, Warning, check, run
 from magline.tables import Pipeline, Store, Table, sql
 
 __all__ = [
     "BugError",
     "Check",
+    "Column",
     "DataError",
     "Error",
     "Failure",
     "Fault",
+    "Flight",
+    "Line",
     "MachineError",
     "MaglineError",
+    "Param",
     "Pipeline",
     "Run",
     "ScoreTable",
@@ -33,10 +38,16 @@ __all__ = [
     "__version__",
     "check",
     "core_field",
+    "filter",
+    "load_parts",
     "maps",
+    "metric",
     "metrics",
+    "model",
+    "parts",
     "run",
     "signal",
     "sql",
+    "stage",
     "tolles_lawson",
 ]
