@@ -44,7 +44,8 @@ class OwnRidge:
         self.coefficients: Column = np.zeros(0)
 
     def fit(self, x: Column, y: Column) -> None:
-        self.coefficients = np.linalg.solve(x.T @ x + self.alpha * np.eye(x.shape[1]), x.T @ y)
+        normal = x.T @ x + self.alpha * np.eye(x.shape[1])
+        self.coefficients = np.asarray(np.linalg.solve(normal, x.T @ y), dtype=np.float64)
 
     def predict(self, x: Column) -> Column:
         predicted: Column = x @ self.coefficients

@@ -3,11 +3,11 @@
 A decorator registers a part for this process. Specs then use its name as they use a built-in one. Its key consists of
 name, version, parameters and a hash of its source, so an edit computes its results again.
 
-The hash covers the source text of the function or class, the functions, classes and constants of the same module that
-it names, and the items of `depends`: functions, classes, files (`pathlib.Path`) and modules. A module with `__version__`
-counts by its version, any other by its source. The hash does not cover imported modules that `depends` does not list,
-files that the code reads, environment variables, and global objects other than numbers, text, lists, dicts and NumPy
-arrays.
+The hash covers the source text of the function or class, and the functions, classes and constants of the same module
+that it names. It also covers the items of `depends`: functions, classes, files (`pathlib.Path`) and modules. A module
+with `__version__` counts by its version, any other by its source. The hash does not cover imported modules that
+`depends` does not list, files that the code reads, environment variables, and global objects other than numbers, text,
+lists, dicts and NumPy arrays.
 
 Examples
 --------
@@ -535,9 +535,9 @@ class _Model:
             return estimator
         state = _Unpickler(io.BytesIO(_decoded(pickled)), self._make).load()
         if isinstance(state, dict) and isinstance(self._make, type):
-            estimator: Any = object.__new__(self._make)
-            vars(estimator).update(state)
-            return estimator
+            fitted: Any = object.__new__(self._make)
+            vars(fitted).update(state)
+            return fitted
         return state
 
     def predict(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from typing import Any, Literal
 
 import magline
@@ -26,7 +27,11 @@ def total(line: magline.Line, *, vector: str) -> np.ndarray:
 
 @magline.stage(
     reads=["{columns}"],
-    makes={"{columns}_abs": "nT", "pair": magline.Column("nT", "two columns", terms=["a", "b"]), "sign": magline.Column(text=True)},
+    makes={
+        "{columns}_abs": "nT",
+        "pair": magline.Column("nT", "two columns", terms=["a", "b"]),
+        "sign": magline.Column(text=True),
+    },
     version=1,
 )
 def several(
@@ -105,3 +110,25 @@ def median_error(error: np.ndarray) -> float:
 def own_rms(signal: np.ndarray, truth: np.ndarray, cur_1: np.ndarray) -> tuple[float, int]:
     """root mean square error, as `rms_error`"""
     return float(np.sqrt(np.mean((signal - truth) ** 2))), len(cur_1)
+
+
+@magline.filter(version=1)
+def moved(flight: magline.Flight, *, north_m: float = 0.0, bad: bool = False) -> dict[str, Any]:
+    """The INS, moved north; the residual is the measurement minus the map at the INS."""
+    field, *_ = flight.field(flight["lat"], flight["lon"], flight["alt"])
+    made: dict[str, Any] = {
+        "lat": flight["lat"] + north_m / 111_000.0,
+        "lon": flight["lon"],
+        "sd_n": 10.0,
+        "residual": flight["measured"] - field,
+    }
+    if bad:
+        del made["lon"]
+    return made
+
+
+@magline.stage(reads=["tt"], makes={"waited": "s"}, version=1)
+def slow(line: magline.Line, *, seconds: float) -> float:
+    """Waits."""
+    time.sleep(seconds)
+    return seconds

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import textwrap
+import time
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from conftest import REPOSITORY
+from magline import _toml
 
 PARTS = Path(__file__).parent / "own_parts.py"
 LINES = ["1.01", "1.02", "1.03"]
@@ -102,6 +105,18 @@ def table(run: magline.Run, name: str) -> Any:
     return run.table(name).pandas()
 
 
+def toml(path: Path, keys: dict[str, Any]) -> Path:
+    """A spec as a file."""
+    path.write_text(_toml.document(keys))
+    return path
+
+
+def command(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """The command with the parts of the tests."""
+    given = [sys.executable, "-m", "magline", "--parts", str(PARTS), *map(str, arguments)]
+    return subprocess.run(given, capture_output=True, text=True, timeout=300)
+
+
 def test_a_stage_gives_the_numbers_of_the_built_in_one(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
     run = magline.run(spec, store=tmp_path)
     assert run.failures == []
@@ -137,7 +152,8 @@ def test_metrics_are_scored_pooled_and_shown(parts: Any, spec: dict[str, Any], t
     assert scores.units == {"median_error": "nT", "own_rms": "nT"}
     clean, lines, pooled = table(run, "clean"), table(run, "scores"), table(run, "scores_pooled")
     for values in (lines["value"], pooled["value"], pooled["value_in_sample"]):
-        own, built_in = (values[(lines if len(values) == len(lines) else pooled)["metric"] == name] for name in ("own_rms", "rms_error"))
+        metric = (lines if len(values) == len(lines) else pooled)["metric"]
+        own, built_in = values[metric == "own_rms"], values[metric == "rms_error"]
         assert len(own) >= 2
         np.testing.assert_allclose(own, built_in, rtol=1e-12)
     for record in scores.records():
@@ -158,16 +174,12 @@ def test_metrics_are_scored_pooled_and_shown(parts: Any, spec: dict[str, Any], t
     assert "median_error" in report and "sk_ridge" in report
 
 
-def test_one_and_two_threads_and_processes_give_the_same_bytes(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
+def test_threads_and_processes_give_the_same_bytes(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
     one, two = (magline.run(spec, store=tmp_path / str(n), threads=n) for n in (1, 2))
     assert files(one) == files(two)
     assert len(files(one)) > 6
-    path = tmp_path / "spec.toml"
-    from magline import _toml
-
-    path.write_text(_toml.document({**spec, "store": str(tmp_path / "processes")}))
-    command = [sys.executable, "-m", "magline", "--parts", str(PARTS), "run", str(path)]
-    done = subprocess.run([*command, "--engine", "processes", "--threads", "2", "--json"], capture_output=True, text=True)
+    path = toml(tmp_path / "spec.toml", {**spec, "store": str(tmp_path / "processes")})
+    done = command("run", path, "--engine", "processes", "--threads", 2, "--json")
     assert done.returncode == 0, done.stderr
     finished = json.loads(done.stdout.splitlines()[-1])
     assert finished["computed"] == sum(counts(one).values())
@@ -177,12 +189,9 @@ def test_one_and_two_threads_and_processes_give_the_same_bytes(parts: Any, spec:
 
 
 def test_stages_run_in_worker_processes(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
-    from magline import _toml
-
-    path = tmp_path / "spec.toml"
-    path.write_text(_toml.document({**line_stage(spec, stage="process"), "store": str(tmp_path / "store")}))
-    command = [sys.executable, "-m", "magline", f"--parts={PARTS}", "run", str(path), "--engine", "processes"]
-    with subprocess.Popen([*command, "--json"], stdout=subprocess.PIPE, text=True) as driver:
+    path = toml(tmp_path / "spec.toml", {**line_stage(spec, stage="process"), "store": str(tmp_path / "store")})
+    program = [sys.executable, "-m", "magline", f"--parts={PARTS}", "run", str(path), "--engine", "processes"]
+    with subprocess.Popen([*program, "--json"], stdout=subprocess.PIPE, text=True) as driver:
         out, _ = driver.communicate(timeout=300)
     assert driver.returncode == 0, out
     numbers = {int(one) for one in magline.Store(tmp_path / "store")["own"]["one"].pandas()["process"]}
@@ -218,63 +227,54 @@ def scale(line, *, power: float = 1.0):
 def test_a_changed_source_computes_again_and_why_names_it(spec: dict[str, Any], tmp_path: Path) -> None:
     one = line_stage(spec, stage="scale")
     file, helper = tmp_path / "scale.py", tmp_path / "helper.py"
-    mean = {}
 
-    def run(source: str, of_helper: str) -> tuple[magline.Run, float]:
+    def run(source: str, of_helper: str) -> tuple[dict[str, int], float]:
         file.write_text(source)
         helper.write_text(of_helper)
+        # Python compares compiled files with their sources to a second.
         sys.modules.pop("helper", None)
         for compiled in (tmp_path / "__pycache__").glob("*"):
             compiled.unlink()
         magline.load_parts(file)
         found = magline.run(one, store=tmp_path / "store")
-        return found, float(table(found, "one")["scaled"].mean())
+        return counts(found), float(table(found, "one")["scaled"].mean())
 
     double = "def twice(x):\n    return 2.0 * x\n"
-    first, mean[0] = run(SOURCE, double)
-    assert counts(first) == {"one": 3}
+    first, mean = run(SOURCE, double)
+    assert first == {"one": 3}
     # Lines around the stage are not part of it.
-    same, _ = run(f"{SOURCE}\n# more\nOTHER = 3\n", double)
-    assert counts(same) == {}
-    # A constant and a helper of the module, and a function in `depends`.
+    assert run(f"{SOURCE}\n# more\nOTHER = 3\n", double)[0] == {}
+    # A constant and a function of the module, and a function in `depends`.
     edits = [
         (SOURCE.replace("FACTOR = 1.0", "FACTOR = 2.0"), double, 2.0),
         (SOURCE.replace("return FACTOR * x", "return 3.0 * FACTOR * x"), double, 3.0),
         (SOURCE, double.replace("2.0", "8.0"), 4.0),
     ]
     for source, of_helper, factor in edits:
-        file.write_text(source)
-        helper.write_text(of_helper)
-        sys.modules.pop("helper", None)
-        magline.load_parts(file)
-        changed, found = run(source, of_helper)
-        assert counts(changed) == {"one": 3}, source
-        assert found == pytest.approx(factor * mean[0], rel=1e-12)
-    magline.load_parts(file)
-    run(SOURCE, double)
+        again, found = run(source, of_helper)
+        assert again == {"one": 3}, source
+        assert found == pytest.approx(factor * mean, rel=1e-12)
+    # The first source is still stored.
+    assert run(SOURCE, double) == ({}, mean)
     file.write_text(SOURCE.replace("power: float = 1.0", "power: float = 2.0"))
-    magline.load_parts(file)
-    path = tmp_path / "spec.toml"
-    from magline import _toml
-
-    path.write_text(_toml.document({**one, "store": str(tmp_path / "store")}))
-    why = subprocess.run(
-        [sys.executable, "-m", "magline", "--parts", str(file), "why", str(path), "one"], capture_output=True, text=True
-    )
+    path = toml(tmp_path / "spec.toml", {**one, "store": str(tmp_path / "store")})
+    why = command("--parts", file, "why", path, "one")
     assert why.returncode == 0, why.stderr
     assert "source" in why.stdout and "power" in why.stdout, why.stdout
 
 
 def test_lineage_reaches_the_file(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
     run = magline.run(spec, store=tmp_path)
-    command = [sys.executable, "-m", "magline", "lineage", "own.scores", "--store", run.store.path]
-    tree = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    tree = command("lineage", "own.scores", "--store", run.store.path).stdout
     assert "size  total v2" in tree, tree
     assert "flux_a_total <- flights.flux_a_x, flights.flux_a_y, flights.flux_a_z" in tree, tree
     assert "flight.parquet" in tree, tree
+    about = command("lineage", "own.scores", "--store", run.store.path, "--format", "json").stdout
+    for part in magline.parts.registered():
+        assert (part.source in about) == (part.name in ("total", "sk_ridge", "median_error", "own_rms")), part
 
 
-def test_a_stage_that_raises_fails_its_line_with_its_traceback(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
+def test_a_stage_that_raises_fails_its_line(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
     run = magline.run(line_stage(spec, stage="rough", bad="1.02"), store=tmp_path)
     assert [(failure.stage, failure.line) for failure in run.failures] == [("one", "1.02")]
     assert set(table(run, "one")["line"]) == {"1.01", "1.03"}
@@ -299,13 +299,8 @@ def test_a_wrong_result_fails_its_line(parts: Any, spec: dict[str, Any], tmp_pat
 
 
 def test_the_command_escapes_the_text_of_an_exception(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
-    from magline import _toml
-
-    path = tmp_path / "spec.toml"
     keys = {**line_stage(spec, stage="rough", bad="1.02"), "store": str(tmp_path / "store")}
-    path.write_text(_toml.document(keys))
-    command = [sys.executable, "-m", "magline", "--parts", str(PARTS), "run", str(path)]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = command("run", toml(tmp_path / "spec.toml", keys))
     assert done.returncode == 1
     assert "\x1b" not in done.stdout + done.stderr
     assert "in fail" in done.stderr
@@ -331,7 +326,7 @@ def test_columns_have_the_declared_types_units_and_roles(
     assert set(found["sign"]) == {"+"}
 
 
-def test_arrays_share_the_memory_of_the_run_and_are_read_only(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
+def test_arrays_are_views_of_the_run(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
     found = table(magline.run(line_stage(spec, stage="address"), store=tmp_path), "one")
     assert set(found["address"]) == {0.0}
     assert set(found["writeable"]) == {0.0}
@@ -365,7 +360,7 @@ def test_a_pickled_model_is_read_from_its_table(
         ({"stage": "no_such_part"}, "--parts FILE.py"),
     ],
 )
-def test_wrong_specs_are_rejected_before_the_run(parts: Any, spec: dict[str, Any], keys: dict[str, Any], text: str) -> None:
+def test_wrong_specs_are_rejected(parts: Any, spec: dict[str, Any], keys: dict[str, Any], text: str) -> None:
     with pytest.raises(magline.SpecError) as caught:
         magline.check(line_stage(spec, **keys))
     assert text in str(caught.value), str(caught.value)
@@ -415,20 +410,17 @@ def test_sources_that_do_not_hold_the_whole_part_are_refused() -> None:
 def test_a_file_that_fails_ends_the_command(tmp_path: Path) -> None:
     file = tmp_path / "wrong.py"
     file.write_text("raise RuntimeError('no parts')\n")
-    for arguments, text in [(["--parts", str(file)], "no parts"), (["--parts"], "--parts requires"), (["--parts=no.py"], "no.py")]:
-        done = subprocess.run([sys.executable, "-m", "magline", *arguments, "stages"], capture_output=True, text=True)
+    cases = [(["--parts", str(file)], "no parts"), ([f"--parts={tmp_path}/no.py"], "no.py"), (["--parts"], "requires")]
+    for arguments, text in cases:
+        done = command("stages", *arguments)
         assert done.returncode == 2
-        assert text in done.stderr if len(arguments) > 1 or "=" in arguments[0] else True
+        assert text in done.stderr
 
 
 def test_the_reference_describes_the_parts() -> None:
-    def shown(name: str) -> str:
-        command = [sys.executable, "-m", "magline", "--parts", str(PARTS), "stages", name]
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
-
-    assert "The magnitude of a vector magnetometer" in shown("total")
-    assert "### The model `sk_ridge`" in shown("fit")
-    assert "| `median_error` | nT |" in shown("score")
+    assert "The magnitude of a vector magnetometer" in command("stages", "total").stdout
+    assert "### The model `sk_ridge`" in command("stages", "fit").stdout
+    assert "| `median_error` | nT |" in command("stages", "score").stdout
 
 
 def test_the_example_runs(tmp_path: Path) -> None:
@@ -457,3 +449,81 @@ def test_a_part_of_a_script_is_the_part_of_the_command(tmp_path: Path) -> None:
     ]
     assert all(one.returncode == 0 for one in found), [one.stderr for one in found]
     assert found[0].stdout == found[1].stdout and "own_ridge" in found[0].stdout
+
+
+def navigation(tmp_path: Path, **keys: Any) -> dict[str, Any]:
+    """A sweep of the built-in INS and a filter written in Python over a sample flight."""
+    folder = REPOSITORY / "datasets" / "samples" / "simple_magnav"
+    track = {"map": "anomaly", "mag": "mag_1_c", "core_field": False, "tuning": "magnav", **keys}
+    return {
+        "name": "track",
+        "store": str(tmp_path / "store"),
+        "tables": {"flights": {"path": str(folder / "xyz.h5")}, "anomaly": {"path": str(folder / "map.h5")}},
+        "axes": {"north": [0.0, 50.0]},
+        "stages": [
+            {"name": "moved", "stage": "navigate", "input": "flights", "filter": "moved", "north_m": "$north", **track},
+            {"name": "flight", "stage": "derive", "input": "flights", "columns": {"copy": "ins_lat"}},
+            {"name": "scores", "stage": "score", "input": ["flights", "moved"], "metrics": ["drms", "ins_drms"]},
+        ],
+    }
+
+
+def test_a_filter_gets_the_ins_and_the_map(parts: Any, tmp_path: Path) -> None:
+    run = magline.run(navigation(tmp_path))
+    assert run.failures == []
+    still, north = run.scores["scores"].records()
+    assert still["drms"] == pytest.approx(still["ins_drms"], rel=1e-9)
+    assert north["drms"] != pytest.approx(north["ins_drms"], rel=1e-3)
+    track = table(run, "moved")
+    track = track[track["north"] == 0.0].reset_index(drop=True)
+    flights = table(run, "flight")
+    np.testing.assert_array_equal(track["lat"], flights["ins_lat"])
+    np.testing.assert_array_equal(track["alt"], flights["ins_alt"])
+    assert set(track["sd_n"]) == {10.0} and set(track["update"]) == {"used"}
+    # Bilinear interpolation of the file.
+    grid = magline.maps.open(REPOSITORY / "datasets" / "samples" / "simple_magnav" / "map.h5")
+    x, y = ((v - axis[0]) / (axis[1] - axis[0]) for v, axis in ((track["lon"], grid.x), (track["lat"], grid.y)))
+    i, j = np.floor(y).astype(int), np.floor(x).astype(int)
+    u, v, nodes = (y - i).to_numpy(), (x - j).to_numpy(), grid.anomaly_nt
+    lower = (1 - v) * nodes[i, j] + v * nodes[i, j + 1]
+    upper = (1 - v) * nodes[i + 1, j] + v * nodes[i + 1, j + 1]
+    expected = flights["mag_1_c"].to_numpy() - ((1 - u) * lower + u * upper)
+    np.testing.assert_allclose(track["residual"], expected, atol=1e-6)
+
+
+def test_a_wrong_filter_fails_its_line(parts: Any, tmp_path: Path) -> None:
+    run = magline.run(navigation(tmp_path, bad=True))
+    assert [failure.stage for failure in run.failures] == ["moved", "moved"]
+    assert "did not return `lon`" in run.failures[0].error
+    with pytest.raises(magline.SpecError, match="requires a map"):
+        wrong = navigation(tmp_path)
+        del wrong["stages"][0]["map"]
+        magline.check(wrong)
+
+
+INTERRUPTED = """
+import magline, sys
+magline.load_parts(sys.argv[1])
+print("ready", flush=True)
+try:
+    magline.run(sys.argv[2])
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+
+
+def test_an_interrupt_ends_a_run_of_a_stage(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
+    keys = {**line_stage(spec, stage="slow", seconds="$seconds"), "store": str(tmp_path / "store")}
+    keys["axes"] = {"seconds": [0.05 + 1e-6 * i for i in range(1000)]}
+    program = [sys.executable, "-c", INTERRUPTED, str(PARTS), str(toml(tmp_path / "spec.toml", keys))]
+    child = subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert child.stdout is not None
+    assert child.stdout.readline() == "ready\n"
+    time.sleep(3.0)
+    assert child.poll() is None, "the run is too short for this test"
+    begun = time.monotonic()
+    child.send_signal(signal.SIGINT)
+    out, error = child.communicate(timeout=60)
+    assert out == "interrupted\n", error
+    # A thousand units at three lines last longer than 75 s on two threads.
+    assert time.monotonic() - begun < 20.0

@@ -179,7 +179,8 @@ const FLIGHT: [&str; 15] =
 type FieldColumns<'py> = [Bound<'py, PyArray1<f64>>; 4];
 
 /// One line for a navigation filter. ``flight["lat"]`` and the other columns of the INS have the units of the flight
-/// table; ``flight["measured"]`` is the scalar field, nT (NaN: missing), and ``flight["sigma"]`` its standard deviation.
+/// table. ``flight["measured"]`` is the scalar field, nT (NaN: missing), and ``flight["sigma"]`` its standard
+/// deviation.
 #[pyclass(frozen, module = "magline", name = "Flight")]
 pub struct Flight {
     columns: Vec<Vec<f64>>,
@@ -237,8 +238,8 @@ impl Flight {
     fn __getitem__<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let at = FLIGHT.iter().position(|known| *known == name);
         let values = at.and_then(|at| self.columns.get(at));
-        let unknown =
-            || PyKeyError::new_err(format!("a flight has no column `{name}` (known here: {})", FLIGHT.join(", ")));
+        let known = FLIGHT.join(", ");
+        let unknown = || PyKeyError::new_err(format!("a flight has no column `{name}` (known here: {known})"));
         Ok(PyArray1::from_slice(py, values.ok_or_else(unknown)?))
     }
 

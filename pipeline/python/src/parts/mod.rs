@@ -1,7 +1,7 @@
-//! Parts of a pipeline that are written in Python: stages, models of `fit`, filters of `navigate`, metrics of `score`.
+//! Parts of a pipeline that are written in Python: stages, models, filters and metrics.
 //!
-//! The module `magline.parts` describes a part and calls [`register_part`]. Parts belong to the process. A run adds them
-//! to the built-in catalogue ([`catalogue`]), so plans, keys, lineage and reports treat them as built-in ones.
+//! The module `magline.parts` describes a part and calls [`register_part`]. Parts belong to the process. A run adds
+//! them to the built-in catalogue ([`catalogue`]), so plans, keys, lineage and reports treat them as built-in ones.
 
 mod call;
 mod filter;
