@@ -25,6 +25,9 @@ def main() -> None:
     given = [str(Path(file).resolve()) for file in files]
     files = list(dict.fromkeys([*inherited, *given]))
     for file in files:
+        if os.pathsep in file:
+            print(f"error: the path of --parts contains {os.pathsep!r}: {file!r} (move the file)", file=sys.stderr)
+            sys.exit(2)
         try:
             load_parts(file)
         except Exception:

@@ -132,3 +132,9 @@ def slow(line: magline.Line, *, seconds: float) -> float:
     """Waits."""
     time.sleep(seconds)
     return seconds
+
+
+@magline.metric(unit="nT", version=1)
+def rough_metric(signal: np.ndarray) -> float:
+    """fails"""
+    raise ZeroDivisionError("no metric")

@@ -527,3 +527,60 @@ def test_an_interrupt_ends_a_run_of_a_stage(parts: Any, spec: dict[str, Any], tm
     assert out == "interrupted\n", error
     # A thousand units at three lines last longer than 75 s on two threads.
     assert time.monotonic() - begun < 20.0
+
+
+def test_a_model_that_raises_fails_its_point(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
+    run = magline.run(spec, set={"axes.alpha": [-1.0, 0.1]}, store=tmp_path)
+    assert [(failure.stage, failure.axes["alpha"]) for failure in run.failures] == [("model", -1.0)]
+    assert "InvalidParameterError" in run.failures[0].error and "Traceback" in run.failures[0].error
+    assert set(table(run, "clean")["alpha"]) == {0.1}
+
+
+def test_a_metric_that_raises_is_a_failure_of_its_lines(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
+    stages = [*spec["stages"][:-1], {**spec["stages"][-1], "metrics": ["own_rms", "rough_metric"]}]
+    run = magline.run({**spec, "stages": stages}, set={"axes.alpha": [0.1]}, store=tmp_path)
+    assert [failure.line for failure in run.failures] == LINES
+    assert all("ZeroDivisionError: no metric" in failure.error for failure in run.failures)
+    lines = table(run, "scores")
+    assert lines[lines["metric"] == "own_rms"]["value"].notna().all()
+
+
+def test_a_table_of_another_source_is_rejected(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
+    """A published model is applied only by the source that fitted it."""
+    file = tmp_path / "level.py"
+    source = """
+import magline
+
+@magline.model(version=1)
+class Level:
+    def fit(self, x, y):
+        self.level = y.mean()
+
+    def predict(self, x):
+        return x[:, 0] * 0.0 + self.level
+"""
+    source = source.replace("magline.model(", "magline.model(name='level', ")
+    file.write_text(source)
+    magline.load_parts(file)
+    stages = [dict(stage) for stage in spec["stages"]]
+    del stages[3]["alpha"]
+    stages[3]["model"] = "level"
+    run = magline.run({**spec, "axes": {}, "stages": stages[:4]}, store=tmp_path / "store")
+    assert run.failures == []
+    model = {"path": str(run.folder / "model"), "features": ["cur_1", "cur_2", "cur_3"]}
+    apply = {
+        "name": "applied",
+        "store": str(tmp_path / "other"),
+        "tables": {"flights": {"path": spec["tables"]["flights"]["path"]}, "model": model},
+        "stages": [{"name": "clean", "stage": "compensate", "input": "flights", "model": "model", "mag": "mag_1_uc"}],
+    }
+    applied = magline.run(apply)
+    assert applied.failures == []
+    assert len(set(table(applied, "clean")["mag_aircraft"])) == 1
+    file.write_text(source.replace("0.0 +", "1.0 +"))
+    magline.load_parts(file)
+    # The table holds the hash of the source, so the stored result is still that of the source that fitted it.
+    assert counts(magline.run({**apply, "name": "again"})) == {}
+    with_other = magline.run({**apply, "store": str(tmp_path / "third")})
+    assert len(with_other.failures) == len(LINES)
+    assert "was fitted by another source" in with_other.failures[0].error
