@@ -53,12 +53,12 @@ use schemas::{
 use solve::{FitSolution, ModelTableRow, solve};
 use wide::EARTH;
 
-pub use model::{FitModel, FitModelDecl, LearningResult, LinearFitResult, model};
+pub use model::{FitModel, FitModelDecl, KeyDocsFn, LearningResult, LinearFitResult, ReadModelFn, model};
 pub use models::MODELS;
 pub use numerics::regression::least_squares::{LinearFit, ScaledFactor};
 pub use problem::FitProblem;
 pub use ridge::ridge;
-pub use samples::FitSamples;
+pub use samples::{FitSamples, LineSamples, PointMonitor};
 pub use settings::{Divisor, FitData, FitSettings, ModelSelection};
 
 use crate::{

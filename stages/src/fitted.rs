@@ -90,17 +90,20 @@ impl FittedModel {
     }
 
     /// Predicted field for rows of [`FittedModel::columns`], nT. Rows are row-major and finite.
-    pub fn field_nt(&self, x: &[f64]) -> Vec<f64> {
-        match (&self.body, self.coefficients()) {
+    ///
+    /// # Errors
+    /// If a model written in Python fails.
+    pub fn field_nt(&self, x: &[f64]) -> Result<Vec<f64>, Fault> {
+        Ok(match (&self.body, self.coefficients()) {
             (FittedModelForm::Learned(learned), _) => {
-                learned.predict(x, &vec![1; x.len() / learned.columns().len().max(1)]).field_nt
+                learned.predict(x, &vec![1; x.len() / learned.columns().len().max(1)])?.field_nt
             }
             (FittedModelForm::Linear { .. }, Some((b, constant))) => {
                 let rows = x.chunks_exact(b.len().max(1));
                 rows.map(|row| constant + row.iter().zip(&b).map(|(a, b)| a * b).sum::<f64>()).collect()
             }
             (FittedModelForm::Linear { .. }, None) => vec![],
-        }
+        })
     }
 }
 
@@ -197,7 +200,7 @@ fn predict_rows(sources: &ModelInputColumns, learned: &LearnedModel, rows: usize
     } else {
         vec![whole.len()]
     };
-    let made = learned.predict(&x, &runs);
+    let made = learned.predict(&x, &runs)?;
     let spread = |values: Vec<f64>| {
         let mut out = vec![f64::NAN; rows];
         whole.iter().zip(values).for_each(|(&row, value)| out[row] = value);

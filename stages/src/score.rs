@@ -32,7 +32,7 @@ use schemas::{
 pub use self::{
     line::{CompensationSignals, HorizontalErrors, ScoreLine},
     map::MAP_STD_ERROR,
-    metric::{QuantileSamplesFn, Scorer, metric},
+    metric::{QuantileSamplesFn, ScoreFn, Scorer, metric},
     signal::STD_ERROR,
     source::ScoreSource,
 };

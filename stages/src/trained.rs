@@ -4,6 +4,7 @@
 //! other terms. A table without that term is a linear model: a sum of coefficients times terms.
 
 mod boosted_trees;
+mod external;
 mod network;
 mod random_features;
 mod terms;
@@ -16,6 +17,7 @@ use learning::{
 use schemas::{Fault, choice};
 
 pub use boosted_trees::BoostedTrees;
+pub use external::{ExternalModel, ExternalModelReader, ForeignModel, set_external_reader};
 pub use network::NetworkEnsemble;
 pub use random_features::RandomFourierModel;
 pub use terms::{TermLookup, TermValue, list, term};
@@ -34,6 +36,8 @@ choice! {
         BoostedTrees = "boosted_trees",
         /// Linear model of random Fourier features.
         RandomFeatures = "random_features",
+        /// Model written in Python.
+        Python = "python",
     }
 }
 
@@ -91,6 +95,8 @@ pub enum LearnedModel {
     BoostedTrees(BoostedTrees),
     /// See [`RandomFourierModel`].
     RandomFeatures(RandomFourierModel),
+    /// See [`ForeignModel`].
+    Python(ForeignModel),
 }
 
 impl LearnedModel {
@@ -101,25 +107,30 @@ impl LearnedModel {
             LearnedModel::Windowed(network) => network.columns(),
             LearnedModel::BoostedTrees(trees) => trees.columns(),
             LearnedModel::RandomFeatures(kernel) => kernel.columns(),
+            LearnedModel::Python(model) => model.columns(),
         }
     }
 
     /// Prediction for rows of [`LearnedModel::columns`], row-major and finite. `runs` are the lengths of runs of
     /// consecutive rows. Only a network over a window uses them.
-    pub fn predict(&self, x: &[f64], runs: &[usize]) -> FieldPrediction {
-        match self {
+    ///
+    /// # Errors
+    /// If a model written in Python fails.
+    pub fn predict(&self, x: &[f64], runs: &[usize]) -> Result<FieldPrediction, Fault> {
+        Ok(match self {
             LearnedModel::Network(network) => network.predict(x),
             LearnedModel::Windowed(network) => network.predict(x, runs),
             LearnedModel::BoostedTrees(trees) => trees.predict(x),
             LearnedModel::RandomFeatures(kernel) => kernel.predict(x),
-        }
+            LearnedModel::Python(model) => return model.predict(x),
+        })
     }
 
     /// Derivatives of the predicted field with respect to each column, row-major. `None` if the model has none.
     pub fn gradient(&self, x: &[f64]) -> Option<Vec<f64>> {
         match self {
             LearnedModel::Network(network) => Some(network.gradient(x)),
-            LearnedModel::BoostedTrees(_) | LearnedModel::Windowed(_) => None,
+            LearnedModel::BoostedTrees(_) | LearnedModel::Windowed(_) | LearnedModel::Python(_) => None,
             LearnedModel::RandomFeatures(kernel) => Some(kernel.gradient(x)),
         }
     }
@@ -129,7 +140,7 @@ impl LearnedModel {
         match self {
             LearnedModel::Network(network) => Some(network.parts()),
             LearnedModel::Windowed(network) => Some(network.parts()),
-            LearnedModel::BoostedTrees(_) | LearnedModel::RandomFeatures(_) => None,
+            LearnedModel::BoostedTrees(_) | LearnedModel::RandomFeatures(_) | LearnedModel::Python(_) => None,
         }
     }
 
@@ -140,7 +151,10 @@ impl LearnedModel {
     pub fn check_rate(&self, rate_hz: f64) -> Result<(), Fault> {
         match self {
             LearnedModel::Windowed(network) => network.check_rate(rate_hz),
-            LearnedModel::Network(_) | LearnedModel::BoostedTrees(_) | LearnedModel::RandomFeatures(_) => Ok(()),
+            LearnedModel::Network(_)
+            | LearnedModel::BoostedTrees(_)
+            | LearnedModel::RandomFeatures(_)
+            | LearnedModel::Python(_) => Ok(()),
         }
     }
 
@@ -148,7 +162,10 @@ impl LearnedModel {
     pub fn sees_a_window(&self) -> bool {
         match self {
             LearnedModel::Windowed(_) => true,
-            LearnedModel::Network(_) | LearnedModel::BoostedTrees(_) | LearnedModel::RandomFeatures(_) => false,
+            LearnedModel::Network(_)
+            | LearnedModel::BoostedTrees(_)
+            | LearnedModel::RandomFeatures(_)
+            | LearnedModel::Python(_) => false,
         }
     }
 
@@ -159,6 +176,7 @@ impl LearnedModel {
             LearnedModel::Windowed(network) => (LearnedModelFamily::Windowed, network.terms()),
             LearnedModel::BoostedTrees(trees) => (LearnedModelFamily::BoostedTrees, trees.terms()),
             LearnedModel::RandomFeatures(kernel) => (LearnedModelFamily::RandomFeatures, kernel.terms()),
+            LearnedModel::Python(model) => (LearnedModelFamily::Python, model.terms()),
         };
         std::iter::once(term(format!("{FAMILY} {}", family.word()), 1.0)).chain(rest).collect()
     }
@@ -179,6 +197,7 @@ impl LearnedModel {
             LearnedModelFamily::Windowed => LearnedModel::Windowed(WindowedNetwork::read(&reading)?),
             LearnedModelFamily::BoostedTrees => LearnedModel::BoostedTrees(BoostedTrees::read(&reading)?),
             LearnedModelFamily::RandomFeatures => LearnedModel::RandomFeatures(RandomFourierModel::read(&reading)?),
+            LearnedModelFamily::Python => LearnedModel::Python(ForeignModel::read(&reading)?),
         };
         if learned.terms().len() != names.len() {
             return Err(broken("its terms do not match its layout".to_owned()));

@@ -105,7 +105,7 @@ impl PlanBuilder<'_> {
         }
         let names: Vec<&str> = self.catalogue.iter().map(|e| e.name).collect();
         let Some(entry) = self.catalogue.iter().find(|e| e.name == decl.stage.0) else {
-            let fault = Fault::new(format!("there is no stage `{}`", decl.stage.0)).nearest(&decl.stage.0, &names);
+            let fault = Fault::new(format!("there is no stage `{}`", decl.stage.0)).nearest_part(&decl.stage.0, &names);
             self.faults.push(fault.at(decl.stage.1.clone()));
             return None;
         };

@@ -8,9 +8,10 @@ Examples
 >>> run.table("clean").pandas()  # doctest: +SKIP
 """
 
-from magline import core_field, maps, metrics, signal, tolles_lawson
+from magline import core_field, maps, metrics, parts, signal, tolles_lawson
 from magline._magline import __version__
 from magline.errors import BugError, DataError, Error, Fault, MachineError, MaglineError, SpecError
+from magline.parts import Column, Flight, Line, Param, filter, load_parts, metric, model, stage
 from magline.runs import Check, Failure, Run, ScoreTable, Warning, check, run
 from magline.spec import Axis, Spec, TableHandle
 from magline.tables import Pipeline, Store, Table, sql
@@ -19,12 +20,16 @@ __all__ = [
     "Axis",
     "BugError",
     "Check",
+    "Column",
     "DataError",
     "Error",
     "Failure",
     "Fault",
+    "Flight",
+    "Line",
     "MachineError",
     "MaglineError",
+    "Param",
     "Pipeline",
     "Run",
     "ScoreTable",
@@ -37,10 +42,16 @@ __all__ = [
     "__version__",
     "check",
     "core_field",
+    "filter",
+    "load_parts",
     "maps",
+    "metric",
     "metrics",
+    "model",
+    "parts",
     "run",
     "signal",
     "sql",
+    "stage",
     "tolles_lawson",
 ]

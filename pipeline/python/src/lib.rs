@@ -8,6 +8,7 @@ mod core_field;
 mod faults;
 mod maps;
 mod metrics;
+mod parts;
 mod runs;
 mod signal;
 mod tables;
@@ -36,5 +37,6 @@ fn _magline(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(tolles_lawson::fit, module)?)?;
     module.add_function(wrap_pyfunction!(tolles_lawson::predict, module)?)?;
     module.add_function(wrap_pyfunction!(tolles_lawson::term_names, module)?)?;
+    parts::register_types(module)?;
     metrics::register(module)
 }

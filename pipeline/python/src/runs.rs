@@ -24,6 +24,7 @@ use serde_json::{Value, json};
 use crate::{
     attended::attended,
     faults::{record, spec_exception},
+    parts::catalogue,
 };
 
 /// Lock of the run of this process: the flags of an interrupt belong to one run.
@@ -85,7 +86,7 @@ pub fn check(
 ) -> PyResult<String> {
     let source = SpecSource { file, folder, text, sets };
     let checked = move || -> Result<Value, SpecFaults> {
-        let plan = Plan::new(source.read()?, &pipeline::catalogue())?;
+        let plan = Plan::new(source.read()?, &catalogue())?;
         let points: usize = plan.tables.iter().map(|t| plan.most_points(t)).sum();
         let tables: Vec<&str> = plan.tables.iter().map(|t| t.name.as_str()).collect();
         Ok(json!({ "tables": tables, "points": points, "notes": plan.notes }))
@@ -99,7 +100,7 @@ fn execute(source: &SpecSource, threads: Option<usize>) -> Result<Value, SpecFau
     INTERRUPTED.store(false, Ordering::SeqCst);
     STARTED.store(false, Ordering::SeqCst);
     let begun = Instant::now();
-    let catalogue = pipeline::catalogue();
+    let catalogue = catalogue();
     let spec = source.read()?;
     if let Some(other) = made_by_another(&spec) {
         let what = format!("the pipeline `{}` in this store belongs to another spec, {other}", spec.name);

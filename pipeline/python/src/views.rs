@@ -11,7 +11,7 @@ use pipeline::{
 use pyo3::prelude::*;
 use schemas::Fault;
 
-use crate::{attended::attended, faults::spec_exception, runs::SpecSource};
+use crate::{attended::attended, faults::spec_exception, parts::catalogue, runs::SpecSource};
 
 /// The plan of a spec as text: tables, axes, stored results and the cost of each stage.
 #[pyfunction]
@@ -63,7 +63,7 @@ fn view(
     show: impl FnOnce(&PlanGraph, &Store) -> Result<String, Fault> + Send + 'static,
 ) -> PyResult<String> {
     let shown = move || -> Result<String, SpecFaults> {
-        let catalogue = pipeline::catalogue();
+        let catalogue = catalogue();
         let plan = Plan::new(source.read()?, &catalogue)?;
         let store = Store::open(&plan.spec.store).map_err(|fault| plan.spec.faults(vec![fault]))?;
         let plan = settled(plan, &catalogue, &store, &|_, _| ())?;

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from conftest import REPOSITORY
 
-MODULES = ["core_field", "maps", "metrics", "runs", "signal", "spec", "tables", "tolles_lawson"]
+MODULES = ["core_field", "maps", "metrics", "parts", "runs", "signal", "spec", "tables", "tolles_lawson"]
 
 
 @pytest.mark.parametrize("name", MODULES)

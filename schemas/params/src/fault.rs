@@ -184,6 +184,18 @@ impl Fault {
     }
 }
 
+impl Fault {
+    /// [`Fault::nearest`] for the name of a part that may be written in Python: a stage, model, filter or metric. Unless
+    /// a known name is near, the remedy includes the option that loads such parts.
+    pub fn nearest_part<S: AsRef<str>>(self, given: &str, known: &[S]) -> Self {
+        let mut fault = self.nearest(given, known);
+        if let Some(help) = fault.help.as_mut().filter(|_| nearest(given, known).is_none()) {
+            help.push_str("; to load parts written in Python, use `magline --parts FILE.py`");
+        }
+        fault
+    }
+}
+
 fn listed<S: AsRef<str>>(known: &[S]) -> String {
     const SHOWN: usize = 30;
     let names: Vec<&str> = known.iter().take(SHOWN).map(AsRef::as_ref).collect();

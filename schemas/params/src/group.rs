@@ -131,6 +131,12 @@ impl<'a> ParamReader<'a> {
         self.faults.push(Fault::new(format!("`{name}` cannot be `{word}`")).nearest(word, known).at(given.at.clone()));
     }
 
+    /// [`ParamReader::wrong_word`] for the name of a part that may be written in Python, such as a model.
+    pub fn wrong_choice(&mut self, name: &str, word: &str, known: &[&str], given: &SpecEntry) {
+        let fault = Fault::new(format!("`{name}` cannot be `{word}`")).nearest_part(word, known);
+        self.faults.push(fault.at(given.at.clone()));
+    }
+
     /// Reads a value without keys of its own.
     pub fn plain<T: ParamValue>(&mut self, param: Param<T>) -> Option<T> {
         let Param { name, rule, doc, absent } = param;

@@ -19,6 +19,12 @@ pub trait ChoiceKind: Send + Sync + 'static {
     /// Version, raised when the results change.
     fn version(&self) -> u32;
 
+    /// Hash of the source text of a choice that is loaded at run time. It is part of the keys of results. `None` for a
+    /// compiled choice, whose version changes with its results.
+    fn source(&self) -> Option<&str> {
+        None
+    }
+
     /// Its own keys, for the reference.
     fn docs(&self) -> Vec<ParamDoc> {
         vec![]
@@ -33,12 +39,13 @@ pub trait ChoiceKind: Send + Sync + 'static {
     fn read(&self, reader: &mut ParamReader) -> Option<ChoiceKeys<Self::Keys>>;
 }
 
-/// The spelling of a choice in a key: its name, and its version if above 1.
+/// The spelling of a choice in a key: its name, its version if above 1, and the hash of its source if it has one.
 fn spelt<K: ChoiceKind>(kind: &K) -> String {
-    match kind.version() {
+    let named = match kind.version() {
         1 => format!("{:?}", kind.name()),
         version => format!("{:?} version {version}", kind.name()),
-    }
+    };
+    kind.source().map(|source| format!("{named} source {source}")).unwrap_or(named)
 }
 
 /// Keys of a choice.
@@ -209,7 +216,7 @@ impl<K: ChoiceKind> ParamValue for ChoiceSelection<K> {
         };
         let Some(kind) = kinds.find(name) else {
             if let Some(given) = reader.given(param.name) {
-                reader.wrong_word(param.name, name, &kinds.names, given);
+                reader.wrong_choice(param.name, name, &kinds.names, given);
             } else {
                 reader.push(Fault::bug(format!("`{}` has no `{name}`", param.name)));
             }
@@ -314,7 +321,7 @@ impl<K: ChoiceKind> ParamValue for ChoiceSubset<K> {
         let find = |word: &String| {
             let found = kinds.find(word);
             if found.is_none() {
-                reader.wrong_word(param.name, word, &kinds.names, given);
+                reader.wrong_choice(param.name, word, &kinds.names, given);
             }
             found
         };
@@ -352,6 +359,10 @@ mod tests {
 
         fn version(&self) -> u32 {
             if self.0 == "flat" { 2 } else { 1 }
+        }
+
+        fn source(&self) -> Option<&str> {
+            (self.0 == "loaded").then_some("5f2e")
         }
 
         fn docs(&self) -> Vec<ParamDoc> {
@@ -404,6 +415,7 @@ mod tests {
         );
         assert_eq!(stage.curve.foreign("degree").unwrap().what, "`degree` belongs to `straight`");
         assert!(stage.curve.takes("curves") && read(&[]).unwrap().curve.takes("degree"));
+        assert_eq!(super::spelt(&Curve("loaded")), "\"loaded\" source 5f2e");
     }
 
     #[test]

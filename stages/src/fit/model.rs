@@ -4,6 +4,8 @@
 //! [`MODELS`](super::MODELS). The struct of a model holds only the keys of the model, so it cannot depend on a key of
 //! another model.
 
+use std::fmt;
+
 use numerics::regression::least_squares::{LinearFit, ScaledFactor};
 use schemas::{ChoiceDoc, ChoiceKeys, ChoiceKind, Fault, ParamDoc, ParamReader, collect_doc};
 
@@ -15,13 +17,19 @@ use super::{
 };
 use crate::trained::{LearnedModel, TermValue};
 
+/// Documentation of the keys of a model or filter.
+pub type KeyDocsFn = dyn Fn() -> Vec<ParamDoc> + Send + Sync;
+/// Reader of the keys of a model.
+pub type ReadModelFn = dyn Fn(&mut ParamReader) -> Option<ChoiceKeys<dyn FitModel>> + Send + Sync;
+
 /// Declaration of a model.
-#[derive(Debug)]
 pub struct FitModelDecl {
     /// Word after `model =`.
     pub name: &'static str,
     /// Version, raised whenever the results of the model change.
     pub version: u32,
+    /// Hash of the source text of a model that is loaded at run time. `None` for a compiled model.
+    pub source: Option<&'static str>,
     /// Lines of the model's documentation: the quantity minimised, when to use it, source.
     pub doc: &'static [&'static str],
     /// Default of `scaling`.
@@ -37,9 +45,15 @@ pub struct FitModelDecl {
     /// Keys of the example of the stage with this model, one per line.
     pub example: &'static str,
     /// Documentation of the model's own keys.
-    pub docs: fn() -> Vec<ParamDoc>,
+    pub docs: &'static KeyDocsFn,
     /// Reads the model's own keys.
-    pub read: fn(&mut ParamReader) -> Option<ChoiceKeys<dyn FitModel>>,
+    pub read: &'static ReadModelFn,
+}
+
+impl fmt::Debug for FitModelDecl {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("FitModelDecl").field("name", &self.name).field("version", &self.version).finish_non_exhaustive()
+    }
 }
 
 impl ChoiceKind for FitModelDecl {
@@ -52,6 +66,10 @@ impl ChoiceKind for FitModelDecl {
 
     fn version(&self) -> u32 {
         self.version
+    }
+
+    fn source(&self) -> Option<&str> {
+        self.source
     }
 
     fn docs(&self) -> Vec<ParamDoc> {
@@ -268,6 +286,7 @@ macro_rules! model {
                 $crate::fit::FitModelDecl {
                     name: $name,
                     version: $v,
+                    source: None,
                     doc: &[$($d),*],
                     scaling: $crate::fit::Divisor::$scaling,
                     intercept: $intercept,
@@ -275,8 +294,8 @@ macro_rules! model {
                     choose: &[$($crate::fit::ModelSelection::$choose),+],
                     takes: &[$(stringify!($setting)),*],
                     example: $example,
-                    docs,
-                    read: |reader| schemas::ChoiceKeys::read::<$Ty>(reader, |model| std::sync::Arc::new(model)),
+                    docs: &docs,
+                    read: &|reader| schemas::ChoiceKeys::read::<$Ty>(reader, |model| std::sync::Arc::new(model)),
                 }
             };
         }

@@ -158,7 +158,7 @@ fn residual(samples: &FitSamples, line: &LineSamples, model: &LearnedModel) -> R
     let at: Option<Vec<usize>> = model.columns().iter().map(place).collect();
     let at = at.ok_or_else(|| Fault::bug("a model uses columns that it did not receive"))?;
     let runs: Vec<usize> = line.runs.iter().map(Range::len).collect();
-    let predicted = model.predict(&line.columns(&at, samples.names.len()), &runs).field_nt;
+    let predicted = model.predict(&line.columns(&at, samples.names.len()), &runs)?.field_nt;
     if predicted.len() != line.y.len() {
         return Err(Fault::bug("a model returned predictions for other rows than it received"));
     }

@@ -1,11 +1,12 @@
 //! Importance of groups of inputs on a line, by each method.
 
-use std::{convert::Infallible, fmt::Display};
+use std::fmt::Display;
 
 use learning::{
     importance::{
-        AttributionSampling, Attributions, PermutationBlocks, PermutationImportance, expected_gradients,
-        iterative_hard_thresholding, pearson, permutation, shapley_linear, shapley_sampled, shapley_trees, spearman,
+        AttributionSampling, Attributions, ImportanceError, PermutationBlocks, PermutationImportance,
+        expected_gradients, iterative_hard_thresholding, pearson, permutation, shapley_linear, shapley_sampled,
+        shapley_trees, spearman,
     },
     network::NetworkForm,
 };
@@ -178,15 +179,15 @@ impl Importance {
         fitted: &FittedModel,
         groups: &[Vec<usize>],
     ) -> Result<Vec<GroupImportance>, Fault> {
-        let predict = |x: &[f64]| Ok::<_, Infallible>(fitted.field_nt(x));
+        let predict = |x: &[f64]| fitted.field_nt(x);
         let block = (self.block_s * rows.rate_hz).round().max(1.0) as usize;
         let blocks = PermutationBlocks { rows: block, repeats: self.repeats, seed: self.seed as u64 };
         // Ignores the mean of the model's error, as in the cross-validation of `fit`.
-        let missed: Vec<f64> = rows.y.iter().zip(fitted.field_nt(&rows.x)).map(|(y, f)| y - f).collect();
+        let missed: Vec<f64> = rows.y.iter().zip(fitted.field_nt(&rows.x)?).map(|(y, f)| y - f).collect();
         let mean = statistics::mean(&missed).value;
         let y: Vec<f64> = rows.y.iter().map(|y| y - mean).collect();
         let found = permutation(&predict, &rows.x, rows.width, &y, groups, &blocks);
-        let PermutationImportance { increases, .. } = found.map_err(|e| refused(e).of_param("block_s"))?;
+        let PermutationImportance { increases, .. } = found.map_err(|e| failed(e, Some("block_s")))?;
         let one = |repeats: &Vec<f64>| GroupImportance {
             value: statistics::mean(repeats).value,
             spread: statistics::std(repeats).value,
@@ -216,9 +217,9 @@ impl Importance {
         {
             return shapley_trees(trees.forest(), &some, &background, rows.width, groups).map_err(refused);
         }
-        let predict = |x: &[f64]| Ok::<_, Infallible>(fitted.field_nt(x));
+        let predict = |x: &[f64]| fitted.field_nt(x);
         let sampling = AttributionSampling { samples: self.draws, seed: self.seed as u64 };
-        shapley_sampled(&predict, &some, &background, rows.width, groups, &sampling).map_err(refused)
+        shapley_sampled(&predict, &some, &background, rows.width, groups, &sampling).map_err(|e| failed(e, None))
     }
 
     fn gradients(
@@ -240,10 +241,7 @@ impl Importance {
         let samples = self.draws.saturating_mul(background.len() / rows.width.max(1));
         let sampling = AttributionSampling { samples, seed: self.seed as u64 };
         let found = expected_gradients(&gradient, &some, &background, rows.width, groups, &sampling);
-        found.map_err(|e| match e {
-            learning::importance::ImportanceError::Model(fault) => fault,
-            other => refused(other),
-        })
+        found.map_err(|e| failed(e, None))
     }
 }
 
@@ -332,6 +330,15 @@ fn root_of_squares(values: impl Iterator<Item = f64>) -> f64 {
 
 fn mean_and_deviation(x: &[f64]) -> (f64, f64) {
     (statistics::mean(x).value, statistics::std(x).value)
+}
+
+/// Fault of a model that fails, or of rows or settings, which `param` determines.
+fn failed(e: ImportanceError<Fault>, param: Option<&str>) -> Fault {
+    match (e, param) {
+        (ImportanceError::Model(fault), _) => fault,
+        (other, Some(param)) => refused(other).of_param(param),
+        (other, None) => refused(other),
+    }
 }
 
 fn refused(e: impl Display) -> Fault {

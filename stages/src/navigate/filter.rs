@@ -3,7 +3,7 @@
 //! A filter is one file with its declaration by [`filter!`](crate::filter!), its run and its tests, and one line in
 //! [`FILTERS`](super::FILTERS).
 
-use std::{any::Any, sync::Arc};
+use std::{any::Any, fmt, sync::Arc};
 
 use arrow_array::{ArrayRef, RecordBatch};
 use numerics::{
@@ -31,7 +31,7 @@ use super::{
     further::AuxiliaryMeasurements,
     tuning::LineNoiseEstimate,
 };
-use crate::columns::list;
+use crate::{columns::list, fit::KeyDocsFn};
 
 /// One flight line as input of a filter.
 pub struct FilterInput<'a> {
@@ -432,23 +432,33 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
 /// A type-erased filter with a line.
 pub type FilterPoint<'a> = (&'a dyn NavigationFilter, &'a FilterInput<'a>);
 
+/// Reader of the keys of a filter.
+pub type ReadFilterFn = dyn Fn(&mut ParamReader) -> Option<ChoiceKeys<dyn NavigationFilter>> + Send + Sync;
+
 /// Declaration of a filter.
-#[derive(Debug)]
 pub struct FilterDecl {
     /// Value of `filter`.
     pub name: &'static str,
     /// Version, raised whenever the results change.
     pub version: u32,
+    /// Hash of the source text of a filter that is loaded at run time. `None` for a compiled filter.
+    pub source: Option<&'static str>,
     /// Documentation lines: state and method, use, source.
     pub doc: &'static [&'static str],
     /// Keys for the example of the stage with this filter, one per line.
     pub example: &'static str,
     /// Documentation of the filter's keys.
-    pub docs: fn() -> Vec<ParamDoc>,
+    pub docs: &'static KeyDocsFn,
     /// Reads the filter's keys.
-    pub read: fn(&mut ParamReader) -> Option<ChoiceKeys<dyn NavigationFilter>>,
+    pub read: &'static ReadFilterFn,
     /// See [`NavigationFilter::navigate_points`]; all points have a filter of this type.
     pub navigate_points: fn(&[FilterPoint]) -> Vec<Result<FilterTrack, Fault>>,
+}
+
+impl fmt::Debug for FilterDecl {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("FilterDecl").field("name", &self.name).field("version", &self.version).finish_non_exhaustive()
+    }
 }
 
 impl FilterDecl {
@@ -469,6 +479,10 @@ impl ChoiceKind for FilterDecl {
 
     fn version(&self) -> u32 {
         self.version
+    }
+
+    fn source(&self) -> Option<&str> {
+        self.source
     }
 
     fn docs(&self) -> Vec<ParamDoc> {
@@ -560,10 +574,11 @@ macro_rules! filter {
             pub const FILTER: $crate::navigate::FilterDecl = $crate::navigate::FilterDecl {
                 name: $name,
                 version: $v,
+                source: None,
                 doc: &[$($d),*],
                 example: $example,
-                docs: || <$Ty as schemas::Params>::docs(&schemas::ChoiceRegistry::default()),
-                read: |reader| schemas::ChoiceKeys::read::<$Ty>(reader, |filter| std::sync::Arc::new(filter)),
+                docs: &|| <$Ty as schemas::Params>::docs(&schemas::ChoiceRegistry::default()),
+                read: &|reader| schemas::ChoiceKeys::read::<$Ty>(reader, |filter| std::sync::Arc::new(filter)),
                 navigate_points: $crate::navigate::navigate_points::<$Ty>,
             };
         }

@@ -1,6 +1,6 @@
 //! Definition of a metric.
 
-use std::sync::Arc;
+use std::{fmt, sync::Arc};
 
 use numerics::regression::statistics::SampleStatistic;
 use schemas::{ChoiceKeys, ChoiceKind, Fault, ParamReader, metric::Metric};
@@ -8,22 +8,27 @@ use schemas::{ChoiceKeys, ChoiceKind, Fault, ParamReader, metric::Metric};
 use super::{line::ScoreLine, source::ScoreSource};
 
 /// A metric and its computation on a line.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Scorer {
     /// Properties that do not depend on a line.
     pub metric: Metric,
     /// Version of a metric that is not built in, raised whenever its value changes. Built-in metrics share the version
     /// of `score`.
     pub version: u32,
+    /// Hash of the source text of a metric that is loaded at run time. `None` for a compiled metric.
+    pub source: Option<&'static str>,
     /// Required sources.
     pub needs: &'static [ScoreSource],
     /// Sources used if available.
     pub uses: &'static [ScoreSource],
     /// Computation of the value.
-    pub score: fn(&ScoreLine) -> Result<SampleStatistic, Fault>,
+    pub score: &'static ScoreFn,
     /// Sorted samples of which the metric is a quantile. The samples are used to pool lines.
     pub spread: Option<QuantileSamplesFn>,
 }
+
+/// Computation of a metric on a line.
+pub type ScoreFn = dyn Fn(&ScoreLine) -> Result<SampleStatistic, Fault> + Send + Sync;
 
 /// Sorted samples of a line of which a metric is a quantile.
 pub type QuantileSamplesFn = for<'l> fn(&'l ScoreLine) -> Result<&'l [f64], Fault>;
@@ -40,8 +45,21 @@ impl ChoiceKind for Scorer {
         self.version
     }
 
+    fn source(&self) -> Option<&str> {
+        self.source
+    }
+
     fn read(&self, _: &mut ParamReader) -> Option<ChoiceKeys<()>> {
         Some(ChoiceKeys { keys: Arc::new(()), spelt: vec![] })
+    }
+}
+
+impl fmt::Debug for Scorer {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Scorer { metric, version, needs, uses, .. } = self;
+        let mut shown = f.debug_struct("Scorer");
+        shown.field("metric", metric).field("version", version).field("needs", needs).field("uses", uses);
+        shown.finish_non_exhaustive()
     }
 }
 
@@ -75,9 +93,10 @@ macro_rules! metric {
                 shown: [$($shown,)? schemas::metric::MetricDisplay::NOWHERE][0],
             },
             version: [$($v,)? 1][0],
+            source: None,
             needs: &[$($crate::score::ScoreSource::$need $(($need_column))?),+],
             uses: &[$($($crate::score::ScoreSource::$use $(($use_column))?),+)?],
-            score: $score,
+            score: &$score,
             spread: [$(Some($spread as $crate::score::QuantileSamplesFn),)? None][0],
         };
     };
