@@ -34,7 +34,8 @@ fn user_every_figure_of_the_page_is_a_file_with_a_caption() {
     // The user's files stay; figures of the earlier report do not.
     fs::write(folder.join("001-mine.svg"), "mine").unwrap();
     let first = files.iter().next().unwrap();
-    fs::write(folder.join("captions.md"), format!("{captions}\n**999-old.svg** Old.\n\n**../page.html** No.\n")).unwrap();
+    fs::write(folder.join("captions.md"), format!("{captions}\n**999-old.svg** Old.\n\n**../page.html** No.\n"))
+        .unwrap();
     fs::write(folder.join("999-old.svg"), "old").unwrap();
     let before = fs::read(folder.join(first)).unwrap();
     let output = bench.magline(&["report", "spec.toml", "--figures", "out/figures"]);

@@ -90,7 +90,8 @@ fn user_every_command_of_the_help_has_a_manual_page_and_completions() {
             assert!(script.contains(name), "{shell}: {name}");
         }
     }
-    let hidden = fs::read_dir(folder.join("pages")).unwrap().flatten().any(|e| e.file_name() == "magline-answer-query.1");
+    let hidden =
+        fs::read_dir(folder.join("pages")).unwrap().flatten().any(|e| e.file_name() == "magline-answer-query.1");
     assert!(!hidden, "an internal command has no page");
     let output = magline(folder, &["man", "rnu"]);
     assert_eq!(output.status.code(), Some(2));

@@ -176,7 +176,9 @@ fn user_existing_files_are_not_overwritten_and_a_failure_leaves_none() {
     assert!(stderr(&output).contains("log.toml exists and is not overwritten"), "{}", stderr(&output));
     assert_eq!(fs::read_to_string(folder.join("log.toml")).unwrap(), "mine");
     assert_eq!(names(), ["log.csv", "log.toml"]);
-    for (name, bytes) in [("empty.csv", &b""[..]), ("words.csv", b"a,b\nx,y\n"), ("image.csv", b"\x89PNG\r\n\x1a\n\0\0")] {
+    for (name, bytes) in
+        [("empty.csv", &b""[..]), ("words.csv", b"a,b\nx,y\n"), ("image.csv", b"\x89PNG\r\n\x1a\n\0\0")]
+    {
         fs::write(folder.join(name), bytes).unwrap();
         let output = magline(folder, &["init", name, "-o", "new.toml"]);
         let message = stderr(&output);

@@ -31,7 +31,11 @@ pub fn schema(catalogue: &[StageEntry]) -> Value {
     let range = group(&search.axis);
     let mut searched = group(&search.search);
     let halving = group(&search.halving);
-    put(&mut searched, "axes", json!({ "type": "object", "minProperties": 1, "additionalProperties": { "anyOf": [range, values] } }));
+    put(
+        &mut searched,
+        "axes",
+        json!({ "type": "object", "minProperties": 1, "additionalProperties": { "anyOf": [range, values] } }),
+    );
     put(&mut searched, "where", text("An SQL predicate on `flight` and `line` that selects the lines of the goal."));
     put(&mut searched, "halving", {
         let mut halving = halving;
@@ -84,7 +88,8 @@ fn variants(entry: &StageEntry) -> Vec<Value> {
     }
     let Some((key, kinds)) = by_key.into_iter().next() else { return vec![stage(entry, &[], None)] };
     let defaults: Vec<&ParamDoc> = entry.params.iter().filter(|p| p.name == key).collect();
-    let is_default = |kind: &ChoiceDoc| defaults.iter().any(|p| p.default.as_deref().is_some_and(|d| named(d, kind.name)));
+    let is_default =
+        |kind: &ChoiceDoc| defaults.iter().any(|p| p.default.as_deref().is_some_and(|d| named(d, kind.name)));
     let mut forms: Vec<Value> = kinds
         .iter()
         .map(|kind| {
@@ -311,7 +316,9 @@ mod tests {
             search.halving,
         ]
         .concat();
-        docs.extend(catalogue.iter().flat_map(|e| e.params.iter().chain(e.kinds.iter().flat_map(|k| &k.params))).cloned());
+        docs.extend(
+            catalogue.iter().flat_map(|e| e.params.iter().chain(e.kinds.iter().flat_map(|k| &k.params))).cloned(),
+        );
         while let Some(doc) = docs.pop() {
             assert!(own_type(&doc).is_some(), "{}: {} ({})", doc.name, doc.type_name, doc.rule);
             docs.extend(doc.keys);

@@ -120,7 +120,7 @@ pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> 
         say::out_text(format!("written: {} (columns, units, time)\n", shown(&own).display()));
     }
     if let Some((path, _)) = &lines {
-        say::out_text(format!("written: {} (two halves of the log as lines)\n", shown(path).display()));
+        say::out_text(format!("written: {} (two halves of the flight as lines)\n", shown(path).display()));
     }
     checked?;
     for fault in &implausible {

@@ -132,7 +132,8 @@ pub fn run(args: &NewArgs) -> Result<(), ExitReason> {
         let what = format!("{} exists and is not overwritten", folder.display());
         return Err(Fault::new(what).help(format!("give another folder: `magline new {name} FOLDER`")).into());
     }
-    write(example, &folder).map_err(|e| ExitReason::Failed(format!("error: cannot write {}: {e}", folder.display())))?;
+    write(example, &folder)
+        .map_err(|e| ExitReason::Failed(format!("error: cannot write {}: {e}", folder.display())))?;
     let spec = folder.join(format!("{name}.toml"));
     say::out_text(format!("{}: {}\n\n", folder.display(), example.about));
     for file in files(example) {

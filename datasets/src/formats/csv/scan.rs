@@ -6,11 +6,7 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::{
-    super::{
-        FlightOptions, decimal,
-        missing::MissingMarkers,
-        text_end::is_whole,
-    },
+    super::{FlightOptions, decimal, missing::MissingMarkers, text_end::is_whole},
     CsvColumnKind,
     blocks::{CsvBlock, CsvBlockReader},
     cells::{CsvCells, ends_record},

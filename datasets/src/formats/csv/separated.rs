@@ -42,7 +42,8 @@ impl CsvStyle {
         let style = CsvStyle { above: above.len(), ..CsvStyle::new(first) };
         // The last comment is the header if it has a name for each value of a row of numbers.
         let names = comment.trim_start_matches(COMMENT).trim();
-        let cells = |line: &str| line.split(char::from(style.separator)).map(|c| c.trim().to_owned()).collect::<Vec<_>>();
+        let cells =
+            |line: &str| line.split(char::from(style.separator)).map(|c| c.trim().to_owned()).collect::<Vec<_>>();
         let is_number = |cell: &String| cell.is_empty() || super::number(&cell.replace(',', ".")).is_some();
         let row = cells(first);
         let heads = row.len() > 1 && row.iter().all(is_number) && cells(names).len() == row.len();

@@ -228,11 +228,8 @@ pub fn reference() -> String {
                     `halving` are the values of its axis, the cheapest first. Every trial of a generation is run \
                     with the first value, and the best 1/`eta` of them with the next value.\n"
         .to_owned();
-    let groups = [
-        ("[search]", search),
-        ("[search.axes] NAME = { ... }", axis),
-        ("[search] halving = { ... }", halving),
-    ];
+    let groups =
+        [("[search]", search), ("[search.axes] NAME = { ... }", axis), ("[search] halving = { ... }", halving)];
     for (title, docs) in groups {
         text += &format!("\n`{title}`\n\n| key | type | unit | default | values | |\n|---|---|---|---|---|---|\n");
         text.extend(docs.iter().map(|d| d.row("")));

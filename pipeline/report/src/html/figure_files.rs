@@ -31,7 +31,9 @@ pub fn figure_files(page: &str) -> Vec<FigureFile> {
         rest = after;
         let (opening, inner) = figure.split_once('>').unwrap_or((figure, ""));
         // Pictures of definitions and of table cells have no text for screen readers.
-        let Some(label) = attribute(opening, "aria-label").filter(|_| opening.contains("role=\"img\"")) else { continue };
+        let Some(label) = attribute(opening, "aria-label").filter(|_| opening.contains("role=\"img\"")) else {
+            continue;
+        };
         let label = unescaped(label);
         let name = format!("{:03}-{}.svg", found.len() + 1, words(&label));
         let caption = caption(after).map_or(label.clone(), |text| format!("{label}. {text}"));
@@ -193,17 +195,23 @@ impl StyleSheet {
             rest = after;
         }
         let root = rules.iter().find(|(selector, _)| *selector == ":root").map_or("", |(_, text)| text);
-        let variables = root.split(';').filter_map(|one| one.split_once(':')).map(|(n, v)| (n.trim(), v.trim())).collect();
+        let variables =
+            root.split(';').filter_map(|one| one.split_once(':')).map(|(n, v)| (n.trim(), v.trim())).collect();
         StyleSheet { rules, variables }
     }
 
     /// The rules for SVG elements and for the classes of a figure.
     fn rules_of(&self, figure: &str) -> String {
-        let classes: BTreeSet<&str> =
-            figure.split(" class=\"").skip(1).filter_map(|t| t.split('"').next()).flat_map(str::split_whitespace).collect();
+        let classes: BTreeSet<&str> = figure
+            .split(" class=\"")
+            .skip(1)
+            .filter_map(|t| t.split('"').next())
+            .flat_map(str::split_whitespace)
+            .collect();
         let applies = |selector: &str| {
             selector.split(',').any(|one| {
-                let names = one.split('.').skip(1).filter_map(|t| t.split(|c: char| !(c.is_alphanumeric() || c == '-')).next());
+                let names =
+                    one.split('.').skip(1).filter_map(|t| t.split(|c: char| !(c.is_alphanumeric() || c == '-')).next());
                 let names: Vec<&str> = names.collect();
                 let is_svg = one.trim().split([' ', '.', ':']).next() == Some("svg");
                 (is_svg || !names.is_empty()) && names.iter().all(|name| classes.contains(name))
@@ -215,7 +223,12 @@ impl StyleSheet {
             let kept: Vec<&str> = declarations
                 .split(';')
                 .map(str::trim)
-                .filter(|d| !d.is_empty() && !["width", "height", "max-width", "min-width"].iter().any(|k| d.starts_with(&format!("{k}:"))))
+                .filter(|d| {
+                    !d.is_empty()
+                        && !["width", "height", "max-width", "min-width"]
+                            .iter()
+                            .any(|k| d.starts_with(&format!("{k}:")))
+                })
                 .collect();
             text += &format!("{selector} {{ {} }}\n", kept.join("; "));
         }
@@ -264,7 +277,11 @@ mod tests {
         assert_eq!(one.name, "001-a-b-c.svg");
         assert_eq!(one.caption, "a <b> ../c. Two words & more.");
         assert!(one.svg.contains("<g id=\"m1\">") && one.svg.contains("width=\"10\" height=\"5\""), "{}", one.svg);
-        assert!(!one.svg.contains("var(") && !one.svg.contains("@media") && !one.svg.contains("max-width"), "{}", one.svg);
+        assert!(
+            !one.svg.contains("var(") && !one.svg.contains("@media") && !one.svg.contains("max-width"),
+            "{}",
+            one.svg
+        );
         assert_eq!(one.svg.matches("<svg").count(), one.svg.matches("</svg>").count());
         assert!(figure_list("p", &found).contains("a \\<b\\> ../c. Two words & more."));
     }

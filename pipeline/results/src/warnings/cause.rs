@@ -59,10 +59,10 @@ impl<'a> LineFacts<'a> {
         let params = it.params();
         let param = |name: &str| params.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_str());
         let number = |name: &str| param(name).and_then(|v| v.parse::<f64>().ok());
-        // `auto` is not a number. It uses the residual of the calibration, which is a column of the input.
-        let found = |param: &str, column: &str| match (number(param), it.first_input()) {
-            (None, Some(input)) => first(graph, store, input, line, column),
-            (given, _) => Ok(given),
+        // `"auto"` uses the residual of the calibration, which is a column of the input. An unset key does not.
+        let found = |param_name: &str, column: &str| match (param(param_name), it.first_input()) {
+            (Some("auto"), Some(input)) => first(graph, store, input, line, column),
+            _ => Ok(number(param_name)),
         };
         let tuned = |column: &str| first(graph, store, TableRef::Stage(t, i), line, column);
         let likely_nt = tuned("noise_sigma")?;

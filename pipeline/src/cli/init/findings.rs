@@ -13,6 +13,8 @@ use super::text::InitSource;
 
 /// Number of samples in the fast mean that a manoeuvre is measured against, in s.
 const MEAN_S: f64 = 10.0;
+/// Ground speed above which an aircraft flies, m/s.
+const FLYING_M_S: f64 = 3.0;
 /// Number of time steps from which the rate of a line is found.
 const STEPS: usize = 5_000;
 
@@ -25,6 +27,8 @@ pub struct LineFinding {
     pub rate_hz: Option<f64>,
     /// Root mean square of the change of direction of the first vector magnetometer within [`MEAN_S`], degrees.
     pub swing_deg: Option<f64>,
+    /// First and last time with a ground speed above [`FLYING_M_S`].
+    pub flying: Option<(f64, f64)>,
     steps: Vec<f64>,
     mean: Option<[f64; 3]>,
     swing: (f64, usize),
@@ -147,6 +151,7 @@ impl TableFindings {
         }
         let text = |name: &str| batch.column_by_name(name).and_then(|c| c.as_string_opt::<i32>()).ok_or_else(lost);
         let (flights, lines, tt) = (text("flight")?, text("line")?, number("tt").ok_or_else(lost)?);
+        let velocity = number("vn").zip(number("ve"));
         let axes = vector.map(|v| ["x", "y", "z"].map(|axis| number(&format!("{v}_{axis}"))));
         for row in 0..batch.num_rows() {
             let word = |c: &arrow_array::StringArray| if c.is_null(row) { "" } else { c.value(row) }.to_owned();
@@ -157,6 +162,10 @@ impl TableFindings {
                 _ => None,
             };
             line.add(value(tt), field);
+            if velocity.is_some_and(|(north, east)| value(north).hypot(value(east)) > FLYING_M_S) {
+                let first = line.flying.map_or(value(tt), |(first, _)| first);
+                line.flying = Some((first, value(tt)));
+            }
         }
         Ok(())
     }

@@ -70,7 +70,10 @@ impl InitText<'_> {
             }
             // Two tables with a column of the same name cannot be joined.
             let free = |t: &&TableFindings| {
-                let shared = |name: &String| !["tt", "year", "doy"].contains(&name.as_str()) && chosen.iter().any(|c| c.columns.contains_key(name));
+                let shared = |name: &String| {
+                    !["tt", "year", "doy"].contains(&name.as_str())
+                        && chosen.iter().any(|c| c.columns.contains_key(name))
+                };
                 need(t) && !t.columns.keys().any(shared)
             };
             if let Some(table) = self.found.tables.iter().find(free) {
@@ -140,7 +143,7 @@ impl InitText<'_> {
             text += &format!("table   = {}\n", quoted(&table.name));
         }
         if let Some((file, _)) = self.lines.as_ref().filter(|_| self.vector_only().is_some()) {
-            text += &format!("lines   = {}   # two halves; edit the times to leave out the ground\n", quoted(file));
+            text += &format!("lines   = {}   # two halves of the flight\n", quoted(file));
         }
         for (key, given) in [("flight ", &self.found.flight), ("line   ", &self.found.line)] {
             if let Some(given) = given {
@@ -230,7 +233,10 @@ impl InitText<'_> {
             (Some(_), None) => "none: it requires a vector magnetometer".to_owned(),
             (None, _) => match self.vector_only() {
                 Some(only) => format!("the magnitude of {}, with the core field as the reference", only.vector),
-                None => "none: without a scalar magnetometer it requires a vector magnetometer, attitude, position and date".to_owned(),
+                None => {
+                    "none: without a scalar magnetometer it requires a vector magnetometer, attitude, position and date"
+                        .to_owned()
+                }
             },
         }
     }

@@ -260,7 +260,9 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
     let words = column.words();
     let joined = words.concat();
     let known = flight::describe(&column.name);
-    let is_ins = has(&words, &["ins", "nav", "ekf", "est"]);
+    let topic_words: Vec<String> =
+        topic.name.to_lowercase().split(|c: char| !c.is_alphanumeric()).map(str::to_owned).collect();
+    let is_ins = has(&words, &["ins", "nav", "ekf", "est"]) || has(&topic_words, &["ins", "ekf"]);
     let from = quoted(&column.name);
     let made = |ours: &str, unit: &str, why: &str| {
         let toml = format!("{{ from = {from}, unit = \"{unit}\" }}");

@@ -26,32 +26,36 @@ impl InitText<'_> {
         Some(VectorOnly { vector, above_sea: !has("alt") })
     }
 
-    /// Name and text of a table with the two halves of the only line of a log; `None` for a short log and for several
-    /// lines.
+    /// Name and text of a table with the two halves of the only line of a log, without the time on the ground; `None` for
+    /// a short log and for several lines.
     pub fn halves(&self, stem: &str) -> Option<(String, String)> {
         self.vector_only()?;
         let inputs = self.inputs();
         let mut lines = inputs.first()?.lines.iter();
         let ((flight, _), line) = lines.next()?;
-        let long = line.last_tt - line.first_tt >= LEAST_S;
+        // The engine and the surroundings differ on the ground.
+        let flying = inputs.iter().find_map(|t| t.lines.values().find_map(|l| l.flying));
+        let (begins, ends) = flying.unwrap_or((line.first_tt, line.last_tt));
+        let (first, last) = (line.first_tt.max(begins), line.last_tt.min(ends));
+        let long = last - first >= LEAST_S;
         if !long || lines.next().is_some() {
             return None;
         }
         // The comma and the quote of a flight name are escaped as in CSV.
         let flight = format!("\"{}\"", flight.replace('"', "\"\""));
-        let (first, middle, last) = (line.first_tt, 0.5 * (line.first_tt + line.last_tt), line.last_tt);
-        let text = format!(
-            "flight,line,t_start,t_end\n{flight},1,{first:.3},{middle:.3}\n{flight},2,{middle:.3},{last:.3}\n"
-        );
+        let middle = 0.5 * (first + last);
+        let text =
+            format!("flight,line,t_start,t_end\n{flight},1,{first:.3},{middle:.3}\n{flight},2,{middle:.3},{last:.3}\n");
         Some((format!("{stem}_lines.csv"), text))
     }
 
     /// The stages after `even`.
     pub(super) fn vector_stages(&self, main: &TableFindings) -> String {
         let Some(VectorOnly { vector, above_sea }) = self.vector_only() else {
-            let mut text = "# ? No scalar magnetometer was found. Without one, compensation requires a vector magnetometer, \
+            let mut text =
+                "# ? No scalar magnetometer was found. Without one, compensation requires a vector magnetometer, \
                             the attitude, the position and the date.\n"
-                .to_owned();
+                    .to_owned();
             if let Some(vector) = main.vectors.first() {
                 text += &format!(
                     "\n# The magnitude of the vector magnetometer.\n[[stages]]\nname   = \"total\"\nstage  = \
@@ -61,10 +65,11 @@ impl InitText<'_> {
             }
             return text;
         };
-        let mut text = "\n# There is no scalar magnetometer. The magnitude of the vector magnetometer is compensated, with the \
+        let mut text =
+            "\n# There is no scalar magnetometer. The magnitude of the vector magnetometer is compensated, with the \
                         core\n# field in the body frame as the reference. Tolles-Lawson terms of the same sensor \
                         reproduce its\n# magnitude exactly, so they are not used.\n"
-            .to_owned();
+                .to_owned();
         let mut last = "even";
         if above_sea {
             text += "\n# The height is above sea level; the core field needs the height above the ellipsoid. The difference \
@@ -84,7 +89,7 @@ impl InitText<'_> {
              [[stages]]\nname           = \"residual\"\nstage          = \"target\"\ninput          = \"total\"\nkind           = \
              \"e\"\nmag            = {magnitude}\nremove_diurnal = false   # add the record of an observatory with the stage \
              `diurnal`\n\n[[stages]]\nname     = \"terms\"\nstage    = \"features\"\ninput    = \"residual\"\nfeatures = \
-             [{core}]\n\n# Calibrated on {of_half}. Leave out the time on the ground.\n[[stages]]\nname     = \
+             [{core}]\n\n# Calibrated on {of_half}.\n[[stages]]\nname     = \
              \"coefficients\"\nstage    = \"fit\"\ninput    = \"terms\"\n{condition}model    = \"tolles_lawson\"\nlambda   = \
              0.0\ntarget   = \"target\"\nfeatures = [\"features\"]\nlow_hz   = 0.0\nhigh_hz  = 0.0\ntrim     = 0\n\n\
              [[stages]]\nname  = \"clean\"\nstage = \"compensate\"\ninput = \"terms\"\nmodel = \"coefficients\"\nmag   = \
