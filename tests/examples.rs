@@ -33,6 +33,24 @@ fn values(folder: &Path, pipeline: &str, metric: &str) -> Vec<f64> {
 }
 
 #[test]
+fn user_every_example_spec_is_valid() {
+    let folder = repository().join("datasets/examples");
+    let mut checked = 0;
+    for entry in std::fs::read_dir(&folder).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        // The flights of these two are written by a query first.
+        let made = ["osborne_lines.toml", "osborne_slam.toml"].contains(&name.as_str());
+        if !name.ends_with(".toml") || name.ends_with(".synth.toml") || name.ends_with("_mapping.toml") || made {
+            continue;
+        }
+        let output = magline(&folder, &["check", &name]);
+        assert!(output.status.success(), "{name}: {}", stderr(&output));
+        checked += 1;
+    }
+    assert!(checked > 25, "{checked}");
+}
+
+#[test]
 fn val_tolles_lawson_on_real_samples_equals_scikit_learn() {
     let (folder, _) = run("tolles_lawson.toml");
     let models = read(&folder.path().join("store/tables/tolles_lawson/coefficients"));

@@ -3,6 +3,7 @@
 
 mod answer;
 mod bench;
+mod check;
 mod choose;
 #[cfg(feature = "cluster")]
 mod cluster;
@@ -10,6 +11,7 @@ mod completions;
 mod doctor;
 mod engine;
 mod events;
+mod explain;
 mod export;
 mod guard;
 mod ingest;
@@ -31,6 +33,8 @@ mod schema;
 mod serve;
 mod shell;
 mod sql;
+mod stages;
+mod synth;
 mod task;
 mod temporary;
 mod tend;
@@ -45,20 +49,16 @@ use std::{
 
 pub use events::finished as run_summary;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, Parser, Subcommand};
 use invocation::Invocation;
 use nix::sys::signal::{SigSet, Signal};
 use plan::{
-    Plan, PlanGraph, read_spec,
-    sources::{Flights, ReadProgress},
-    spec::{Spec, SpecFaults, search_reference},
+    Plan, read_spec,
+    spec::{Spec, SpecFaults},
 };
-use progress::ProgressDisplay;
 use say::err;
 use schemas::{Fault, StageEntry, render};
 use store::{Store, pulled};
-
-use ::run::{Event, Listener, SourceReadCallback, cost, plan_all_trials, settled};
 
 /// Batch pipeline for aeromagnetic compensation and magnetic navigation. A TOML spec declares tables and stages. A run
 /// computes the results that are missing from the store. Each result is a Parquet data set.
@@ -99,7 +99,7 @@ enum Command {
     /// Check a spec without running it.
     Check(SpecArgs),
     /// Print the plan: tables, axes, stored results and the cost of each stage.
-    Explain(ExplainArgs),
+    Explain(explain::ExplainArgs),
     /// Explain why a table would run again: the changes since it was last computed.
     Why {
         #[command(flatten)]
@@ -230,32 +230,6 @@ struct SpecArgs {
     sets: Vec<String>,
 }
 
-#[derive(Args)]
-struct ExplainArgs {
-    #[command(flatten)]
-    spec: SpecArgs,
-    /// Print the cost of a run instead: rows, bytes in the store, processor time and memory of each table, and the
-    /// total time on this machine. The command reads or simulates the sources.
-    #[arg(long)]
-    cost: bool,
-    /// The output format of the cost.
-    #[arg(long, value_enum, default_value_t, requires = "cost")]
-    format: CostFormat,
-    /// The number of threads of the run; all cores by default.
-    #[arg(long, value_parser = threads::count, requires = "cost")]
-    threads: Option<usize>,
-}
-
-/// Output format of a cost.
-#[derive(Clone, Copy, Default, ValueEnum)]
-enum CostFormat {
-    /// Aligned columns, values to two significant digits.
-    #[default]
-    Table,
-    /// One JSON object: the tables, and the totals rows, bytes, processor_s, clock_s, memory_bytes.
-    Json,
-}
-
 /// Folder of the store at a path or address.
 fn located(text: &str) -> Result<PathBuf, String> {
     store::located(text).map_err(|fault| fault.to_string())
@@ -339,10 +313,10 @@ fn execute(catalogue: &[StageEntry], arguments: impl IntoIterator<Item = OsStrin
         Command::Worker(args) => cluster::worker(&args),
         #[cfg(not(feature = "cluster"))]
         Command::Cluster { .. } => Err(engine::without_cluster()),
-        Command::Check(args) => check(catalogue, &args),
-        Command::Explain(args) => explain(catalogue, &args),
+        Command::Check(args) => check::run(catalogue, &args),
+        Command::Explain(args) => explain::run(catalogue, &args),
         Command::Why { spec, table } => {
-            with_graph(catalogue, &spec, |graph, store| Ok(::report::why(graph, store, &table)?))
+            explain::with_graph(catalogue, &spec, |graph, store| Ok(::report::why(graph, store, &table)?))
         }
         Command::Sql(args) => sql::run(&args),
         Command::Export(args) => export::run(&args),
@@ -358,7 +332,7 @@ fn execute(catalogue: &[StageEntry], arguments: impl IntoIterator<Item = OsStrin
             let found = pulled(&store).and_then(|()| ::report::lineage(&store, &table, format));
             found.map_err(ExitReason::from).and_then(say)
         }
-        Command::Stages { name, markdown } => stages(catalogue, name.as_deref(), markdown),
+        Command::Stages { name, markdown } => stages::run(catalogue, name.as_deref(), markdown),
         Command::Report(args) => report::run(catalogue, &args),
         Command::Ingest(args) => ingest::run(&args),
         Command::Init(args) => init::run(catalogue, &args),
@@ -371,7 +345,7 @@ fn execute(catalogue: &[StageEntry], arguments: impl IntoIterator<Item = OsStrin
         Command::Bench { command } => bench::run(&command),
         Command::Onnx(args) => onnx::run(&args),
         Command::Map { quiet, command } => map::run(&command, quiet),
-        Command::Synth { spec, to, quiet } => synth(&spec, &to, quiet),
+        Command::Synth { spec, to, quiet } => synth::run(&spec, &to, quiet),
     };
     match done {
         Ok(()) => ended(0),
@@ -452,79 +426,6 @@ fn open(spec: &Spec) -> Result<Store, SpecFaults> {
     Store::open(&spec.store).map_err(|f| spec.faults(vec![f]))
 }
 
-fn check(catalogue: &[StageEntry], args: &SpecArgs) -> Result<(), ExitReason> {
-    let plan = plan(catalogue, args)?;
-    let implausible = |f: &Flights| {
-        let at = plan.spec.tables.iter().find(|t| t.name == f.name).map(|t| t.path.1.clone());
-        f.implausible().into_iter().map(move |fault| at.clone().map_or(fault.clone(), |at| fault.at(at)))
-    };
-    let unpublishable = plan.spec.publish.iter().filter_map(|facts| facts.as_ref().err()).flatten().cloned();
-    let wrong: Vec<Fault> = plan.flights.iter().flat_map(implausible).chain(unpublishable).collect();
-    if !wrong.is_empty() {
-        return Err(plan.spec.faults(wrong).into());
-    }
-    let points: usize = plan.tables.iter().map(|t| plan.most_points(t)).sum();
-    for text in &plan.notes {
-        note(text);
-    }
-    let most = if plan.spec.search.is_some() { "at most " } else { "" };
-    say(format!("{} is valid: {} tables, {most}{points} points\n", plan.spec.file, plan.tables.len()))
-}
-
-fn explain(catalogue: &[StageEntry], args: &ExplainArgs) -> Result<(), ExitReason> {
-    if !args.cost {
-        return with_graph(catalogue, &args.spec, |graph, store| Ok(::report::explain(graph, store)));
-    }
-    with_plan(catalogue, &args.spec, plan_all_trials, |graph, store, assumed| {
-        let mut cost = cost::estimate(graph, store, args.threads.unwrap_or_else(threads::cores))?;
-        cost.assumed = assumed;
-        Ok(match args.format {
-            CostFormat::Table => cost::view::table(&cost),
-            CostFormat::Json => format!("{}\n", cost::view::json(&cost)),
-        })
-    })
-}
-
-fn with_graph(
-    catalogue: &[StageEntry],
-    args: &SpecArgs,
-    view: impl Fn(&PlanGraph, &Store) -> Result<String, ExitReason>,
-) -> Result<(), ExitReason> {
-    let known = |plan: Plan, catalogue: &[StageEntry], store: &Store, tick: &SourceReadCallback| {
-        settled(plan, catalogue, store, tick).map(|plan| (plan, ()))
-    };
-    with_plan(catalogue, args, known, |graph, store, ()| view(graph, store))
-}
-
-/// Shows the graph of a plan with the trials of a search from `trials`.
-fn with_plan<T>(
-    catalogue: &[StageEntry],
-    args: &SpecArgs,
-    trials: impl Fn(Plan, &[StageEntry], &Store, &SourceReadCallback) -> Result<(Plan, T), SpecFaults>,
-    view: impl Fn(&PlanGraph, &Store, T) -> Result<String, ExitReason>,
-) -> Result<(), ExitReason> {
-    let plan = plan(catalogue, args)?;
-    let store = open(&plan.spec)?;
-    let progress = ProgressDisplay::new(false);
-    let tick = |table: &str, step: &ReadProgress| progress.on_event(&Event::Reading { table, step });
-    let (plan, more) = trials(plan, catalogue, &store, &tick)?;
-    let graph = PlanGraph::new(&plan, &store, &tick)?;
-    drop(progress);
-    say(view(&graph, &store, more)?)
-}
-
-fn stages(all: &[StageEntry], name: Option<&str>, markdown: bool) -> Result<(), ExitReason> {
-    match name {
-        // The simulator, mappings and searches are not stages, but have the same kind of reference page.
-        Some("synth") => say(simulate::reference()),
-        Some("mapping") => say(intake::mapping::reference()),
-        Some("search") => say(search_reference()),
-        Some(name) => say(::report::stage_page(all, name)?),
-        None if markdown => say(::report::reference_page(all)),
-        None => say(::report::stages_overview(all)),
-    }
-}
-
 /// Verifies a folder as a store if it is one, otherwise as a published set.
 fn verify(folder: Option<PathBuf>, store: &tend::StoreArgs) -> Result<(), ExitReason> {
     match folder {
@@ -532,15 +433,4 @@ fn verify(folder: Option<PathBuf>, store: &tend::StoreArgs) -> Result<(), ExitRe
         Some(folder) => tend::verify(&tend::StoreArgs::new(folder)),
         None => tend::verify(store),
     }
-}
-
-fn synth(spec: &std::path::Path, to: &std::path::Path, quiet: bool) -> Result<(), ExitReason> {
-    let progress = ProgressDisplay::new(quiet);
-    progress.stage("simulating flights");
-    progress.detail("lines", "");
-    let simulation = simulate::Simulation::open(spec).map_err(Fault::from)?;
-    progress.set(0, simulation.spec().flights.iter().map(|f| f.lines.len()).sum());
-    let written = simulate::synthesise_with(spec, to, &|done, all| progress.set(done, all)).map_err(Fault::from)?;
-    drop(progress);
-    say(written.iter().map(|p| format!("{}\n", p.display())).collect())
 }

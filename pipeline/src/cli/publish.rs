@@ -9,7 +9,7 @@ use report::html;
 use schemas::{StageEntry, one_line};
 use serde_json::json;
 
-use super::{ExitReason, SpecArgs, counted, note, say, temporary::TemporaryFolder, with_graph};
+use super::{ExitReason, SpecArgs, counted, explain::with_graph, note, say, temporary::TemporaryFolder};
 use crate::release::{self, ReleaseRequest, ReleaseSummary};
 
 #[derive(Args)]

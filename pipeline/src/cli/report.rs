@@ -10,7 +10,7 @@ use plan::read_spec;
 use report::html::{self, FigureFile, TrackSelection};
 use schemas::{Fault, StageEntry};
 
-use super::{ExitReason, SpecArgs, counted, with_graph};
+use super::{ExitReason, SpecArgs, counted, explain::with_graph};
 
 #[derive(Args)]
 pub struct ReportArgs {
