@@ -7,7 +7,7 @@ import traceback
 from pathlib import Path
 
 from magline._magline import command
-from magline.parts import load_parts
+from magline.parts import load_parts, registered
 
 PARTS = "MAGLINE_PARTS"
 """Variable with the files of `--parts`, separated as in `PATH`. Worker processes inherit it."""
@@ -30,6 +30,7 @@ def main() -> None:
             sys.exit(2)
         try:
             load_parts(file)
+            registered()
         except Exception:
             traceback.print_exc()
             print(f"error: the parts in {file!r} cannot be loaded (correct the file, or --parts)", file=sys.stderr)

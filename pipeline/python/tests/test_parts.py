@@ -213,14 +213,14 @@ SOURCE = """
 import magline
 from helper import twice
 
-FACTOR = 1.0
+@magline.stage(reads={"mag_1_uc": "nT"}, makes={"scaled": "nT"}, version=1, depends=[twice])
+def scale(line, *, power: float = 1.0):
+    return scaled(twice(line["mag_1_uc"]))
 
 def scaled(x):
     return FACTOR * x
 
-@magline.stage(reads={"mag_1_uc": "nT"}, makes={"scaled": "nT"}, version=1, depends=[twice])
-def scale(line, *, power: float = 1.0):
-    return scaled(twice(line["mag_1_uc"]))
+FACTOR = 1.0
 """
 
 

@@ -100,7 +100,7 @@ impl StagePart {
             example: self.example,
             kinds: vec![],
             metrics: vec![],
-            params: self.head.params.iter().map(|param| param.document()).collect(),
+            params: self.head.documents(),
             build: Arc::new(move |args| build(self, args)),
         }
     }
@@ -222,6 +222,12 @@ impl LineStage for PythonStage {
     }
 }
 
+/// Numbers as an array. An infinity is a missing value.
+fn numbers(values: Vec<f64>) -> ArrayRef {
+    let known = |x: f64| if x.is_finite() { x } else { f64::NAN };
+    Arc::new(Float64Array::from_iter_values(values.into_iter().map(known)))
+}
+
 /// Values of a column, copied from Python.
 enum Values {
     Numbers(Vec<f64>),
@@ -251,15 +257,13 @@ impl Values {
         match (self, &column.column_type) {
             (Values::Numbers(values), ColumnType::Float) => {
                 count(values.len())?;
-                // An infinity is a missing value.
-                let known = |x: f64| if x.is_finite() { x } else { f64::NAN };
-                Ok(Arc::new(Float64Array::from_iter_values(values.into_iter().map(known))))
+                Ok(numbers(values))
             }
             (Values::Matrix(values, width), ColumnType::List(terms)) if width == terms.len() => {
                 count(values.len() / width.max(1))?;
                 let item = Arc::new(Field::new("item", DataType::Float64, false));
                 let width = i32::try_from(width).map_err(|e| broken(stage, &e.to_string()))?;
-                let list = FixedSizeListArray::try_new(item, width, Arc::new(Float64Array::from(values)), None);
+                let list = FixedSizeListArray::try_new(item, width, numbers(values), None);
                 Ok(Arc::new(list.map_err(|e| broken(stage, &e.to_string()))?))
             }
             (Values::Texts(texts), ColumnType::Text) => {
