@@ -480,6 +480,8 @@ class _Stage:
 
 def _values(value: Any, rows: int) -> Any:
     """Numbers as a C-contiguous array of Float64, or a list of text."""
+    if isinstance(value, np.ma.MaskedArray):
+        value = np.ma.filled(value.astype(np.float64), np.nan)
     array = np.asarray(value)
     if array.dtype.kind in "OUT" and all(one is None or isinstance(one, str) for one in array.ravel()):
         return [None if one is None else str(one) for one in array.ravel()]

@@ -163,9 +163,7 @@ impl PythonStage {
         let mut columns: Vec<Column> = vec![];
         for made in &self.part.makes {
             for name in self.values.expand(&made.name)? {
-                if flight::KEYS.contains(&name.as_str()) {
-                    return Err(Fault::new(format!("`{name}` is a key of every line and cannot be made by a stage")));
-                }
+                check_made(&name, &made.unit)?;
                 if columns.iter().any(|column| column.name == name) {
                     return Err(Fault::new(format!("`{}` makes the column `{name}` twice", self.part.head.name)));
                 }
@@ -180,6 +178,25 @@ impl PythonStage {
         }
         Ok(columns)
     }
+}
+
+/// Checks the name and unit of a column that a stage makes.
+fn check_made(name: &str, unit: &str) -> Result<(), Fault> {
+    if flight::KEYS.contains(&name) {
+        return Err(Fault::new(format!("`{name}` is a key of every line and cannot be made by a stage")));
+    }
+    let word = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '.';
+    if name.is_empty() || !name.chars().all(word) {
+        let what = format!("`{name}` is not a valid column name; use letters, digits, `_` and `.`");
+        return Err(Fault::new(what));
+    }
+    let known = flight::describe(name).unit;
+    if !known.is_empty() && known != unit {
+        let given = if unit.is_empty() { "no unit" } else { unit };
+        let fault = Fault::new(format!("the column `{name}` is in {known}, but the stage declares {given}"));
+        return Err(fault.help(format!("convert the values to {known} and declare it in `makes`")));
+    }
+    Ok(())
 }
 
 /// Checks that a table has the column `name` in `unit`.
