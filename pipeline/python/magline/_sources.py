@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import inspect
 import sys
@@ -53,7 +54,9 @@ def _texts(item: object, seen: set[int]) -> Iterator[bytes]:
         raise TypeError(f"a part cannot depend on {item!r}; use a function, class, module or pathlib.Path")
 
 
+@functools.cache
 def _text(item: Any) -> bytes:
+    """Version of the package of an item, and its source when it is first read."""
     try:
         text = textwrap.dedent(inspect.getsource(item))
     except (OSError, TypeError) as error:
@@ -102,6 +105,8 @@ def _named(code: CodeType, scope: dict[str, Any], module: str, seen: set[int]) -
         if name not in scope:
             continue
         value = scope[name]
+        if hasattr(value, "__wrapped__"):
+            value = inspect.unwrap(value)
         if isinstance(value, FunctionType | type):
             if value.__module__ == module:
                 yield from _texts(value, seen)

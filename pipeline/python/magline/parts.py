@@ -107,6 +107,7 @@ class Registered(NamedTuple):
 
 def registered() -> list[Registered]:
     """Return the parts of this process, with the hashes of their sources."""
+    _settle()
     return [Registered(*part) for part in registered_parts()]
 
 
@@ -157,7 +158,7 @@ def stage(
             unknown = set(re.findall(r"\{([^}]*)\}", template)) - texts
             if unknown:
                 raise ValueError(f"`{template}` names {sorted(unknown)}, which are not text parameters of the stage")
-        declaration = _declaration(function, name, version, depends, parameters) | {
+        declaration = _declaration(function, name, version, parameters) | {
             "reads": [{"name": column, "unit": unit} for column, unit in read],
             "makes": [
                 {
@@ -170,7 +171,7 @@ def stage(
                 for column, made in columns
             ],
         }
-        register_part("stage", json.dumps(declaration), _Stage(function))
+        _register("stage", function, depends, declaration, _Stage(function))
         return function
 
     return register
@@ -239,7 +240,7 @@ def model(
         missing = set(keys or ()) - {p["name"] for p in parameters}
         if missing:
             raise ValueError(f"`{made.__name__}` has no arguments {sorted(missing)} with a known type")
-        register_part("model", json.dumps(_declaration(made, name, version, depends, parameters)), _Model(made))
+        _register("model", made, depends, _declaration(made, name, version, parameters), _Model(made))
         return made
 
     return register if made is None else register(made)
@@ -275,8 +276,8 @@ def filter(
 
     def register(function: _F) -> _F:
         parameters = _parameters(function, lambda p: p.kind is inspect.Parameter.KEYWORD_ONLY)
-        declaration = _declaration(function, name, version, depends, parameters) | {"needs_map": needs_map}
-        register_part("filter", json.dumps(declaration), _Filter(function))
+        declaration = _declaration(function, name, version, parameters) | {"needs_map": needs_map}
+        _register("filter", function, depends, declaration, _Filter(function))
         return function
 
     return register
@@ -315,14 +316,14 @@ def metric(
     """
 
     def register(function: _F) -> _F:
-        declaration = _declaration(function, name, version, depends, []) | {
+        declaration = _declaration(function, name, version, []) | {
             "unit": unit,
             "pool": pool,
             "better": better if isinstance(better, str) else {"near": float(better)},
             "needs": list(inspect.signature(function).parameters),
         }
         declaration["doc"] = declaration["doc"].strip().partition("\n\n")[0].replace("\n", " ").rstrip(".")
-        register_part("metric", json.dumps(declaration), _Metric(function))
+        _register("metric", function, depends, declaration, _Metric(function))
         return function
 
     return register
@@ -351,9 +352,35 @@ def load_parts(path: str | Path) -> types.ModuleType:
     return module
 
 
-def _declaration(
-    part: Any, name: str | None, version: int, depends: Sequence[object], parameters: list[dict[str, Any]]
-) -> dict[str, Any]:
+class _Declared(NamedTuple):
+    """A part, and its last declaration."""
+
+    part: Any
+    depends: Sequence[object]
+    declaration: dict[str, Any]
+    call: object
+
+
+_DECLARED: dict[tuple[str, str], _Declared] = {}
+
+
+def _register(kind: str, part: Any, depends: Sequence[object], declaration: dict[str, Any], call: object) -> None:
+    full = declaration | {"source": source_hash(part, depends)}
+    register_part(kind, json.dumps(full), call)
+    _DECLARED[kind, full["name"]] = _Declared(part, depends, full, call)
+
+
+def _settle() -> None:
+    """Register the parts again whose hashes have changed since.
+
+    A module may define functions and constants after a part that names them, and a notebook may change them.
+    """
+    for (kind, _), (part, depends, declaration, call) in list(_DECLARED.items()):
+        if source_hash(part, depends) != declaration["source"]:
+            _register(kind, part, depends, declaration, call)
+
+
+def _declaration(part: Any, name: str | None, version: int, parameters: list[dict[str, Any]]) -> dict[str, Any]:
     """Properties that all parts have."""
     called = name or part.__name__
     if not _NAME.match(called):
@@ -364,7 +391,6 @@ def _declaration(
     return {
         "name": called,
         "version": version,
-        "source": source_hash(part, depends),
         "doc": inspect.cleandoc(part.__doc__ or f"Written in Python: {part.__qualname__}."),
         "origin": f"{getattr(module, '__file__', part.__module__)}: {part.__qualname__}",
         "params": parameters,
@@ -454,6 +480,8 @@ class _Stage:
 
 def _values(value: Any, rows: int) -> Any:
     """Numbers as a C-contiguous array of Float64, or a list of text."""
+    if isinstance(value, np.ma.MaskedArray):
+        value = np.ma.filled(value.astype(np.float64), np.nan)
     array = np.asarray(value)
     if array.dtype.kind in "OUT" and all(one is None or isinstance(one, str) for one in array.ravel()):
         return [None if one is None else str(one) for one in array.ravel()]

@@ -24,7 +24,7 @@ use serde_json::{Value, json};
 use crate::{
     attended::attended,
     faults::{record, spec_exception},
-    parts::catalogue,
+    parts::{catalogue, settle},
 };
 
 /// Lock of the run of this process: the flags of an interrupt belong to one run.
@@ -69,6 +69,7 @@ pub fn run(
     sets: Vec<String>,
     threads: Option<usize>,
 ) -> PyResult<String> {
+    settle(py)?;
     let source = SpecSource { file, folder, text, sets };
     let done = attended(py, move || execute(&source, threads), || INTERRUPTED.store(true, Ordering::SeqCst))?;
     done.map(|summary| summary.to_string()).map_err(|faults| spec_exception(py, &faults))
@@ -84,6 +85,7 @@ pub fn check(
     text: Option<String>,
     sets: Vec<String>,
 ) -> PyResult<String> {
+    settle(py)?;
     let source = SpecSource { file, folder, text, sets };
     let checked = move || -> Result<Value, SpecFaults> {
         let plan = Plan::new(source.read()?, &catalogue())?;

@@ -11,7 +11,12 @@ use pipeline::{
 use pyo3::prelude::*;
 use schemas::Fault;
 
-use crate::{attended::attended, faults::spec_exception, parts::catalogue, runs::SpecSource};
+use crate::{
+    attended::attended,
+    faults::spec_exception,
+    parts::{catalogue, settle},
+    runs::SpecSource,
+};
 
 /// The plan of a spec as text: tables, axes, stored results and the cost of each stage.
 #[pyfunction]
@@ -62,6 +67,7 @@ fn view(
     source: SpecSource,
     show: impl FnOnce(&PlanGraph, &Store) -> Result<String, Fault> + Send + 'static,
 ) -> PyResult<String> {
+    settle(py)?;
     let shown = move || -> Result<String, SpecFaults> {
         let catalogue = catalogue();
         let plan = Plan::new(source.read()?, &catalogue)?;

@@ -138,3 +138,12 @@ def slow(line: magline.Line, *, seconds: float) -> float:
 def rough_metric(signal: np.ndarray) -> float:
     """fails"""
     raise ZeroDivisionError("no metric")
+
+
+@magline.stage(reads={"mag_1_uc": "nT"}, makes={"{to}": "nT"}, version=1)
+def named(line: magline.Line, *, to: str) -> np.ndarray:
+    """A copy whose first sample is masked and whose second is infinite."""
+    values = np.ma.masked_array(line["mag_1_uc"].copy(), mask=False)
+    values[0] = np.ma.masked
+    values[1] = np.inf
+    return values

@@ -213,14 +213,14 @@ SOURCE = """
 import magline
 from helper import twice
 
-FACTOR = 1.0
+@magline.stage(reads={"mag_1_uc": "nT"}, makes={"scaled": "nT"}, version=1, depends=[twice])
+def scale(line, *, power: float = 1.0):
+    return scaled(twice(line["mag_1_uc"]))
 
 def scaled(x):
     return FACTOR * x
 
-@magline.stage(reads={"mag_1_uc": "nT"}, makes={"scaled": "nT"}, version=1, depends=[twice])
-def scale(line, *, power: float = 1.0):
-    return scaled(twice(line["mag_1_uc"]))
+FACTOR = 1.0
 """
 
 
@@ -326,6 +326,16 @@ def test_columns_have_the_declared_types_units_and_roles(
     assert set(found["sign"]) == {"+"}
 
 
+def test_masked_and_infinite_values_are_missing(
+    parts: Any, spec: dict[str, Any], columns: dict[str, dict[str, np.ndarray]], tmp_path: Path
+) -> None:
+    run = magline.run(line_stage(spec, stage="named", to="held"), store=tmp_path)
+    assert run.failures == []
+    found = table(run, "one")["held"].to_numpy().reshape(len(LINES), ROWS)
+    assert np.isnan(found[:, :2]).all()
+    np.testing.assert_array_equal(found[0, 2:], columns["1.01"]["mag_1_uc"][2:])
+
+
 def test_arrays_are_views_of_the_run(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
     found = table(magline.run(line_stage(spec, stage="address"), store=tmp_path), "one")
     assert set(found["address"]) == {0.0}
@@ -358,6 +368,9 @@ def test_a_pickled_model_is_read_from_its_table(
         ({"stage": "several"}, "needs `columns`"),
         ({"stage": "total", "vector": "cur"}, "cur_x"),
         ({"stage": "no_such_part"}, "--parts FILE.py"),
+        ({"stage": "named", "to": "a b"}, "not a valid column name"),
+        ({"stage": "named", "to": "tt"}, "key of every line"),
+        ({"stage": "named", "to": "alt"}, "`alt` is in m, but the stage declares nT"),
     ],
 )
 def test_wrong_specs_are_rejected(parts: Any, spec: dict[str, Any], keys: dict[str, Any], text: str) -> None:
@@ -418,6 +431,7 @@ def test_a_file_that_fails_ends_the_command(tmp_path: Path) -> None:
 
 
 def test_the_reference_describes_the_parts() -> None:
+    assert "--parts FILE.py" in command("--help").stdout
     assert "The magnitude of a vector magnetometer" in command("stages", "total").stdout
     assert "### The model `sk_ridge`" in command("stages", "fit").stdout
     assert "| `median_error` | nT |" in command("stages", "score").stdout

@@ -13,7 +13,7 @@ use pyo3::{
     prelude::*,
     types::PyDict,
 };
-use schemas::{ChoiceKeys, Fault, Literal, ParamDoc, ParamReader, ParamValue};
+use schemas::{ChoiceKeys, Fault, Literal, ParamReader, ParamValue};
 use serde::Deserialize;
 use stages::{
     fit::KeyDocsFn,
@@ -24,7 +24,6 @@ use super::{
     PartDecl, PartHead,
     call::{broken, in_python},
     params::PartValues,
-    parts,
 };
 
 /// Declaration of a filter.
@@ -37,8 +36,7 @@ pub struct PythonFilterDecl {
 
 /// A registered filter.
 pub struct FilterPart {
-    pub head: PartHead,
-    needs_map: bool,
+    pub head: &'static PartHead,
     pub decl: &'static FilterDecl,
 }
 
@@ -48,37 +46,33 @@ impl FilterPart {
     /// # Errors
     /// If a default is invalid.
     pub fn new(decl: PythonFilterDecl, run: Py<PyAny>) -> Result<FilterPart, String> {
-        let head = PartHead::new(decl.head, run)?;
-        let name = head.name;
-        let docs: &'static KeyDocsFn = Box::leak(Box::new(move || documents(name)));
-        let read = Box::leak(Box::new(move |reader: &mut ParamReader| read_keys(name, reader)));
+        let head: &'static PartHead = Box::leak(Box::new(PartHead::new(decl.head, run)?));
+        let (name, needs_map) = (head.name, decl.needs_map);
+        let docs: &'static KeyDocsFn = Box::leak(Box::new(move || head.documents()));
+        let read = Box::leak(Box::new(move |reader: &mut ParamReader| read_keys(head, needs_map, reader)));
         let doc = Box::leak(Box::new([head.doc]));
         let (version, source) = (head.version, Some(head.source));
         let navigate_points = navigate_points::<PythonFilter>;
         let made = FilterDecl { name, version, source, doc, example: "", docs, read, navigate_points };
-        Ok(FilterPart { head, needs_map: decl.needs_map, decl: Box::leak(Box::new(made)) })
+        Ok(FilterPart { head, decl: Box::leak(Box::new(made)) })
     }
 }
 
-fn find(name: &str) -> Option<&'static FilterPart> {
-    parts().filters.get(name).copied()
-}
-
-fn documents(name: &str) -> Vec<ParamDoc> {
-    find(name).map(|part| part.head.params.iter().map(|param| param.document()).collect()).unwrap_or_default()
-}
-
-fn read_keys(name: &str, reader: &mut ParamReader) -> Option<ChoiceKeys<dyn NavigationFilter>> {
-    let part = find(name)?;
-    let values = PartValues::read(&part.head.params, reader)?;
+fn read_keys(
+    part: &'static PartHead,
+    needs_map: bool,
+    reader: &mut ParamReader,
+) -> Option<ChoiceKeys<dyn NavigationFilter>> {
+    let values = PartValues::read(&part.params, reader)?;
     let mut spelt = vec![];
     values.spell(&mut spelt);
-    Some(ChoiceKeys { keys: Arc::new(PythonFilter { part, values }), spelt })
+    Some(ChoiceKeys { keys: Arc::new(PythonFilter { part, needs_map, values }), spelt })
 }
 
 /// A filter with its parameters.
 pub struct PythonFilter {
-    part: &'static FilterPart,
+    part: &'static PartHead,
+    needs_map: bool,
     values: PartValues,
 }
 
@@ -90,15 +84,15 @@ impl FilterGroups for PythonFilter {
 
 impl NavigationFilter for PythonFilter {
     fn needs_map(&self) -> bool {
-        self.part.needs_map
+        self.needs_map
     }
 
     fn navigate(&self, input: &FilterInput) -> Result<FilterTrack, Fault> {
-        let name = self.part.head.name;
+        let name = self.part.name;
         let flight = Flight::new(name, input)?;
         let rows = input.ins.len();
         let found = in_python(name, |py| {
-            let made = self.part.head.run.bind(py).call1((flight, self.values.arguments(py)?))?;
+            let made = self.part.run.bind(py).call1((flight, self.values.arguments(py)?))?;
             let made = made.cast_into::<PyDict>()?;
             let column = |key: &str| -> PyResult<Option<Vec<f64>>> {
                 let Some(values) = made.get_item(key)? else { return Ok(None) };

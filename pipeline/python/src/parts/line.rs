@@ -1,6 +1,10 @@
 //! One flight line as a Python object. Columns of numbers are NumPy views of the run's own memory.
 
-use arrow_array::{Array, ArrayRef, RecordBatch, StructArray, cast::AsArray, ffi::to_ffi, types::Float64Type};
+use std::sync::Arc;
+
+use arrow_array::{
+    Array, ArrayRef, Float64Array, RecordBatch, StructArray, cast::AsArray, ffi::to_ffi, types::Float64Type,
+};
 use arrow_schema::ffi::FFI_ArrowSchema;
 use pyo3::{
     exceptions::{PyKeyError, PyTypeError},
@@ -135,8 +139,13 @@ impl ColumnView {
             None => (array.clone(), None, 0),
         };
         let numbers = values.as_primitive_opt::<Float64Type>().ok_or_else(other)?;
+        // A missing value is NaN. Only columns of other programs have nulls.
+        let values: ArrayRef = match numbers.null_count() {
+            0 => values.clone(),
+            _ => Arc::new(numbers.iter().map(|x| Some(x.unwrap_or(f64::NAN))).collect::<Float64Array>()),
+        };
         let end = start + rows * width.unwrap_or(1);
-        if numbers.len() < end {
+        if values.len() < end {
             return Err(value_error(format!("the column `{name}` is shorter than the line")));
         }
         Ok(ColumnView { values, rows, width, start })

@@ -21,7 +21,7 @@ use pyo3::{
     exceptions::{PyRuntimeError, PyValueError},
     prelude::*,
 };
-use schemas::StageEntry;
+use schemas::{ParamDoc, StageEntry};
 use serde::Deserialize;
 
 use self::{
@@ -69,6 +69,11 @@ impl PartHead {
         Ok(PartHead { name, version, source, doc, origin, params, run })
     }
 
+    /// Documentation of its parameters.
+    fn documents(&self) -> Vec<ParamDoc> {
+        self.params.iter().map(PartParam::document).collect()
+    }
+
     /// Rejects parameters with a name that has another meaning.
     fn reserve(&self, taken: &[&str]) -> Result<(), String> {
         match self.params.iter().find(|param| taken.contains(&param.name)) {
@@ -102,12 +107,22 @@ fn parts() -> RwLockReadGuard<'static, PartRegistry> {
 
 /// The built-in stages, models, filters and metrics, and those written in Python.
 pub fn catalogue() -> Vec<StageEntry> {
-    let (parts, mut catalogue) = (parts(), pipeline::Catalogue::default());
+    let mut catalogue = pipeline::Catalogue::default();
+    let parts = parts();
     catalogue.stages.extend(parts.stages.values().map(|part| part.entry()));
     catalogue.models.extend(parts.models.values().map(|part| part.decl));
     catalogue.filters.extend(parts.filters.values().map(|part| part.decl));
     catalogue.metrics.extend(parts.metrics.values().map(|part| part.scorer));
+    drop(parts);
     catalogue.entries()
+}
+
+/// Computes the hashes of the sources again. Functions and constants of a module may have been defined after a part.
+///
+/// # Errors
+/// `ValueError` if a source is not available.
+pub fn settle(py: Python<'_>) -> PyResult<()> {
+    py.import("magline.parts")?.call_method0("_settle").map(|_| ())
 }
 
 /// Registers a part, or replaces the part of the same function. `kind` is `stage`, `model`, `filter` or `metric`;

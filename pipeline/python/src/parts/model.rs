@@ -7,7 +7,7 @@ use std::{fmt, sync::Arc};
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::{prelude::*, types::PyDict};
-use schemas::{ChoiceKeys, Fault, ParamDoc, ParamReader};
+use schemas::{ChoiceKeys, Fault, ParamReader};
 use serde::Deserialize;
 use stages::{
     fit::{
@@ -28,7 +28,7 @@ pub struct ModelDecl {
 
 /// A registered model.
 pub struct ModelPart {
-    pub head: PartHead,
+    pub head: &'static PartHead,
     pub decl: &'static FitModelDecl,
 }
 
@@ -39,12 +39,12 @@ impl ModelPart {
     /// # Errors
     /// If a default is invalid.
     pub fn new(decl: ModelDecl, run: Py<PyAny>) -> Result<ModelPart, String> {
-        let head = PartHead::new(decl.head, run)?;
-        let name = head.name;
-        let docs: &'static KeyDocsFn = Box::leak(Box::new(move || documents(name)));
-        let read: &'static ReadModelFn = Box::leak(Box::new(move |reader: &mut ParamReader| read_keys(name, reader)));
+        let head: &'static PartHead = Box::leak(Box::new(PartHead::new(decl.head, run)?));
+        // A catalogue keeps its part, even if the part is replaced during a run.
+        let docs: &'static KeyDocsFn = Box::leak(Box::new(move || head.documents()));
+        let read: &'static ReadModelFn = Box::leak(Box::new(move |reader: &mut ParamReader| read_keys(head, reader)));
         let decl = FitModelDecl {
-            name,
+            name: head.name,
             version: head.version,
             source: Some(head.source),
             doc: Box::leak(Box::new([head.doc])),
@@ -61,17 +61,8 @@ impl ModelPart {
     }
 }
 
-fn find(name: &str) -> Option<&'static ModelPart> {
-    parts().models.get(name).copied()
-}
-
-fn documents(name: &str) -> Vec<ParamDoc> {
-    find(name).map(|part| part.head.params.iter().map(|param| param.document()).collect()).unwrap_or_default()
-}
-
-fn read_keys(name: &str, reader: &mut ParamReader) -> Option<ChoiceKeys<dyn FitModel>> {
-    let part = find(name)?;
-    let values = PartValues::read(&part.head.params, reader)?;
+fn read_keys(part: &'static PartHead, reader: &mut ParamReader) -> Option<ChoiceKeys<dyn FitModel>> {
+    let values = PartValues::read(&part.params, reader)?;
     let mut spelt = vec![];
     values.spell(&mut spelt);
     Some(ChoiceKeys { keys: Arc::new(PythonModel { part, values }), spelt })
@@ -79,7 +70,7 @@ fn read_keys(name: &str, reader: &mut ParamReader) -> Option<ChoiceKeys<dyn FitM
 
 /// A model with its parameters.
 struct PythonModel {
-    part: &'static ModelPart,
+    part: &'static PartHead,
     values: PartValues,
 }
 
@@ -90,7 +81,7 @@ impl FitModel for PythonModel {
         let at: Vec<usize> = (0..samples.names.len()).collect();
         let (x, y) = (samples.columns(&at, &lines), samples.target(&lines));
         let of_line = samples.lines.iter().enumerate().flat_map(|(i, line)| vec![i as i64; line.y.len()]).collect();
-        let name = self.part.head.name;
+        let name = self.part.name;
         let (parameters, state) = in_python(name, |py| {
             let (rows, width) = (y.len(), at.len());
             let x = PyArray1::from_vec(py, x).reshape([rows, width])?;
@@ -102,12 +93,12 @@ impl FitModel for PythonModel {
                 PyArray1::from_vec(py, groups),
                 samples.names.to_vec(),
             );
-            let found = self.part.head.run.bind(py).call_method1("fit", call)?;
+            let found = self.part.run.bind(py).call_method1("fit", call)?;
             found.extract::<(String, Vec<(String, f64)>)>()
         })?;
         let mut terms = vec![
-            term(format!("model {name}"), f64::from(self.part.head.version)),
-            term(format!("source {}", self.part.head.source), 1.0),
+            term(format!("model {name}"), f64::from(self.part.version)),
+            term(format!("source {}", self.part.source), 1.0),
             term(format!("parameters {parameters}"), 1.0),
         ];
         let inputs = samples.names.iter().enumerate();
@@ -122,7 +113,7 @@ impl FitModel for PythonModel {
 
 /// A fitted model.
 struct PythonFitted {
-    part: &'static ModelPart,
+    part: &'static PartHead,
     inputs: Vec<String>,
     terms: Vec<TermValue>,
     object: Py<PyAny>,
@@ -130,7 +121,7 @@ struct PythonFitted {
 
 impl fmt::Debug for PythonFitted {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "PythonFitted({}, {:?})", self.part.head.name, self.inputs)
+        write!(f, "PythonFitted({}, {:?})", self.part.name, self.inputs)
     }
 }
 
@@ -140,13 +131,13 @@ impl fmt::Debug for PythonFitted {
 /// If its Python code is not loaded or has changed, or the state cannot be read.
 pub fn read(reading: &TermLookup) -> Result<Arc<dyn ExternalModel>, Fault> {
     let name = reading.word("model")?;
-    let part = find(name).ok_or_else(|| {
+    let part = parts().models.get(name).map(|part| part.head).ok_or_else(|| {
         let what = format!("the model `{name}` is written in Python, and is not loaded");
         Fault::data(what).help("use `magline --parts FILE.py`, or import the module that declares it")
     })?;
     let source = reading.word("source")?;
-    if source != part.head.source {
-        let what = format!("the model `{name}` was fitted by another source: {source}, not {}", part.head.source);
+    if source != part.source {
+        let what = format!("the model `{name}` was fitted by another source: {source}, not {}", part.source);
         return Err(Fault::data(what).help("fit the model again, or load the source that fitted it"));
     }
     let parameters = reading.word("parameters")?;
@@ -173,7 +164,7 @@ pub fn read(reading: &TermLookup) -> Result<Arc<dyn ExternalModel>, Fault> {
         for (of, values) in numbers {
             state.set_item(of, PyArray1::from_vec(py, values))?;
         }
-        Ok(part.head.run.bind(py).call_method1("load", (parameters, pickled.concat(), state))?.unbind())
+        Ok(part.run.bind(py).call_method1("load", (parameters, pickled.concat(), state))?.unbind())
     })?;
     Ok(Arc::new(PythonFitted { part, inputs, terms, object }))
 }
@@ -189,9 +180,9 @@ impl ExternalModel for PythonFitted {
         if rows == 0 {
             return Ok(FieldPrediction { field_nt: vec![], sigma_nt: None });
         }
-        in_python(self.part.head.name, |py| {
+        in_python(self.part.name, |py| {
             let x: Bound<'_, PyArray2<f64>> = PyArray1::from_slice(py, x).reshape([rows, width])?;
-            let made = self.part.head.run.bind(py).call_method1("predict", (&self.object, x))?;
+            let made = self.part.run.bind(py).call_method1("predict", (&self.object, x))?;
             type Found<'py> = (PyReadonlyArray1<'py, f64>, Option<PyReadonlyArray1<'py, f64>>);
             let (field, sigma): Found<'_> = made.extract()?;
             let sigma_nt = sigma.map(|sigma| sigma.as_slice().map(<[f64]>::to_vec)).transpose()?;

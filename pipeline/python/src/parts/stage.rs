@@ -100,7 +100,7 @@ impl StagePart {
             example: self.example,
             kinds: vec![],
             metrics: vec![],
-            params: self.head.params.iter().map(|param| param.document()).collect(),
+            params: self.head.documents(),
             build: Arc::new(move |args| build(self, args)),
         }
     }
@@ -163,9 +163,7 @@ impl PythonStage {
         let mut columns: Vec<Column> = vec![];
         for made in &self.part.makes {
             for name in self.values.expand(&made.name)? {
-                if flight::KEYS.contains(&name.as_str()) {
-                    return Err(Fault::new(format!("`{name}` is a key of every line and cannot be made by a stage")));
-                }
+                check_made(&name, &made.unit)?;
                 if columns.iter().any(|column| column.name == name) {
                     return Err(Fault::new(format!("`{}` makes the column `{name}` twice", self.part.head.name)));
                 }
@@ -180,6 +178,25 @@ impl PythonStage {
         }
         Ok(columns)
     }
+}
+
+/// Checks the name and unit of a column that a stage makes.
+fn check_made(name: &str, unit: &str) -> Result<(), Fault> {
+    if flight::KEYS.contains(&name) {
+        return Err(Fault::new(format!("`{name}` is a key of every line and cannot be made by a stage")));
+    }
+    let word = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '.';
+    if name.is_empty() || !name.chars().all(word) {
+        let what = format!("`{name}` is not a valid column name; use letters, digits, `_` and `.`");
+        return Err(Fault::new(what));
+    }
+    let known = flight::describe(name).unit;
+    if !known.is_empty() && known != unit {
+        let given = if unit.is_empty() { "no unit" } else { unit };
+        let fault = Fault::new(format!("the column `{name}` is in {known}, but the stage declares {given}"));
+        return Err(fault.help(format!("convert the values to {known} and declare it in `makes`")));
+    }
+    Ok(())
 }
 
 /// Checks that a table has the column `name` in `unit`.
@@ -222,6 +239,12 @@ impl LineStage for PythonStage {
     }
 }
 
+/// Numbers as an array. An infinity is a missing value.
+fn numbers(values: Vec<f64>) -> ArrayRef {
+    let known = |x: f64| if x.is_finite() { x } else { f64::NAN };
+    Arc::new(Float64Array::from_iter_values(values.into_iter().map(known)))
+}
+
 /// Values of a column, copied from Python.
 enum Values {
     Numbers(Vec<f64>),
@@ -251,15 +274,13 @@ impl Values {
         match (self, &column.column_type) {
             (Values::Numbers(values), ColumnType::Float) => {
                 count(values.len())?;
-                // An infinity is a missing value.
-                let known = |x: f64| if x.is_finite() { x } else { f64::NAN };
-                Ok(Arc::new(Float64Array::from_iter_values(values.into_iter().map(known))))
+                Ok(numbers(values))
             }
             (Values::Matrix(values, width), ColumnType::List(terms)) if width == terms.len() => {
                 count(values.len() / width.max(1))?;
                 let item = Arc::new(Field::new("item", DataType::Float64, false));
                 let width = i32::try_from(width).map_err(|e| broken(stage, &e.to_string()))?;
-                let list = FixedSizeListArray::try_new(item, width, Arc::new(Float64Array::from(values)), None);
+                let list = FixedSizeListArray::try_new(item, width, numbers(values), None);
                 Ok(Arc::new(list.map_err(|e| broken(stage, &e.to_string()))?))
             }
             (Values::Texts(texts), ColumnType::Text) => {
