@@ -51,13 +51,6 @@ fn body(roll: f64, pitch: f64, yaw: f64) -> [f64; 3] {
     ]
 }
 
-/// Standard deviation of the known values.
-fn deviation(values: &[f64]) -> f64 {
-    let inner: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
-    let mean = inner.iter().sum::<f64>() / inner.len() as f64;
-    (inner.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / inner.len() as f64).sqrt()
-}
-
 fn csv(head: &str, row: impl Fn(&Sample) -> String) -> String {
     let mut text = format!("{head}\n");
     for sample in flight() {
@@ -116,8 +109,10 @@ fn user_a_spec_for_a_csv_file_runs_as_it_is_and_removes_the_aircraft_field() {
         let output = magline(folder, &["run", &format!("{name}.toml"), "--quiet"]);
         assert!(output.status.success(), "{name}: {}{}", stderr(&output), stdout(&output));
         // The earth's field is constant, so what remains is the error of the compensation.
-        let clean = read(&folder.join(format!("store/tables/{name}/clean")));
-        let (before, after) = (deviation(&numbers(&clean, "mag_1_uc")), deviation(&numbers(&clean, "mag_c")));
+        let query = format!("select stddev(mag_1_uc) as before, stddev(mag_c) as after from {name}.clean");
+        let found = stdout(&magline(folder, &["sql", &query, "--format", "csv"]));
+        let values = found.lines().nth(1).unwrap().split(',').map(|x| x.parse().unwrap()).collect::<Vec<f64>>();
+        let (before, after) = (values[0], values[1]);
         assert!(before > 5.0 && after < 0.2, "{name}: {before} to {after} nT");
     }
 }

@@ -5,10 +5,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use figures::chart::px;
+
+use super::figure_legend::{self, LegendEntry};
+
 /// A figure as a file.
 #[derive(Clone, Debug)]
 pub struct FigureFile {
-    /// Its file name: a number in the order of the page, and the first words of its title.
+    /// Its file name: a number in the order of the page, and its title.
     pub name: String,
     /// The document.
     pub svg: String,
@@ -35,9 +39,13 @@ pub fn figure_files(page: &str) -> Vec<FigureFile> {
             continue;
         };
         let label = unescaped(label);
-        let name = format!("{:03}-{}.svg", found.len() + 1, words(&label));
+        let title = label.split(": ").next().unwrap_or_default();
+        let name = format!("{:03}-{}.svg", found.len() + 1, words(title));
         let caption = caption(after).map_or(label.clone(), |text| format!("{label}. {text}"));
-        found.push(FigureFile { name, svg: document(page, opening, inner, &sheet), caption });
+        let before = &page[..page.len() - rest.len() - end];
+        let markup = before.rfind("<figure").map_or("", |at| &before[at..]);
+        let legend = if markup.contains("</figure>") { vec![] } else { figure_legend::entries(markup) };
+        found.push(FigureFile { name, svg: document(page, (opening, inner), &legend, &sheet), caption });
     }
     found
 }
@@ -95,9 +103,14 @@ fn caption(after: &str) -> Option<String> {
     }
     let start = within.find("<figcaption")?;
     let text = within[start..].split_once('>')?.1.split("</figcaption>").next()?;
+    Some(plain_text(text)).filter(|text| !text.is_empty())
+}
+
+/// The text of a markup, without tags.
+pub(super) fn plain_text(markup: &str) -> String {
     let mut plain = String::new();
     let mut in_tag = false;
-    for c in text.chars() {
+    for c in markup.chars() {
         match c {
             '<' => in_tag = true,
             '>' if in_tag => in_tag = false,
@@ -105,7 +118,7 @@ fn caption(after: &str) -> Option<String> {
             _ => {}
         }
     }
-    Some(unescaped(plain.split_whitespace().collect::<Vec<_>>().join(" ").as_str())).filter(|text| !text.is_empty())
+    unescaped(&plain.split_whitespace().collect::<Vec<_>>().join(" "))
 }
 
 fn unescaped(text: &str) -> String {
@@ -130,7 +143,7 @@ fn words(label: &str) -> String {
 }
 
 /// A figure as a document of its own.
-fn document(page: &str, opening: &str, inner: &str, sheet: &StyleSheet) -> String {
+fn document(page: &str, (opening, inner): (&str, &str), legend: &[LegendEntry], sheet: &StyleSheet) -> String {
     let figure = format!("{opening}>{inner}");
     let definitions: String = references(&figure)
         .into_iter()
@@ -140,18 +153,22 @@ fn document(page: &str, opening: &str, inner: &str, sheet: &StyleSheet) -> Strin
     // The size of a figure on the page is a matter of the page.
     let style = attribute(opening, "style").map(|style| format!(" style=\"{style}\"")).unwrap_or_default();
     let opening = opening.replacen(&style, "", 1);
-    let sides: Vec<&str> = attribute(&opening, "viewBox").unwrap_or_default().split(' ').collect();
-    let (size, paper) = match sides.as_slice() {
-        [x, y, wide, high] => (
-            format!(" width=\"{wide}\" height=\"{high}\""),
-            format!("<rect x=\"{x}\" y=\"{y}\" width=\"{wide}\" height=\"{high}\" fill=\"#fff\"/>"),
-        ),
-        _ => (String::new(), String::new()),
-    };
+    let view = attribute(&opening, "viewBox").unwrap_or_default();
+    let sides: Vec<f64> = view.split(' ').filter_map(|side| side.parse().ok()).collect();
+    let (mut size, mut paper, mut keys) = (String::new(), String::new(), String::new());
+    let mut opening = opening.clone();
+    if let [x, y, wide, high] = sides[..] {
+        let (drawn, more) = figure_legend::drawn(legend, (x + 8.0, y + high, wide - 16.0), &sheet.rules);
+        let (wide, high) = (px(wide), px(high + more));
+        opening = opening.replacen(view, &format!("{} {} {wide} {high}", px(x), px(y)), 1);
+        size = format!(" width=\"{wide}\" height=\"{high}\"");
+        paper = format!("<rect x=\"{}\" y=\"{}\" width=\"{wide}\" height=\"{high}\" fill=\"#fff\"/>", px(x), px(y));
+        keys = drawn;
+    }
     let rules = sheet.rules_of(&format!("{figure}{definitions}"));
     let text = format!(
         "{opening} xmlns=\"http://www.w3.org/2000/svg\" xmlns:xlink=\"http://www.w3.org/1999/xlink\"{size}>\n\
-         <style>{rules}</style>\n<defs>{definitions}</defs>\n{paper}{inner}\n"
+         <style>{rules}</style>\n<defs>{definitions}</defs>\n{paper}{keys}{inner}\n"
     );
     sheet.resolved(&text)
 }

@@ -12,6 +12,7 @@ mod earth;
 mod errors;
 mod explorer;
 mod figure_files;
+mod figure_legend;
 mod flow;
 mod importance;
 mod intervals;

@@ -174,7 +174,6 @@ impl InitText<'_> {
         text += &listed("vector magnetometers", vectors);
         let calibration = self.calibration(main);
         if let (Some(vector), Some(((flight, line), found))) = (vectors.first(), calibration) {
-            let sql = |x: &str| x.replace('\'', "''");
             let condition = format!("flight = '{}' and line = '{}'", sql(flight), sql(line));
             let (low, high) = (0.1_f64.min(0.05 * rate), 0.9_f64.min(0.45 * rate));
             text += &format!(
@@ -206,7 +205,7 @@ impl InitText<'_> {
              \"{last}\"\nmap   = \"anomaly\"\n"
         );
         if self.navigates && last == "clean" {
-            let others = calibration.filter(|_| main.lines.len() > 1).map(|((_, line), _)| line.replace('\'', "''"));
+            let others = calibration.filter(|_| main.lines.len() > 1).map(|((_, line), _)| sql(line));
             let condition = others.map_or(String::new(), |line| {
                 format!("where = {}   # not the calibration line\n", quoted(&format!("line <> '{line}'")))
             });
@@ -290,6 +289,11 @@ impl InitText<'_> {
         }
         text
     }
+}
+
+/// A text inside quotes of an SQL condition of a stage, in which `$` begins the name of an axis.
+fn sql(text: &str) -> String {
+    text.replace('\'', "''").replace('$', "$$")
 }
 
 /// A comment with the other candidates.
