@@ -102,7 +102,10 @@ def line_stage(spec: dict[str, Any], **keys: Any) -> dict[str, Any]:
 
 
 def table(run: magline.Run, name: str) -> Any:
-    return run.table(name).pandas()
+    """A table in the order of axes, lines and times: a query reads files in any order."""
+    found = run.table(name).pandas()
+    keys = [key for key in ("alpha", "north", "line", "tt") if key in found.columns]
+    return found.sort_values(keys, kind="stable", ignore_index=True)
 
 
 def toml(path: Path, keys: dict[str, Any]) -> Path:
