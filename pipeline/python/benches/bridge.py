@@ -15,7 +15,7 @@ import magline
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from magline import parts
+from magline._calls import StageCall
 from numpy.typing import NDArray
 
 KEPT: list[magline.Line] = []
@@ -57,7 +57,7 @@ def main() -> None:
     print(f"Python {sys.version.split()[0]}, NumPy {np.__version__}")
     for samples in (600, 36_000):
         line = line_of(samples)
-        scope: dict[str, object] = {"line": line, "run": parts._Stage(lambda line: line["mag_1_uc"])}
+        scope: dict[str, object] = {"line": line, "run": StageCall(lambda line: line["mag_1_uc"])}
         view = microseconds("line['mag_1_uc']", scope)
         call = microseconds("run(line, {}, ['same'])", scope)
         copy = microseconds("values.copy()", {"values": line["mag_1_uc"]})

@@ -14,7 +14,7 @@ pub fn in_python<T>(name: &str, call: impl FnOnce(Python<'_>) -> PyResult<T>) ->
 /// The fault of an exception: its text, and the traceback from the first frame of the part.
 fn fault(py: Python<'_>, name: &str, e: &PyErr) -> Fault {
     let of = (e.value(py), e.traceback(py));
-    let described = || py.import("magline.parts")?.call_method1("_describe", of)?.extract::<String>();
+    let described = || py.import("magline._calls")?.call_method1("describe", of)?.extract::<String>();
     let text = described().unwrap_or_else(|_| e.to_string());
     Fault { what: format!("`{name}`, written in Python, raised {text}"), owner: FaultOwner::Bug, ..Fault::default() }
 }

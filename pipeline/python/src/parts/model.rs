@@ -33,7 +33,7 @@ pub struct ModelPart {
 }
 
 impl ModelPart {
-    /// The model of a declaration. `run` is the object `magline.parts._Model` with the methods `fit`, `load` and
+    /// The model of a declaration. `run` is the object `magline._calls.ModelCall` with the methods `fit`, `load` and
     /// `predict`.
     ///
     /// # Errors
