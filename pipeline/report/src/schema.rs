@@ -113,19 +113,10 @@ fn stage(entry: &StageEntry, kinds: &[&ChoiceDoc], chosen: Option<(&str, Value, 
     let mut keys = Map::new();
     let of_kinds = kinds.iter().flat_map(|kind| &kind.params);
     let single = kinds.len() <= 1;
-    for doc in entry.params.iter().filter(|p| p.owners.is_empty()).chain(of_kinds) {
-        let shown = param(doc);
-        // One key may have several types, by kind.
-        match keys.get_mut(doc.name) {
-            Some(known) if *known != shown => *known = json!({ "anyOf": [known.clone(), shown] }),
-            Some(_) => {}
-            None => {
-                keys.insert(doc.name.to_owned(), shown);
-            }
-        }
-        if single && doc.default.is_none() && doc.absent.is_none() {
-            required.push(doc.name.to_owned());
-        }
+    let own = entry.params.iter().filter(|p| p.owners.is_empty());
+    let needed = insert(&mut keys, own.chain(of_kinds));
+    if single {
+        required.extend(needed);
     }
     for decl in entry.inputs {
         keys.insert(decl.name.to_owned(), input(decl));
@@ -183,7 +174,13 @@ fn input(decl: &InputDecl) -> Value {
 
 /// A table with the keys of `docs` and no others.
 fn group(docs: &[ParamDoc]) -> Value {
-    let mut keys: Map<String, Value> = Map::new();
+    let mut keys = Map::new();
+    let required = insert(&mut keys, docs.iter());
+    json!({ "type": "object", "properties": keys, "required": required, "additionalProperties": false })
+}
+
+/// Inserts the keys of `docs` and returns the names of required ones. A key of several kinds may have several types.
+fn insert<'a>(keys: &mut Map<String, Value>, docs: impl Iterator<Item = &'a ParamDoc>) -> Vec<String> {
     let mut required = vec![];
     for doc in docs {
         let shown = param(doc);
@@ -195,10 +192,10 @@ fn group(docs: &[ParamDoc]) -> Value {
             }
         }
         if doc.default.is_none() && doc.absent.is_none() {
-            required.push(doc.name);
+            required.push(doc.name.to_owned());
         }
     }
-    json!({ "type": "object", "properties": keys, "required": required, "additionalProperties": false })
+    required
 }
 
 /// The values of a key: of its type, or an axis.
