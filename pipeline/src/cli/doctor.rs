@@ -113,7 +113,7 @@ fn temporary() -> Finding {
 fn space(folder: &Path, help: &str) -> Finding {
     match statvfs(folder) {
         Ok(found) => {
-            let free = found.blocks_available() as u64 * found.fragment_size() as u64;
+            let free = found.blocks_available() * found.fragment_size();
             let text = format!("{}, {} free", folder.display(), memory::shown(free as usize));
             if free < LITTLE_SPACE { Finding::Warning(text, help.to_owned()) } else { Finding::Fine(text) }
         }

@@ -139,9 +139,8 @@ fn check_time(path: &Path, names: &[String], options: &FlightOptions) -> Result<
     let (name, missing) = (&names[at], MissingMarkers::from_options(options));
     let first = reader(path)?.into_records().find_map(Result::ok);
     let Some(text) = first.as_ref().and_then(|record| record.get(at)) else { return Ok(()) };
-    // Single unreadable numbers are faults of their rows; a date or a time of day has separators.
-    let is_clock = missing.number(text).is_none() && text.contains([':', '-', '/']);
-    if !is_clock || !text.contains(|c: char| c.is_ascii_digit()) || *name == text {
+    // Single unreadable numbers are faults of their rows.
+    if missing.number(text).is_some() || !is_clock(text) || *name == text {
         return Ok(());
     }
     let what = format!("`{}` is text, but `tt` must be a number of seconds past midnight UTC", text.escape_debug());
@@ -150,6 +149,14 @@ fn check_time(path: &Path, names: &[String], options: &FlightOptions) -> Result<
          `magline init FILE` writes the mapping and the spec"
     );
     Err(ReadError::options(path, what).in_column(name).help(help))
+}
+
+/// Whether a text looks like a date (`2024-06-03`, `3/6/2024`) or a time of day (`14:00:00`).
+fn is_clock(text: &str) -> bool {
+    let starts = |part: &str| part.starts_with(|c: char| c.is_ascii_digit());
+    let parts =
+        |separator: char, count: usize| text.split(separator).count() >= count && text.split(separator).all(starts);
+    parts(':', 2) || parts('-', 3) || parts('/', 3)
 }
 
 fn reader(path: &Path) -> Result<csv::Reader<CsvText>, ReadError> {

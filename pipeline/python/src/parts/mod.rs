@@ -155,7 +155,7 @@ fn register(kind: &str, declaration: &str, run: Py<PyAny>) -> Result<(), String>
             part.head.reserve(&fit.inputs.iter().map(|input| input.name).collect::<Vec<_>>())?;
             part.head.reserve(&STAGE_KEYS.map(|(key, _)| key))?;
             let names: Vec<&str> = built_in.models.iter().map(|model| model.name).collect();
-            add(&mut registry.models, part, &names, |part| &part.head)
+            add(&mut registry.models, part, &names, |part| part.head)
         }
         "filter" => {
             let part = FilterPart::new(serde_json::from_str(declaration).map_err(wrong)?, run)?;
@@ -165,7 +165,7 @@ fn register(kind: &str, declaration: &str, run: Py<PyAny>) -> Result<(), String>
             part.head.reserve(&navigate.inputs.iter().map(|input| input.name).collect::<Vec<_>>())?;
             part.head.reserve(&STAGE_KEYS.map(|(key, _)| key))?;
             let names: Vec<&str> = built_in.filters.iter().map(|filter| filter.name).collect();
-            add(&mut registry.filters, part, &names, |part| &part.head)
+            add(&mut registry.filters, part, &names, |part| part.head)
         }
         "metric" => {
             let part = MetricPart::new(serde_json::from_str(declaration).map_err(wrong)?, run)?;
@@ -214,8 +214,8 @@ pub fn registered_parts() -> PyResult<Vec<(&'static str, &'static str, u32, &'st
     let parts = PARTS.read().map_err(|e| PyRuntimeError::new_err(e.to_string()))?;
     let row = |kind: &'static str, head: &PartHead| (kind, head.name, head.version, head.source);
     let stages = parts.stages.values().map(|part| row("stage", &part.head));
-    let models = parts.models.values().map(|part| row("model", &part.head));
-    let filters = parts.filters.values().map(|part| row("filter", &part.head));
+    let models = parts.models.values().map(|part| row("model", part.head));
+    let filters = parts.filters.values().map(|part| row("filter", part.head));
     let metrics = parts.metrics.values().map(|part| row("metric", &part.head));
     Ok(stages.chain(models).chain(filters).chain(metrics).collect())
 }
