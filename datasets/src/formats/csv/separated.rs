@@ -32,7 +32,7 @@ pub(super) struct CsvStyle {
 impl CsvStyle {
     /// Form of the text of a file.
     pub(super) fn of(head: &FileHead) -> CsvStyle {
-        let text = String::from_utf8_lossy(head.text()).into_owned();
+        let text = String::from_utf8_lossy(head.text()).replace("\r\n", "\n").replace('\r', "\n");
         let text = text.trim_start_matches('\u{feff}');
         let is_above = |line: &&str| line.trim().is_empty() || line.starts_with(COMMENT);
         let above: Vec<&str> = text.lines().take_while(is_above).collect();
@@ -152,11 +152,7 @@ impl ConvertedText {
         if input.fill_buf()?.starts_with(MARK) {
             input.consume(MARK.len());
         }
-        let mut skipped = vec![];
-        for _ in 0..style.above {
-            skipped.clear();
-            input.read_until(b'\n', &mut skipped)?;
-        }
+        skip_lines(&mut input, style.above)?;
         let mut text = ConvertedText {
             input,
             separator: style.separator,
@@ -246,6 +242,21 @@ impl Read for ConvertedText {
     }
 }
 
+/// Skips lines that end with a newline, a carriage return, or both.
+fn skip_lines(input: &mut impl BufRead, mut lines: usize) -> io::Result<()> {
+    let mut returned = false;
+    while let Some(byte) = input.fill_buf()?.first().copied() {
+        let is_rest = returned && byte == b'\n';
+        if lines == 0 && !is_rest {
+            break;
+        }
+        lines -= usize::from(ends_record(byte) && !is_rest);
+        returned = byte == b'\r';
+        input.consume(1);
+    }
+    Ok(())
+}
+
 fn wrong(what: String) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, format!("{what}; write its numbers with decimal points"))
 }
@@ -320,6 +331,9 @@ mod tests {
             ("a;b\n\n1,5;2\n", "a,b\n\n1.5,2\n"),
             ("# one\n#two, x\na,b\n1,2\n", "\n\na,b\n1,2\n"),
             ("# made by me\n# a,b\n1,2\n3,4\n", "\na,b\n1,2\n3,4\n"),
+            ("# one\r\n# two\r\na,b\r\n1,2\r\n", "\n\na,b\r\n1,2\r\n"),
+            ("# one\ra,b\r1,2\r", "\na,b\r1,2\r"),
+            ("a\r\t3\t\r", "a\r\t3\t\r"),
             ("# a;b\n1,5;2,25\n", "a,b\n1.5,2.25\n"),
             ("a,b\n1,2\n", "a,b\n1,2\n"),
             ("a;b\n2024-06-03T14:00:00.5Z;51336,25\n", "a,b\n2024-06-03T14:00:00.5Z,51336.25\n"),
