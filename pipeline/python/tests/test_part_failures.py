@@ -70,7 +70,9 @@ def test_a_wrong_filter_fails_its_line(parts: Any, tmp_path: Path) -> None:
 
 
 INTERRUPTED = """
-import magline, sys
+import magline, signal, sys
+# A shell may have started the tests with interrupts ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 magline.load_parts(sys.argv[1])
 print("ready", flush=True)
 try:
