@@ -21,9 +21,9 @@ pub const VERSION: &str = "8";
 
 pub use formats::{
     FlightBatch, FlightOptions, FlightReader, LogTopic, MapOptions, MapTable, PointOptions, RawReader, ReadHints,
-    RowFault, SurveyPointSet, TopicColumn, check_output, doubts, flight_format_of, map_files, map_gives_error,
-    open_flight, open_flight_among, open_flight_with, open_raw, open_raw_among, read_grid, read_map, read_points,
-    topics, topics_among, write_grid,
+    RowFault, SurveyPointSet, TopicColumn, check_output, doubts, flight_format_of, has_map_extension, map_files,
+    map_gives_error, open_flight, open_flight_among, open_flight_with, open_raw, open_raw_among, read_grid, read_map,
+    read_points, topics, topics_among, write_grid,
 };
 pub use grids::{
     AnomalyGrid, Crs, GridHeight, LineType, MapSummary, ReadError, Registration, SummaryValue, geographic,

@@ -20,6 +20,7 @@ mod confine;
 pub mod release;
 #[cfg(feature = "serve")]
 pub mod serve;
+mod shell;
 
 use schemas::StageEntry;
 

@@ -458,6 +458,13 @@ pub fn map_files(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
     Ok(files)
 }
 
+/// Whether the extension of a file belongs to a map format and to no flight format.
+pub fn has_map_extension(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+    let ends = |extensions: &[&str]| extensions.iter().any(|e| name.strip_suffix(e).is_some_and(|n| n.ends_with('.')));
+    MAP_FORMATS.iter().any(|f| ends(f.extensions)) && !FLIGHT_FORMATS.iter().any(|f| ends(f.extensions))
+}
+
 struct FormatCandidate {
     name: &'static str,
     extensions: &'static [&'static str],

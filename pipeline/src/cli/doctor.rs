@@ -153,7 +153,7 @@ fn store(root: &Path) -> Finding {
     };
     let name = shown(root).to_string();
     if scrub::mark_is_damaged(root) {
-        let help = format!("run `magline verify --store {}`", super::shell::shell_word(&name));
+        let help = format!("run `magline verify --store {}`", crate::shell::shell_word(&name));
         return Finding::Wrong(Fault::data(format!("{name}, {tables}: its mark is damaged")).help(help));
     }
     if let Err(e) = access(root, AccessFlags::W_OK) {

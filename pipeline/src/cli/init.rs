@@ -11,7 +11,7 @@ use std::{
 };
 
 use clap::Args;
-use datasets::{FlightOptions, MapOptions, read_grid};
+use datasets::{FlightOptions, MapOptions, has_map_extension, read_grid};
 use intake::{
     flight_formats,
     mapping::{
@@ -27,7 +27,8 @@ use self::{
     findings::LogFindings,
     text::{InitSource, InitText},
 };
-use super::{ExitReason, choose, print_to_stderr, say, shell::shell_word, temporary::TemporaryFile};
+use super::{ExitReason, choose, print_to_stderr, say, temporary::TemporaryFile};
+use crate::shell::shell_word;
 
 /// Arguments of `magline init`.
 #[derive(Args)]
@@ -40,14 +41,9 @@ pub struct InitArgs {
     output: Option<PathBuf>,
 }
 
-/// Extensions of raster maps, which are not flight logs.
-const MAPS: [&str; 8] = ["tif", "tiff", "grd", "gxf", "ers", "asc", "nc", "flt"];
-
 /// Runs the command.
 pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> {
-    let is_map =
-        |path: &&PathBuf| path.extension().is_some_and(|e| MAPS.iter().any(|known| e.eq_ignore_ascii_case(known)));
-    let (maps, logs): (Vec<&PathBuf>, Vec<&PathBuf>) = args.files.iter().partition(is_map);
+    let (maps, logs): (Vec<&PathBuf>, Vec<&PathBuf>) = args.files.iter().partition(|path| has_map_extension(path));
     let [log] = logs.as_slice() else {
         let what = format!("`magline init` requires exactly one log, not {}", logs.len());
         return Err(Fault::new(what).help("run it for each log with a separate `-o SPEC.toml`").into());

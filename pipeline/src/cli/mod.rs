@@ -31,7 +31,6 @@ mod say;
 mod schedule;
 mod schema;
 mod serve;
-mod shell;
 mod sql;
 mod stages;
 mod synth;
@@ -109,7 +108,7 @@ enum Command {
     },
     /// Query the tables of a store in SQL, by the names PIPELINE.TABLE.
     Sql(sql::SqlArgs),
-    /// Export a table of a store as CSV, Geosoft XYZ or Parquet.
+    /// Export a table of a store as CSV, Geosoft XYZ, MATLAB or Parquet.
     Export(export::ExportArgs),
     /// Serve the tables of a store over Arrow Flight SQL, read-only. Requires a build with the feature `serve`.
     Serve(serve::ServeArgs),

@@ -10,7 +10,8 @@ use results::text::columns;
 use schemas::Fault;
 use uuid::Uuid;
 
-use super::{ExitReason, say, shell::shell_word, temporary::TemporaryFile};
+use super::{ExitReason, say, temporary::TemporaryFile};
+use crate::shell::shell_word;
 
 #[derive(Args)]
 pub struct NewArgs {

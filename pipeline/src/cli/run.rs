@@ -9,8 +9,9 @@ use schemas::{Fault, StageEntry};
 
 use super::{
     ExitReason, QUIET, SpecArgs, counted, engine, events, interrupt, note, print_to_stderr, progress::ProgressDisplay,
-    say, schedule, shell::shell_word, tend, threads,
+    say, schedule, tend, threads,
 };
+use crate::shell::shell_word;
 pub use run::{Event, Listener, RunOptions, RunSummary, TaskEngine, again, deduplicated, search};
 
 /// Subject and options of a run.

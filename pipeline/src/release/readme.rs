@@ -8,6 +8,7 @@ use super::{
     set::{ReleaseSet, ReleaseTable},
     words::{cell, counted},
 };
+use crate::shell::shell_quoted;
 
 /// Text of `README.md`.
 pub fn write(set: &ReleaseSet) -> String {
@@ -151,7 +152,7 @@ fn datasheet(set: &ReleaseSet) -> String {
 
 fn again(set: &ReleaseSet) -> String {
     let lock = &set.lock;
-    let sets: String = lock.set.iter().map(|s| format!(" --set '{}'", s.replace('\'', "'\\''"))).collect();
+    let sets: String = lock.set.iter().map(|s| format!(" --set {}", shell_quoted(s))).collect();
     let tables: Vec<&str> = set.dictionary.tables.iter().map(|t| t.name.as_str()).collect();
     let restricted_flag = if set.dictionary.restricted.is_empty() { "" } else { " --include-restricted" };
     let mut text = format!(

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use intake::mapping::Mapping;
+use intake::mapping::{Mapping, suggest::quoted};
 use results::text::number;
 
 use super::findings::{LineFinding, LogFindings, TableFindings};
@@ -43,11 +43,6 @@ pub struct InitText<'a> {
 const MANOEUVRE_DEG: f64 = 1.0;
 /// Minimum number of samples of a calibration line: the ends are trimmed, and 18 terms are fitted.
 const CALIBRATION_ROWS: usize = 200;
-
-/// A text as a TOML string.
-fn quoted(text: &str) -> String {
-    toml::Value::String(text.to_owned()).to_string()
-}
 
 impl InitText<'_> {
     /// The table with a scalar magnetometer, else with a vector magnetometer, else the first.
