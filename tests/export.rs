@@ -109,6 +109,21 @@ fn user_an_exported_xyz_file_is_read_back_with_the_same_lines_and_values() {
 }
 
 #[test]
+fn user_the_header_of_a_csv_file_names_the_units_on_request() {
+    let bench = ran();
+    exported(&bench, &["small.clean", "-o", "plain.csv", "--where", POINT]);
+    exported(&bench, &["small.clean", "-o", "units.csv", "--where", POINT, "--units"]);
+    let [plain, units] = ["plain.csv", "units.csv"].map(|name| fs::read_to_string(bench.path(name)).unwrap());
+    let header = |text: &str| text.lines().next().unwrap().to_owned();
+    assert!(header(&plain).contains(",mag_c,"), "{}", header(&plain));
+    assert!(header(&units).contains(",mag_c [nT],") && header(&units).contains("tt [s]"), "{}", header(&units));
+    assert!(plain.lines().skip(1).eq(units.lines().skip(1)));
+    let output = bench.magline(&["export", "small.clean", "-o", "x.parquet", "--units"]);
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    assert!(stderr(&output).contains("`--units` requires the extension .csv"), "{}", stderr(&output));
+}
+
+#[test]
 fn user_a_table_that_a_format_cannot_store_is_rejected_and_the_old_file_is_kept() {
     let bench = ran();
     fs::write(bench.path("old.xyz"), "mine").unwrap();
@@ -118,7 +133,7 @@ fn user_a_table_that_a_format_cannot_store_is_rejected_and_the_old_file_is_kept(
         assert!(stderr(&output).contains(said), "{args:?}: {}", stderr(&output));
     };
     refused(&["small.clean", "-o", "old.xyz"], "has several values");
-    refused(&["small.clean", "-o", "x.xlsx"], ".csv, .xyz, .parquet");
+    refused(&["small.clean", "-o", "x.xlsx"], ".csv, .xyz, .mat, .parquet");
     refused(&["small.clean", "-o", "noending"], "without an extension");
     refused(&["clean", "-o", "x.csv"], "PIPELINE.TABLE");
     refused(&["small.cleam", "-o", "x.csv"], "small.clean");

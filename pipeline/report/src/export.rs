@@ -1,16 +1,39 @@
 //! Export of a table of a store: lists spread over columns, rows in the order of the table.
 
+mod mat;
 mod spread;
 mod xyz;
 
-use arrow_array::RecordBatch;
-use arrow_schema::SchemaRef;
+use std::{io, sync::Arc};
+
+use arrow_array::{RecordBatch, RecordBatchOptions};
+use arrow_schema::{Field, Schema, SchemaRef};
 use schemas::Fault;
 
+pub use mat::MatWriter;
 pub use xyz::GeosoftWriter;
 
 use crate::sql::{BatchSink, StoreQuery, sql_in_order};
 use spread::spread;
+
+/// Writer of a table in a file format.
+pub trait TableWriter: Send {
+    /// Writes rows.
+    ///
+    /// # Errors
+    /// Fails for values that the format cannot store, and on errors of writing.
+    fn write(&mut self, batch: &RecordBatch) -> Result<(), Fault>;
+
+    /// Ends the file; `schema` is for a table without rows.
+    ///
+    /// # Errors
+    /// Fails on errors of writing.
+    fn finish(self: Box<Self>, schema: &Schema) -> Result<(), Fault>;
+}
+
+fn write_failed(e: &io::Error) -> Fault {
+    Fault::machine(format!("cannot write the export: {e}"))
+}
 
 /// The query of the rows of `table`, a name PIPELINE.TABLE, that `lines` and the SQL condition `condition` select.
 ///
@@ -33,27 +56,48 @@ pub fn query(table: &str, lines: &[String], condition: Option<&str>) -> Result<S
     Ok(format!("SELECT * FROM {}.{}{conditions}", name(pipeline), name(own)))
 }
 
-/// Sends the rows of a query to `sink`, batch by batch, in the order of the table, with lists spread over columns.
+/// Sends the rows of a query to `sink`, batch by batch, in the order of the table, with lists spread over columns. With
+/// `units`, the name of each column ends with its unit: `mag_c [nT]`.
 ///
 /// # Errors
 /// Fails when the query fails, and for a list that cannot be spread over columns.
-pub fn export(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault> {
-    sql_in_order(question, &mut SpreadSink(sink))
+pub fn export(question: &StoreQuery, sink: &mut dyn BatchSink, units: bool) -> Result<(), Fault> {
+    sql_in_order(question, &mut SpreadSink { sink, units })
 }
 
 /// Receiver that spreads lists over columns for another receiver.
-struct SpreadSink<'a>(&'a mut dyn BatchSink);
+struct SpreadSink<'a> {
+    sink: &'a mut dyn BatchSink,
+    units: bool,
+}
+
+impl SpreadSink<'_> {
+    fn spread(&self, batch: &RecordBatch) -> Result<RecordBatch, Fault> {
+        let spread = spread(batch)?;
+        if !self.units {
+            return Ok(spread);
+        }
+        let named = |field: &Arc<Field>| match field.metadata().get("unit").filter(|unit| !unit.is_empty()) {
+            Some(unit) => Arc::new(field.as_ref().clone().with_name(format!("{} [{unit}]", field.name()))),
+            None => field.clone(),
+        };
+        let schema = Arc::new(Schema::new(spread.schema().fields().iter().map(named).collect::<Vec<_>>()));
+        let options = RecordBatchOptions::new().with_row_count(Some(spread.num_rows()));
+        let columns = spread.columns().to_vec();
+        RecordBatch::try_new_with_options(schema, columns, &options).map_err(|e| Fault::bug(e.to_string()))
+    }
+}
 
 impl BatchSink for SpreadSink<'_> {
     fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault> {
-        self.0.take(spread(&batch)?)
+        self.sink.take(self.spread(&batch)?)
     }
 
     fn keeps(&self, batch: &RecordBatch) -> usize {
-        self.0.keeps(batch)
+        self.sink.keeps(batch)
     }
 
     fn finish(&mut self, schema: &SchemaRef) -> Result<(), Fault> {
-        self.0.finish(&spread(&RecordBatch::new_empty(schema.clone()))?.schema())
+        self.sink.finish(&self.spread(&RecordBatch::new_empty(schema.clone()))?.schema())
     }
 }

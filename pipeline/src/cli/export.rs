@@ -10,7 +10,7 @@ use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
 use clap::Args;
 use report::{
-    export::{self, GeosoftWriter},
+    export::{self, GeosoftWriter, MatWriter, TableWriter},
     sql::{BatchSink, StoreQuery, memory},
 };
 use schemas::Fault;
@@ -27,10 +27,14 @@ use super::{
 pub struct ExportArgs {
     /// The table, as PIPELINE.TABLE.
     table: String,
-    /// The output file; its extension selects the format: .csv, .xyz (Geosoft) or .parquet. An existing file is
+    /// The output file; its extension selects the format: .csv, .xyz (Geosoft), .mat (MATLAB) or
+    /// .parquet. An existing file is
     /// replaced when the new file is complete.
     #[arg(short, long)]
     output: PathBuf,
+    /// Append the unit to each column name in the header of a CSV file, such as `mag_c [nT]`.
+    #[arg(long)]
+    units: bool,
     /// Only these lines.
     #[arg(long, value_delimiter = ',')]
     line: Vec<String>,
@@ -46,7 +50,8 @@ pub struct ExportArgs {
 /// File format of an export.
 enum ExportFormat {
     Answer(answer::AnswerFormat),
-    Geosoft,
+    /// A format with a writer of its own.
+    Table(fn(BufWriter<File>) -> Box<dyn TableWriter>),
 }
 
 fn format(output: &Path) -> Result<ExportFormat, Fault> {
@@ -54,11 +59,12 @@ fn format(output: &Path) -> Result<ExportFormat, Fault> {
     Ok(match ending.as_deref() {
         Some("csv") => ExportFormat::Answer(answer::AnswerFormat::Csv),
         Some("parquet") => ExportFormat::Answer(answer::AnswerFormat::Parquet),
-        Some("xyz") => ExportFormat::Geosoft,
+        Some("xyz") => ExportFormat::Table(|file| Box::new(GeosoftWriter::new(file))),
+        Some("mat") => ExportFormat::Table(|file| Box::new(MatWriter::new(file))),
         other => {
             let given = other.map_or("a file without an extension".to_owned(), |e| format!("`.{e}`"));
             let fault = Fault::new(format!("a table cannot be exported as {given}"));
-            return Err(fault.help("use one of the extensions .csv, .xyz, .parquet"));
+            return Err(fault.help("use one of the extensions .csv, .xyz, .mat, .parquet"));
         }
     })
 }
@@ -66,6 +72,10 @@ fn format(output: &Path) -> Result<ExportFormat, Fault> {
 /// Writes the file.
 pub fn run(args: &ExportArgs) -> Result<(), ExitReason> {
     let format = format(&args.output)?;
+    if args.units && !matches!(format, ExportFormat::Answer(answer::AnswerFormat::Csv)) {
+        let fault = Fault::new("`--units` requires the extension .csv");
+        return Err(fault.help("remove `--units`; files of the other formats hold the units").into());
+    }
     let query = export::query(&args.table, &args.line, args.condition.as_deref())?;
     let memory = memory::by_default();
     confined(memory, Some(&args.output), |spill| {
@@ -76,31 +86,34 @@ pub fn run(args: &ExportArgs) -> Result<(), ExitReason> {
         match format {
             ExportFormat::Answer(format) => {
                 let mut writer = answer::AnswerWriter::new(format, Some(&args.output))?;
-                answered(&question, &mut writer, export::export)?;
+                answered(&question, &mut writer, |question, sink| export::export(question, sink, args.units))?;
             }
-            ExportFormat::Geosoft => answered(&question, &mut GeosoftFile::new(&args.output)?, export::export)?,
+            ExportFormat::Table(writer) => {
+                let mut file = ExportFile::new(&args.output, writer)?;
+                answered(&question, &mut file, |question, sink| export::export(question, sink, false))?;
+            }
         }
         Ok(())
     })
 }
 
-/// Geosoft XYZ file, written under a temporary name.
-struct GeosoftFile<'a> {
+/// File that is written under a temporary name.
+struct ExportFile<'a> {
     path: &'a Path,
     tmp: TemporaryFile,
-    writer: Option<GeosoftWriter<BufWriter<File>>>,
+    writer: Option<Box<dyn TableWriter>>,
 }
 
-impl GeosoftFile<'_> {
-    fn new(path: &Path) -> Result<GeosoftFile<'_>, Fault> {
+impl ExportFile<'_> {
+    fn new(path: &Path, writer: fn(BufWriter<File>) -> Box<dyn TableWriter>) -> Result<ExportFile<'_>, Fault> {
         let tmp = TemporaryFile::new(answer::unfinished(path, std::process::id()));
         let file = File::create(tmp.path());
         let file = file.map_err(|e| Fault::machine(format!("cannot write {}: {e}", path.display())))?;
-        Ok(GeosoftFile { path, tmp, writer: Some(GeosoftWriter::new(BufWriter::with_capacity(1 << 16, file))) })
+        Ok(ExportFile { path, tmp, writer: Some(writer(BufWriter::with_capacity(1 << 16, file))) })
     }
 }
 
-impl BatchSink for GeosoftFile<'_> {
+impl BatchSink for ExportFile<'_> {
     fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault> {
         self.writer.as_mut().map_or(Ok(()), |writer| writer.write(&batch)).map(|()| true)
     }

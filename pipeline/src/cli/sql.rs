@@ -118,7 +118,7 @@ fn write(args: &SqlArgs, memory: usize, spill: PathBuf) -> Result<(), ExitReason
 pub fn answered(
     question: &StoreQuery,
     sink: &mut dyn BatchSink,
-    ask: fn(&StoreQuery, &mut dyn BatchSink) -> Result<(), Fault>,
+    ask: impl FnOnce(&StoreQuery, &mut dyn BatchSink) -> Result<(), Fault>,
 ) -> Result<(), Fault> {
     let asked = catch_unwind(AssertUnwindSafe(|| ask(question, sink)));
     asked.unwrap_or_else(|_| Err(memory::fault(question.memory)))

@@ -1,14 +1,13 @@
 //! Geosoft's XYZ: a record `//Flight` and a record `Line` before the rows of each line, `*` for a missing value.
 
-use std::{
-    collections::HashSet,
-    io::{self, Write},
-};
+use std::{collections::HashSet, io::Write};
 
 use arrow_array::{Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_cast::display::{ArrayFormatter, FormatOptions};
 use arrow_schema::{DataType, Field, Schema};
 use schemas::Fault;
+
+use super::{TableWriter, write_failed};
 
 /// Names of the columns that become records.
 const RECORDS: [&str; 2] = ["flight", "line"];
@@ -62,14 +61,37 @@ impl<W: Write> GeosoftWriter<W> {
         let units: Vec<String> = fields.iter().map(unit).collect();
         let names: Vec<&str> = fields.iter().map(|field| field.name().as_str()).collect();
         // The names come last: readers take the last comment before the data.
-        writeln!(self.out, "/ units: {}\n/ {}", units.join(" "), names.join(" ")).map_err(|e| failed(&e))
+        writeln!(self.out, "/ units: {}\n/ {}", units.join(" "), names.join(" ")).map_err(|e| write_failed(&e))
     }
 
-    /// Writes rows.
-    ///
-    /// # Errors
-    /// Fails for a table or a text that the format cannot store, and on errors of writing.
-    pub fn write(&mut self, batch: &RecordBatch) -> Result<(), Fault> {
+    /// Writes the records of a new line.
+    fn enter(&mut self, flight: String, line: String) -> Result<(), Fault> {
+        if self.line.as_ref().is_some_and(|(f, l)| *f == flight && *l == line) {
+            return Ok(());
+        }
+        check(&line, "line")?;
+        if !line.chars().any(|c| c.is_ascii_digit()) {
+            return Err(unusable(&line, "line"));
+        }
+        if !self.written.insert((flight.clone(), line.clone())) {
+            let fault = Fault::new("the rows of the line are not together").in_line(&flight, &line);
+            return Err(fault.help("select one combination of axis values with `--where`, or use the extension .csv"));
+        }
+        if self.flight.as_ref() != Some(&flight) && !flight.is_empty() {
+            if flight.trim() != flight || flight.chars().any(char::is_control) {
+                return Err(unusable(&flight, "flight"));
+            }
+            writeln!(self.out, "//Flight {flight}").map_err(|e| write_failed(&e))?;
+        }
+        writeln!(self.out, "Line {line}").map_err(|e| write_failed(&e))?;
+        self.flight = Some(flight.clone());
+        self.line = Some((flight, line));
+        Ok(())
+    }
+}
+
+impl<W: Write + Send> TableWriter for GeosoftWriter<W> {
+    fn write(&mut self, batch: &RecordBatch) -> Result<(), Fault> {
         let schema = batch.schema();
         if !self.begun {
             self.begin(&schema)?;
@@ -101,51 +123,17 @@ impl<W: Write> GeosoftWriter<W> {
                 };
                 cells.extend([if cells.is_empty() { "" } else { " " }, &cell]);
             }
-            writeln!(self.out, "{cells}").map_err(|e| failed(&e))?;
+            writeln!(self.out, "{cells}").map_err(|e| write_failed(&e))?;
         }
         Ok(())
     }
 
-    /// Writes the records of a new line.
-    fn enter(&mut self, flight: String, line: String) -> Result<(), Fault> {
-        if self.line.as_ref().is_some_and(|(f, l)| *f == flight && *l == line) {
-            return Ok(());
-        }
-        check(&line, "line")?;
-        if !line.chars().any(|c| c.is_ascii_digit()) {
-            return Err(unusable(&line, "line"));
-        }
-        if !self.written.insert((flight.clone(), line.clone())) {
-            let fault = Fault::new("the rows of the line are not together").in_line(&flight, &line);
-            return Err(fault.help("select one combination of axis values with `--where`, or use the extension .csv"));
-        }
-        if self.flight.as_ref() != Some(&flight) && !flight.is_empty() {
-            if flight.trim() != flight || flight.chars().any(char::is_control) {
-                return Err(unusable(&flight, "flight"));
-            }
-            writeln!(self.out, "//Flight {flight}").map_err(|e| failed(&e))?;
-        }
-        writeln!(self.out, "Line {line}").map_err(|e| failed(&e))?;
-        self.flight = Some(flight.clone());
-        self.line = Some((flight, line));
-        Ok(())
-    }
-
-    /// Ends the file; `schema` is for a table without rows. Returns the output.
-    ///
-    /// # Errors
-    /// Fails on errors of writing.
-    pub fn finish(mut self, schema: &Schema) -> Result<W, Fault> {
+    fn finish(mut self: Box<Self>, schema: &Schema) -> Result<(), Fault> {
         if !self.begun {
             self.begin(schema)?;
         }
-        self.out.flush().map_err(|e| failed(&e))?;
-        Ok(self.out)
+        self.out.flush().map_err(|e| write_failed(&e))
     }
-}
-
-fn failed(e: &io::Error) -> Fault {
-    Fault::machine(format!("cannot write the export: {e}"))
 }
 
 /// The shortest decimal text that is read as the same value; `*` for NaN and infinities, which are missing values.
