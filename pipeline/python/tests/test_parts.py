@@ -147,6 +147,14 @@ def test_a_model_is_ridge_regression(
     assert set(model["lines"]) == {"1/1.01, 1/1.02"}
 
 
+def test_a_registered_metric_is_scored_only_where_it_is_named(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
+    unnamed = [{k: v for k, v in stage.items() if k != "metrics"} for stage in spec["stages"]]
+    run = magline.run({**spec, "stages": unnamed}, store=tmp_path / "store")
+    found = set(table(run, "scores")["metric"])
+    assert "rms_error" in found
+    assert not found & {"median_error", "own_rms"}
+
+
 def test_metrics_are_scored_pooled_and_shown(parts: Any, spec: dict[str, Any], tmp_path: Path) -> None:
     run = magline.run(spec, store=tmp_path)
     scores = run.scores["scores"]

@@ -252,15 +252,17 @@ pub struct ChoiceSubset<K: ChoiceKind> {
 }
 
 impl<K: ChoiceKind> ChoiceSubset<K> {
-    /// Selection from a list: all choices, or the `named` ones.
+    /// Selection from a list: the `named` choices, or all compiled choices. A choice that is loaded at run time is
+    /// selected only by name, so that loading it does not change other results.
     pub fn new(kinds: Arc<ChoiceList<K>>, named: Option<Vec<&'static K>>) -> ChoiceSubset<K> {
         ChoiceSubset { named, kinds }
     }
 
     /// The selected choices, in the order of the list.
     pub fn wanted(&self) -> impl Iterator<Item = &'static K> + '_ {
-        let is_wanted = |kind: &&'static K| {
-            self.named.as_ref().is_none_or(|named| named.iter().any(|named| named.name() == kind.name()))
+        let is_wanted = |kind: &&'static K| match &self.named {
+            Some(named) => named.iter().any(|named| named.name() == kind.name()),
+            None => kind.source().is_none(),
         };
         self.kinds.all.iter().copied().filter(is_wanted)
     }
@@ -306,9 +308,9 @@ impl<K: ChoiceKind> ParamValue for ChoiceSubset<K> {
     }
 
     fn canonical(&self) -> String {
-        // All choices are in the spelling, so that an addition to the list changes the key.
-        let all = self.named.as_ref().unwrap_or(&self.kinds.all);
-        format!("[{}]", all.iter().map(|kind| spelt(*kind)).collect::<Vec<_>>().join(","))
+        // All selected choices are in the spelling, so that an addition to the list changes the key.
+        let all = self.named.clone().unwrap_or_else(|| self.wanted().collect());
+        format!("[{}]", all.into_iter().map(spelt).collect::<Vec<_>>().join(","))
     }
 
     fn obtain(reader: &mut ParamReader, param: Param<Self>) -> Option<Self> {
