@@ -110,8 +110,12 @@ impl Flight {
         };
         let magnetometer =
             OnlineMagnetometer { measurement_nt, sigma_nt: &sigma_nt, terms: &self.terms, prior, walk_density };
-        let parameters =
-            OnlineParameters { keep_states: true, keep_covariance: true, keep_coefficients: true, gate_nis: None };
+        let parameters = OnlineParameters {
+            keep_states: true,
+            keep_covariance: true,
+            keep_coefficients: true,
+            ..OnlineParameters::default()
+        };
         online_run(&line, &[magnetometer], None, &parameters).unwrap()
     }
 

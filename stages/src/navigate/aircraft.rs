@@ -2,7 +2,10 @@
 
 use std::borrow::Cow;
 
-use numerics::navigation::online::{CoefficientPrior, check_sources, prior_from_calibrations};
+use numerics::navigation::{
+    likelihood::AircraftStates,
+    online::{CoefficientPrior, check_sources, prior_from_calibrations},
+};
 use schemas::{ColumnType, Fault, MagneticCorrection, RateDependence, Rule, params};
 
 use super::{
@@ -51,6 +54,21 @@ pub(super) struct AircraftTerms<'a> {
     pub(super) sampling: RateDependence,
 }
 
+/// Coefficients of the aircraft field along a line, as states of a filter.
+pub(super) struct AircraftCoefficientStates<'a> {
+    pub(super) terms: AircraftTerms<'a>,
+    pub(super) prior: CoefficientPrior,
+    /// Spectral density of each coefficient's random walk, in its unit squared per s.
+    pub(super) walk_density: Vec<f64>,
+}
+
+impl AircraftCoefficientStates<'_> {
+    /// The states as input of the functions in `numerics`.
+    pub(super) fn model(&self) -> AircraftStates<'_> {
+        AircraftStates { terms: &self.terms.values, prior: &self.prior, walk_density: &self.walk_density }
+    }
+}
+
 /// Harmonics of the heading error of an optically pumped magnetometer.
 const HEADING: [(&str, u32); 3] = [("heading_1", 1), ("heading_2", 2), ("heading_4", 4)];
 
@@ -95,6 +113,22 @@ impl AircraftModelKeys {
         let values = rows.flat_map(|(row, cosine)| row.iter().copied().chain(heading_terms(*cosine))).collect();
         names.extend(HEADING.iter().map(|(name, _)| (*name).to_owned()));
         Ok(AircraftTerms { names, values: Cow::Owned(values), sampling })
+    }
+
+    /// Coefficients of a line's terms with their prior. `walk_per_hour` is the standard deviation of the random walk of
+    /// each coefficient after one hour, divided by its prior standard deviation.
+    ///
+    /// # Errors
+    /// When the model has none of the terms, or a term has no equivalent at the rate of the line.
+    pub(super) fn states<'a>(
+        &self,
+        flown: &'a FilterInput,
+        walk_per_hour: f64,
+    ) -> Result<AircraftCoefficientStates<'a>, Fault> {
+        let terms = self.terms(flown)?;
+        let prior = self.prior(&terms, flown.models)?;
+        let walk_density = prior.sigma().iter().map(|sigma| (walk_per_hour * sigma).powi(2) / 3600.0).collect();
+        Ok(AircraftCoefficientStates { terms, prior, walk_density })
     }
 
     /// The prior of the coefficients of a line's terms.

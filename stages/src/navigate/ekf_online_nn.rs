@@ -139,6 +139,7 @@ impl NavigationFilter for EkfOnlineNn {
         let line = NavigationLine { measurement_nt: &measured_nt, sigma_nt: &sigma_nt, offset_window_s: 0.0, ..line };
         let parameters = OnlineParameters {
             gate_nis: self.gate_nis,
+            recover_after: None,
             keep_states: false,
             keep_covariance: false,
             keep_coefficients: self.save_weights,

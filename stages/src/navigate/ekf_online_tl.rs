@@ -11,7 +11,7 @@ use numerics::navigation::{
 use schemas::{Column, Fault, Rule};
 
 use super::aiding::{Aiding, both};
-use super::aircraft::{AircraftModelKeys, one_with_models};
+use super::aircraft::{AircraftCoefficientStates, AircraftModelKeys, one_with_models};
 use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, filter, state_arrays, state_columns};
 use super::further::{AuxiliaryMeasurements, updates};
 use crate::a_matrix::runs_of;
@@ -33,7 +33,7 @@ filter! {
     /// first magnetometer used at a sample. `nis` is the mean over all magnetometers used at it.
     ///
     /// Source: Gnadt 2022, section 5.5, without (5.39).
-    EkfOnlineTl = "ekf_online_tl", version 1, groups [aiding: Aiding, aircraft: AircraftModelKeys, further: AuxiliaryMeasurements], example "walk_per_hour = 0.1";
+    EkfOnlineTl = "ekf_online_tl", version 2, groups [aiding: Aiding, aircraft: AircraftModelKeys, further: AuxiliaryMeasurements], example "walk_per_hour = 0.1";
     /// Random walk of a coefficient: its standard deviation after one hour, divided by its prior standard deviation.
     /// With 0 the coefficients are constants.
     walk_per_hour: f64, unit "1", default 0.1, rule Rule::NotNegative;
@@ -83,6 +83,10 @@ impl NavigationFilter for EkfOnlineTl {
         true
     }
 
+    fn aircraft(&self) -> Option<(&AircraftModelKeys, f64)> {
+        Some((&self.aircraft, self.walk_per_hour))
+    }
+
     fn takes_direction(&self) -> bool {
         let of_aircraft = self.aircraft.heading_error_sigma_nt.is_some() || self.flux_bias_sigma_nt.is_some();
         of_aircraft || self.further.takes_direction()
@@ -104,10 +108,8 @@ impl NavigationFilter for EkfOnlineTl {
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         one_with_models(flown)?;
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
-        let terms = self.aircraft.terms(flown)?;
-        let prior = self.aircraft.prior(&terms, flown.models)?;
-        let walk_density: Vec<f64> =
-            prior.sigma().iter().map(|sigma| (self.walk_per_hour * sigma).powi(2) / 3600.0).collect();
+        let AircraftCoefficientStates { terms, prior, walk_density } =
+            self.aircraft.states(flown, self.walk_per_hour)?;
         let sigma_nt = flown.sigma_of_each_nt();
         let magnetometers: Vec<OnlineMagnetometer> = flown
             .magnetometers
@@ -122,6 +124,7 @@ impl NavigationFilter for EkfOnlineTl {
             .collect();
         let parameters = OnlineParameters {
             gate_nis: self.gate_nis,
+            recover_after: None,
             keep_states: self.save_state,
             keep_covariance: self.save_state,
             keep_coefficients: false,

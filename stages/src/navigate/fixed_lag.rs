@@ -15,7 +15,7 @@ use numerics::{
 use schemas::{Column, Fault, Rule};
 
 use super::aiding::{Aiding, both};
-use super::aircraft::{AircraftModelKeys, one_with_models};
+use super::aircraft::{AircraftCoefficientStates, AircraftModelKeys, one_with_models};
 use super::ekf_online_tl::aircraft_columns;
 use super::filter::{FilterFlight, FilterInput, FilterTrack, NavigationFilter, UpdateOutcome, filter};
 use super::further::AuxiliaryMeasurements;
@@ -38,7 +38,7 @@ filter! {
     ///
     /// Source: windows and their prior as in fixed-lag factor-graph smoothing; each window is an iterated smoother
     /// [Bell 1994] in Bryson-Frazier form [Bierman 1973].
-    FixedLag = "fixed_lag", version 1, groups [aircraft: AircraftModelKeys, aiding: Aiding, further: AuxiliaryMeasurements], example "lag_s = 0.0";
+    FixedLag = "fixed_lag", version 2, groups [aircraft: AircraftModelKeys, aiding: Aiding, further: AuxiliaryMeasurements], example "lag_s = 0.0";
     /// Length of a window.
     window_s: f64, unit "s", default 300.0, rule Rule::Positive;
     /// Fraction of a window that the next window shares: windows end every `window_s` (1 - `overlap`) seconds.
@@ -78,6 +78,10 @@ impl NavigationFilter for FixedLag {
         true
     }
 
+    fn aircraft(&self) -> Option<(&AircraftModelKeys, f64)> {
+        Some((&self.aircraft, self.walk_per_hour))
+    }
+
     fn takes_direction(&self) -> bool {
         self.aircraft.heading_error_sigma_nt.is_some() || self.further.takes_direction()
     }
@@ -103,10 +107,8 @@ impl NavigationFilter for FixedLag {
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         one_with_models(flown)?;
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
-        let terms = self.aircraft.terms(flown)?;
-        let prior = self.aircraft.prior(&terms, flown.models)?;
-        let walk_density: Vec<f64> =
-            prior.sigma().iter().map(|sigma| (self.walk_per_hour * sigma).powi(2) / 3600.0).collect();
+        let AircraftCoefficientStates { terms, prior, walk_density } =
+            self.aircraft.states(flown, self.walk_per_hour)?;
         let coefficients = AircraftCoefficients {
             regressors: &terms.values,
             mean: &prior.mean,

@@ -188,15 +188,16 @@ fn flown<'a>(
         flown.set_sigma();
     }
     if let Some(each) = each {
-        (flown.magnetometers, flown.offset_window_s) = (each, stage.offset_window_s);
+        flown.restore(each);
+        flown.offset_window_s = stage.offset_window_s;
     }
     if finds_noise && !stage.filter.keys.gates() {
-        flown.reject_outliers()?;
+        stage.reject_outliers(&mut flown)?;
     }
     Ok(flown)
 }
 
-impl FilterInput<'_> {
+impl<'a> FilterInput<'a> {
     /// Averages the available magnetometers at each sample. Their predictions are equal, so the mean loses no
     /// information on the position. The offset of each is subtracted before.
     fn combine(&mut self) -> Result<(), Fault> {
@@ -235,6 +236,15 @@ impl FilterInput<'_> {
         }
         self.set_sigma();
         Ok(())
+    }
+
+    /// Restores the magnetometers of a filter that processes each separately, without the removed measurements.
+    pub(super) fn restore(&mut self, mut magnetometers: Vec<FilterMagnetometer<'a>>) {
+        for FilterMagnetometer { measured_nt, .. } in &mut magnetometers {
+            let removed = measured_nt.iter_mut().zip(&self.measured_nt).filter(|(_, mean)| !mean.is_finite());
+            removed.for_each(|(own, _)| *own = f64::NAN);
+        }
+        self.magnetometers = magnetometers;
     }
 
     /// Sets the standard deviation of each measurement, from the sensors, their number, and the map.

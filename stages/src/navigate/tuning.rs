@@ -13,6 +13,7 @@ use schemas::{Column, Fault, NumberOrAuto, Rule, TableShape, choice, flight, map
 
 use super::{
     Navigate,
+    aircraft::AircraftCoefficientStates,
     filter::{FilterInput, FilterMagnetometer, PermanentStates, UpdateOutcome},
     prepared::NavigationMap,
 };
@@ -168,13 +169,14 @@ impl Navigate {
         self.tuning == Tuning::Auto
     }
 
-    /// Whether noise and outliers of each line are estimated. Filters that estimate the aircraft field from an
-    /// uncompensated magnetometer use the noise in the spec or the default noise of MagNav.jl. Flights without a map
-    /// use the same noise.
+    /// Whether noise and outliers of each line are estimated. The noise in the spec or the default noise of MagNav.jl
+    /// applies to flights without a map, to `ekf_online_nn` with an uncompensated magnetometer, and to the aircraft
+    /// field of several magnetometers.
     pub(super) fn finds_noise(&self, has_map: bool) -> bool {
         let filter = &self.filter.keys;
         let compensated = |mag: &String| mag == "mag_c" || flight::is_compensated(mag);
-        let alone = !filter.takes_models() || self.mag.iter().all(compensated);
+        let of_aircraft = filter.aircraft().is_some() && self.mag.len() == 1;
+        let alone = !filter.takes_models() || of_aircraft || self.mag.iter().all(compensated);
         self.is_auto() && has_map && alone && filter.takes_field() && filter.needs_map()
     }
 
@@ -241,7 +243,13 @@ impl Navigate {
         values.map(|value| array(vec![value; flown.ins.len()])).collect()
     }
 
-    /// Estimates the noise and the outliers of a line, and removes the measurements that are not used.
+    /// Coefficients of the aircraft field that are states of the filter while the noise is estimated.
+    fn aircraft_states<'a>(&self, flown: &'a FilterInput) -> Result<Option<AircraftCoefficientStates<'a>>, Fault> {
+        let of_filter = self.filter.keys.aircraft().filter(|_| self.mag.len() == 1);
+        of_filter.map(|(keys, walk_per_hour)| keys.states(flown, walk_per_hour)).transpose()
+    }
+
+    /// Estimates the noise of a line, and removes the measurements that are not used.
     pub(super) fn tune(
         &self,
         flown: &mut FilterInput,
@@ -250,7 +258,8 @@ impl Navigate {
         known: &mut Vec<(LineNoiseInputs, LineNoiseEstimate)>,
     ) -> Result<(), Fault> {
         let given = self.not_searched(expected);
-        let asked = LineNoiseInputs::new(flown, given);
+        let aircraft = self.aircraft_states(flown)?;
+        let asked = LineNoiseInputs::new(flown, given, aircraft.as_ref());
         let tuned = match known.iter().find(|(other, _)| *other == asked) {
             Some((_, tuned)) => tuned.clone(),
             None => {
@@ -258,14 +267,30 @@ impl Navigate {
                     flown,
                     map.errors.has_own() && self.map_error_length_m.is_none(),
                     map,
-                    given,
+                    (given, aircraft.as_ref()),
                 )?;
                 known.push((asked, tuned.clone()));
                 tuned
             }
         };
+        drop(aircraft);
         tuned.apply(flown);
         flown.tuned = Some(tuned);
+        Ok(())
+    }
+
+    /// Removes outliers: from each magnetometer if the filter processes them separately, otherwise from their mean.
+    ///
+    /// # Errors
+    /// Fails in the cases of [`likelihood::outliers`] and [`AircraftStates::along`](likelihood::AircraftStates::along).
+    pub(super) fn reject_outliers(&self, flown: &mut FilterInput) -> Result<(), Fault> {
+        let Some(aircraft) = self.aircraft_states(flown)? else { return flown.reject_outliers() };
+        let line = NavigationLine { fixes: flown.fixes(), ..flown.line()? };
+        let rejected = aircraft.model().along(&line).map_err(data)?.rejected;
+        drop(aircraft);
+        flown.leave_out(UpdateOutcome::Gated, &rejected);
+        let each = std::mem::take(&mut flown.magnetometers);
+        flown.restore(each);
         Ok(())
     }
 }
@@ -281,7 +306,7 @@ pub(super) struct LineNoiseInputs {
 }
 
 impl LineNoiseInputs {
-    fn new(flown: &FilterInput, given: NoiseParameters) -> Self {
+    fn new(flown: &FilterInput, given: NoiseParameters, aircraft: Option<&AircraftCoefficientStates>) -> Self {
         let errors = &flown.errors;
         let first = errors.initial_covariance(flown.ins.lat_deg[0].to_radians(), flown.ins.alt_m[0]);
         let density = errors.noise_density();
@@ -289,7 +314,11 @@ impl LineNoiseInputs {
         let fixes = flown.fixes().map(|fixes| [&fixes.lat_deg, &fixes.lon_deg, &fixes.alt_m]);
         let columns = [&flown.measured_nt].into_iter().chain(fixes.into_iter().flatten());
         let more = flown.scale().into_iter().chain(flown.known_nt().into_iter().flatten());
-        let values = columns.flatten().copied().chain(more).map(f64::to_bits).collect();
+        let mut values: Vec<u64> = columns.flatten().copied().chain(more).map(f64::to_bits).collect();
+        if let Some(AircraftCoefficientStates { terms, prior, walk_density }) = aircraft {
+            let of_aircraft = [&*terms.values, &prior.mean, &prior.covariance, walk_density];
+            values.extend(of_aircraft.into_iter().flatten().map(|x| x.to_bits()));
+        }
         let map = flown.map.map_or(std::ptr::null(), |map| std::ptr::from_ref(map).cast());
         Self { map, given, offset_window_s: flown.offset_window_s, start, values }
     }
@@ -307,7 +336,13 @@ pub(super) struct LineNoiseEstimate {
 }
 
 impl LineNoiseEstimate {
-    fn new(flown: &FilterInput, of_map: bool, map: &NavigationMap, given: NoiseParameters) -> Result<Self, Fault> {
+    fn new(
+        flown: &FilterInput,
+        of_map: bool,
+        map: &NavigationMap,
+        (given, aircraft): (NoiseParameters, Option<&AircraftCoefficientStates>),
+    ) -> Result<Self, Fault> {
+        let aircraft = aircraft.map(AircraftCoefficientStates::model);
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line()? };
         let rows = likelihood::rows_at(flown.ins.tt_s, INTERVAL_S);
         let (scale, known) = (flown.scale(), flown.known_nt());
@@ -315,7 +350,9 @@ impl LineNoiseEstimate {
         let [_, _, _, permanent_nt, _] = given;
         let directions = if permanent_nt == Some(0.0) { None } else { flown.field_directions(&rows) };
         let direction = directions.as_deref();
-        let first = NoiseSearch { line: &line, rows: &rows, scale: &scale, known_nt, map_nt: None, direction, given };
+        let map_nt = None;
+        let first =
+            NoiseSearch { line: &line, rows: &rows, scale: &scale, known_nt, map_nt, direction, aircraft, given };
         let mut noise = likelihood::search(&first).map_err(data)?;
         let mut map_nt = None;
         if let Some(found) = &noise
@@ -324,11 +361,23 @@ impl LineNoiseEstimate {
             let mut errors = line.errors;
             (errors.fogm_sigma_nt, errors.fogm_tau_s) = (found.fogm_sigma_nt.value, found.fogm_tau_s.value);
             let sigma_nt: Vec<f64> = scale.iter().map(|scale| scale * found.sigma_nt.value).collect();
-            map_nt = map.errors.at_nodes_nt(&NavigationLine { sigma_nt: &sigma_nt, errors, ..line })?;
+            let mut line = NavigationLine { sigma_nt: &sigma_nt, errors, ..line };
+            let compensated_nt: Vec<f64>;
+            if let Some(aircraft) = aircraft {
+                let own_nt = aircraft.along(&line).map_err(data)?.aircraft_nt;
+                compensated_nt = line.measurement_nt.iter().zip(own_nt).map(|(nt, own_nt)| nt - own_nt).collect();
+                line.measurement_nt = &compensated_nt;
+            }
+            map_nt = map.errors.at_nodes_nt(&line)?;
             noise = likelihood::search(&NoiseSearch { map_nt: map_nt.as_deref(), ..first }).map_err(data)?;
         }
         let rows = (given[0].is_none() && noise.is_some()).then_some(rows);
         Ok(Self { noise, rows, map_nt })
+    }
+
+    /// Whether the line is long enough to estimate its noise.
+    pub(super) fn has_noise(&self) -> bool {
+        self.noise.is_some()
     }
 
     /// Sets the noise, and removes the measurements that are not used.
@@ -388,21 +437,16 @@ impl FilterInput<'_> {
         }
     }
 
-    /// Removes outliers: from each magnetometer if the filter processes them separately, otherwise from their mean.
-    ///
-    /// # Errors
-    /// Fails in the cases of [`likelihood::outliers`].
-    pub(super) fn reject_outliers(&mut self) -> Result<(), Fault> {
+    /// Removes outliers of compensated magnetometers.
+    fn reject_outliers(&mut self) -> Result<(), Fault> {
         let line = NavigationLine { fixes: self.fixes(), ..self.line()? };
         let permanent = || self.permanent.as_ref().map(PermanentStates::model);
         let rejected = likelihood::outliers(&line, permanent()).map_err(data)?;
         let mut of_each = vec![];
         for FilterMagnetometer { measured_nt, .. } in &self.magnetometers {
-            let used = |(own, mean): (&f64, &f64)| if mean.is_finite() { *own } else { f64::NAN };
-            let own: Vec<f64> = measured_nt.iter().zip(&self.measured_nt).map(used).collect();
-            let line = NavigationLine { measurement_nt: &own, ..line };
+            let line = NavigationLine { measurement_nt: measured_nt, ..line };
             let rejected = likelihood::outliers(&line, permanent()).map_err(data)?;
-            of_each.push(own.iter().zip(rejected).map(|(nt, out)| if out { f64::NAN } else { *nt }).collect());
+            of_each.push(measured_nt.iter().zip(rejected).map(|(nt, out)| if out { f64::NAN } else { *nt }).collect());
         }
         self.magnetometers.iter_mut().zip(of_each).for_each(|(mag, own)| mag.measured_nt = own);
         self.leave_out(UpdateOutcome::Gated, &rejected);

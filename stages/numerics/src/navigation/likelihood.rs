@@ -17,18 +17,25 @@
 //! The permanent field of an aircraft changes after its calibration, by landings, temperature, or parts that are
 //! magnetised. In turns this change is not a Gauss-Markov process of time. If three states for it increase the
 //! likelihood by more than a threshold, they are used, with the most likely standard deviation and time constant.
+//!
+//! For an uncompensated magnetometer, the coefficients of the aircraft field are states of the filter, with their prior.
 
+mod aircraft;
 mod outliers;
 mod permanent;
 mod thinned;
 
+use rayon::prelude::*;
+
 use crate::navigation::aided::{self, AidedParameters, Aids, PermanentChange};
 use crate::navigation::ekf::{EkfInput, EkfParameters, run_together};
 use crate::navigation::ins_error::InsErrorModel;
+use crate::navigation::ins_series::InsSeries;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{NavigationError, NavigationOutput};
 use crate::regression::consistency::{normalised_innovations, statistical_inefficiency};
 
+pub use aircraft::{AircraftFieldAlong, AircraftStates};
 pub use outliers::{GATE_NIS, outliers};
 use thinned::ThinnedLine;
 pub use thinned::rows_at;
@@ -78,6 +85,8 @@ pub struct NoiseSearch<'a> {
     pub map_nt: Option<&'a [f64]>,
     /// Direction of the field at each of `rows`; see [`PermanentChange`]. Without it the permanent field is constant.
     pub direction: Option<&'a [[f64; 3]]>,
+    /// Aircraft field of an uncompensated magnetometer. It cannot be combined with `direction`.
+    pub aircraft: Option<AircraftStates<'a>>,
     /// Given parameters: white noise in nT, standard deviation of the process in nT, its time constant in s, standard
     /// deviation of the change of the permanent field in nT (0 for none), and its time constant in s.
     pub given: NoiseParameters,
@@ -130,7 +139,8 @@ const TIMES: [usize; 2] = [2, 4];
 pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationError> {
     search.line.check()?;
     let thinned = ThinnedLine::new(search.line, search.rows);
-    let mut likelihood = NoiseLikelihood { search, thinned: &thinned, map_factor: 0.0 };
+    let terms = search.aircraft.map(|aircraft| aircraft.at(search.rows)).unwrap_or_default();
+    let mut likelihood = NoiseLikelihood { search, thinned: &thinned, terms: &terms, map_factor: 0.0 };
     let grid = search.grid();
     let scored = likelihood.scores(&grid);
     let most_used = scored.iter().map(|score| score.used).max().unwrap_or(0);
@@ -211,6 +221,8 @@ impl NoiseSearch<'_> {
 struct NoiseLikelihood<'a> {
     search: &'a NoiseSearch<'a>,
     thinned: &'a ThinnedLine,
+    /// Terms of the aircraft field at the thinned samples.
+    terms: &'a [f64],
     map_factor: f64,
 }
 
@@ -231,8 +243,11 @@ impl InnovationLikelihood {
 impl NoiseLikelihood<'_> {
     /// Outputs of filters with these parameters.
     fn outputs(&self, points: &[NoisePoint]) -> Vec<Result<NavigationOutput, NavigationError>> {
+        if let Some(aircraft) = self.search.aircraft {
+            return points.par_iter().map(|point| self.output_with_aircraft(&aircraft, point)).collect();
+        }
         if points.iter().any(has_permanent) {
-            return points.iter().map(|point| self.output_with_permanent(point)).collect();
+            return points.par_iter().map(|point| self.output_with_permanent(point)).collect();
         }
         let line = self.search.line;
         let ins = self.thinned.ins();
@@ -266,6 +281,20 @@ impl NoiseLikelihood<'_> {
             (sigma_nt * scale[*row]).hypot(known).hypot(if map.is_finite() { map } else { 0.0 })
         };
         self.search.rows.iter().map(of).collect()
+    }
+
+    /// Thinned line with the process of a point.
+    fn line_at<'b>(&'b self, point: &NoisePoint, ins: &'b InsSeries<'b>, sigma_nt: &'b [f64]) -> NavigationLine<'b> {
+        let [_, fogm_sigma_nt, fogm_tau_s, ..] = *point;
+        let line = self.search.line;
+        NavigationLine {
+            ins,
+            measurement_nt: &self.thinned.measurement_nt,
+            sigma_nt,
+            fixes: self.thinned.fixes.as_ref(),
+            errors: InsErrorModel { fogm_sigma_nt, fogm_tau_s, ..line.errors },
+            ..*line
+        }
     }
 
     fn scores(&self, points: &[NoisePoint]) -> Vec<InnovationLikelihood> {

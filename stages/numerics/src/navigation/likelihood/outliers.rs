@@ -11,7 +11,7 @@ use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 pub const GATE_NIS: f64 = 19.5;
 
 /// Number of consecutive rejections that indicates a wrong prediction instead of wrong measurements.
-const RECOVERED_AFTER: usize = 20;
+pub(super) const RECOVERED_AFTER: usize = 20;
 
 /// Whether each measurement of a line is an outlier: its NIS exceeds [`GATE_NIS`] in an extended Kalman filter that
 /// does not use it. After 20 rejections in a row the next measurement is used, regardless of its innovation. With

@@ -1,8 +1,8 @@
 //! Search for a change of the permanent field of the aircraft.
 
 use super::{
-    AidedParameters, Aids, GATE_NIS, InsErrorModel, NavigationError, NavigationLine, NavigationOutput, NoiseLikelihood,
-    NoisePoint, PERMANENT, PermanentChange, aided,
+    AidedParameters, Aids, GATE_NIS, NavigationError, NavigationOutput, NoiseLikelihood, NoisePoint, PERMANENT,
+    PermanentChange, aided,
 };
 use crate::signal::gauss_markov::GaussMarkov;
 
@@ -72,16 +72,9 @@ impl NoiseLikelihood<'_> {
 
     /// Output of the filter at a point with a permanent field.
     pub(super) fn output_with_permanent(&self, point: &NoisePoint) -> Result<NavigationOutput, NavigationError> {
-        let [_, fogm_sigma_nt, fogm_tau_s, sigma, tau_s] = *point;
-        let line = self.search.line;
-        let line = NavigationLine {
-            ins: &self.thinned.ins(),
-            measurement_nt: &self.thinned.measurement_nt,
-            sigma_nt: &self.sigma_nt(point),
-            fixes: self.thinned.fixes.as_ref(),
-            errors: InsErrorModel { fogm_sigma_nt, fogm_tau_s, ..line.errors },
-            ..*line
-        };
+        let [.., sigma, tau_s] = *point;
+        let (ins, sigma_nt) = (self.thinned.ins(), self.sigma_nt(point));
+        let line = self.line_at(point, &ins, &sigma_nt);
         let process = GaussMarkov { sigma, tau_s };
         let permanent = self.search.direction.map(|direction| PermanentChange { direction, process });
         let parameters = AidedParameters { gate_nis: Some(GATE_NIS), ..AidedParameters::default() };

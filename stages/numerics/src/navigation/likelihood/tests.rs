@@ -4,6 +4,7 @@ use crate::navigation::aided::field_direction;
 use crate::navigation::flights::{OsborneFlight, world};
 use crate::navigation::ins_error::InsErrors;
 use crate::navigation::ins_series::InsSeries;
+use crate::navigation::online::CoefficientPrior;
 use crate::random::NormalGenerator;
 use crate::signal::gauss_markov::GaussMarkov;
 
@@ -41,6 +42,7 @@ fn found_with(
         known_nt: None,
         map_nt: None,
         direction: direction.as_deref(),
+        aircraft: None,
         given,
     };
     search(&search_of).unwrap().unwrap()
@@ -121,9 +123,64 @@ fn unit_too_few_measurements_give_no_noise() {
         known_nt: None,
         map_nt: None,
         direction: None,
+        aircraft: None,
         given: [None; PARAMETERS],
     };
     assert_eq!(search(&all).unwrap(), None);
+}
+
+/// Aircraft field of 40, -25 and 30 nT times the direction of the core field, in sinusoidal manoeuvres.
+fn aircraft_terms(rows: usize) -> (Vec<f64>, Vec<f64>) {
+    let terms: Vec<f64> = (0..rows)
+        .flat_map(|row| {
+            let (turn, roll) = ((row as f64 / 90.0).sin(), 0.4 * (row as f64 / 11.0).sin());
+            [turn.cos() * roll.cos(), turn.sin() * roll.cos(), roll.sin()]
+        })
+        .collect();
+    let field_nt = terms.chunks_exact(3).map(|d| 40.0 * d[0] - 25.0 * d[1] + 30.0 * d[2]).collect();
+    (terms, field_nt)
+}
+
+#[test]
+fn law_the_noise_is_estimated_beside_an_unknown_aircraft_field() {
+    for seed in 0..5 {
+        let flight = flown(seed);
+        let (terms, field_nt) = aircraft_terms(flight.errors.len());
+        let measured: Vec<f64> =
+            flight.measured(70 + seed, SIGMA_NT).iter().zip(&field_nt).map(|(nt, own)| nt + own).collect();
+        let prior = CoefficientPrior::independent(&[0.0; 3], &[300.0; 3]);
+        let aircraft = AircraftStates { terms: &terms, prior: &prior, walk_density: &[0.0; 3] };
+        let series = flight.ins.series();
+        let sigma_nt = vec![1.0; measured.len()];
+        let line = flight.line(&series, &measured, &sigma_nt);
+        let rows = rows_at(series.tt_s, 2.0);
+        let search_of = NoiseSearch {
+            line: &line,
+            rows: &rows,
+            scale: &sigma_nt,
+            known_nt: None,
+            map_nt: None,
+            direction: None,
+            aircraft: Some(aircraft),
+            given: [None; PARAMETERS],
+        };
+        let noise = search(&search_of).unwrap().unwrap();
+        assert!((noise.sigma_nt.value / SIGMA_NT - 1.0).abs() < 0.25, "{seed}: {noise:?}");
+        assert!((1.0 / 2.5..2.5).contains(&(noise.fogm_sigma_nt.value / FOGM_SIGMA_NT)), "{seed}: {noise:?}");
+        // Without states for the aircraft field it counts as noise.
+        let plain = search(&NoiseSearch { aircraft: None, ..search_of }).unwrap().unwrap();
+        let all_nt = |of: &LineNoise| of.sigma_nt.value.hypot(of.fogm_sigma_nt.value);
+        assert!(all_nt(&plain) > 1.5 * all_nt(&noise), "{seed}: {plain:?}");
+
+        // Spikes are outliers, and the estimated aircraft field follows the true field up to a constant.
+        let spikes: Vec<usize> = (200..measured.len()).step_by(97).collect();
+        let mut spiked = measured.clone();
+        spikes.iter().for_each(|row| spiked[*row] += 500.0);
+        let sigma_nt = vec![noise.sigma_nt.value; measured.len()];
+        let along = aircraft.along(&flight.line(&series, &spiked, &sigma_nt)).unwrap();
+        assert!(spikes.iter().all(|row| along.rejected[*row]), "{seed}");
+        assert!(along.rejected.iter().filter(|out| **out).count() < spikes.len() + 15, "{seed}");
+    }
 }
 
 fn directions(series: &InsSeries<'_>) -> Vec<[f64; 3]> {

@@ -67,6 +67,9 @@ pub struct OnlineParameters {
     /// Largest NIS of a measurement given the previous magnetometers of the sample; measurements with larger NIS are
     /// rejected and counted. `None` uses every measurement.
     pub gate_nis: Option<f64>,
+    /// Number of consecutive rejections of a magnetometer after which its next measurement is used. `None` for no
+    /// limit.
+    pub recover_after: Option<usize>,
     /// Returns the 18 error states of every sample.
     pub keep_states: bool,
     /// Returns the covariance of the states at every sample.
@@ -102,6 +105,8 @@ pub struct MagnetometerTrack {
     pub nis: Vec<f64>,
     /// Aircraft field from the state after the sample, in nT; NaN if the model has no finite input.
     pub aircraft_nt: Vec<f64>,
+    /// Whether the innovation gate rejected the measurement.
+    pub gated: Vec<bool>,
     /// Use of the samples.
     pub report: MagnetometerReport,
 }

@@ -14,8 +14,13 @@ use flights::{Flight, ROWS, bits, sloping, wavy};
 use std::sync::Arc;
 
 /// Enables all outputs of the filter.
-const ALL: OnlineParameters =
-    OnlineParameters { gate_nis: None, keep_states: true, keep_covariance: true, keep_coefficients: true };
+const ALL: OnlineParameters = OnlineParameters {
+    gate_nis: None,
+    recover_after: None,
+    keep_states: true,
+    keep_covariance: true,
+    keep_coefficients: true,
+};
 
 fn fixed(coefficients: &[f64]) -> CoefficientPrior {
     CoefficientPrior::independent(coefficients, &vec![0.0; coefficients.len()])

@@ -6,8 +6,13 @@ use crate::navigation::ekf::{EkfInput, EkfParameters, run_together};
 use crate::random::NormalGenerator;
 use nalgebra::{DMatrix, DVector};
 
-const ALL: OnlineParameters =
-    OnlineParameters { gate_nis: None, keep_states: true, keep_covariance: true, keep_coefficients: true };
+const ALL: OnlineParameters = OnlineParameters {
+    gate_nis: None,
+    recover_after: None,
+    keep_states: true,
+    keep_covariance: true,
+    keep_coefficients: true,
+};
 
 /// Rows of three features and a smooth function of the features, in nT.
 fn samples(rows: usize, seed: u64) -> (Vec<f64>, Vec<f64>) {

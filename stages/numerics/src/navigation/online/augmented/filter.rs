@@ -86,6 +86,8 @@ pub(super) struct AugmentedFilter<'a, M> {
     x: Vec<f64>,
     p: Covariance,
     readings: Vec<MagnetometerResidual>,
+    /// Number of consecutive rejections of each magnetometer.
+    rejected: Vec<usize>,
     scratch: AugmentedBuffers,
     output: AugmentedOutput,
 }
@@ -120,6 +122,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
             residual_nt: column(),
             nis: column(),
             aircraft_nt: column(),
+            gated: Vec::with_capacity(rows),
             report: MagnetometerReport::default(),
         };
         let kept = if parameters.keep_coefficients { rows * own } else { 0 };
@@ -138,6 +141,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
             PredictedField::new(line.map, line.core).with_second_order(line.second_order),
             vec![MagnetometerResidual::Missing; lines.len()],
         );
+        let rejected = vec![0; lines.len()];
         let (line, parameters, process) = (*line, *parameters, StepModel::from_error_model(&errors));
         Self {
             line,
@@ -152,6 +156,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
             x,
             p,
             readings,
+            rejected,
             scratch,
             output,
         }
@@ -235,7 +240,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         let slope_nt_per_m = self.predict_field(row, measured);
         let (mut off_map, mut used, mut sum, mut samples, mut residual_nt) = (false, None, 0.0, 0_usize, f64::NAN);
         for magnetometer in 0..self.lines.len() {
-            let (mut own_nt, mut own_nis) = (f64::NAN, f64::NAN);
+            let (mut own_nt, mut own_nis, mut gated) = (f64::NAN, f64::NAN, false);
             match self.readings[magnetometer] {
                 MagnetometerResidual::Missing => self.output.magnetometers[magnetometer].report.missing += 1,
                 MagnetometerResidual::OffMap => {
@@ -248,7 +253,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
                     if was_used && used != Some(SampleUsage::Used) {
                         used = Some(if flat { SampleUsage::Flat } else { SampleUsage::Used });
                     }
-                    (own_nt, own_nis) = (before_nt, nis);
+                    (own_nt, own_nis, gated) = (before_nt, nis, !was_used);
                     (sum, samples) = (sum + nis, samples + 1);
                     residual_nt = if residual_nt.is_nan() { before_nt } else { residual_nt };
                 }
@@ -256,6 +261,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
             let track = &mut self.output.magnetometers[magnetometer];
             track.residual_nt.push(own_nt);
             track.nis.push(own_nis);
+            track.gated.push(gated);
         }
         let innovation = Innovation { residual_nt, nis: if samples > 0 { sum / samples as f64 } else { f64::NAN } };
         let scalar = match (used, samples, off_map) {
@@ -414,9 +420,14 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         let nis = residual_nt * residual_nt / s;
         let report = &mut self.output.magnetometers[magnetometer].report;
         if self.parameters.gate_nis.is_some_and(|gate| nis > gate) {
-            report.gated += 1;
-            return Ok((nis, false));
+            let rejected = &mut self.rejected[magnetometer];
+            *rejected += 1;
+            if self.parameters.recover_after.is_none_or(|most| *rejected <= most) {
+                report.gated += 1;
+                return Ok((nis, false));
+            }
         }
+        self.rejected[magnetometer] = 0;
         report.updates += 1;
         if flat {
             let (own, map_error) = (STATES..STATES + self.own, self.of_aids.map_error);
