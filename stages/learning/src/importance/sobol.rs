@@ -60,8 +60,8 @@ pub struct SobolPredictions {
 /// S_i = mean(y_B (y_ABi − y_A))/V,     T_i = mean((y_A − y_ABi)²)/2V,     V = variance of y_A and y_B
 /// ```
 ///
-/// [Saltelli et al. 2010; Jansen 1999]. The mean of all predictions is subtracted first. The rows of A and B are random,
-/// so that the bootstrap over the rows gives the sampling error. An index may be slightly negative by chance.
+/// [Saltelli et al. 2010; Jansen 1999]. The mean of all predictions is subtracted first. The rows of A and B are
+/// random, so that the bootstrap over the rows gives the sampling error. An index may be slightly negative by chance.
 ///
 /// # Errors
 /// Fails for invalid ranges, groups or settings, and with [`ImportanceError::Constant`] if the predictions are equal.
