@@ -1,4 +1,4 @@
-//! Filters fed sample by sample against the filters of a whole line: bits, allocations, irregular samples, saved states.
+//! Filters fed sample by sample against the filters of a whole line: bits, allocations, irregular samples, states.
 #![allow(clippy::unwrap_used)]
 // A counting allocator implements an unsafe trait.
 #![allow(unsafe_code)]

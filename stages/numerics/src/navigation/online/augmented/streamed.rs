@@ -64,7 +64,7 @@ impl<M: AircraftFieldModel> StreamedAugmented<M> {
         let Self { filter, map, errors, second_order } = self;
         let line = LineModel {
             ins,
-            map: &**map,
+            map,
             core: None,
             errors: *errors,
             offset_window_s: 0.0,
