@@ -83,7 +83,7 @@ impl Flight {
         let noise = [NoiseDiscretisation::Trapezoidal, NoiseDiscretisation::Rectangular, NoiseDiscretisation::VanLoan];
         let errors = InsErrorModel { noise: noise[kind as usize % 3], ..InsErrorModel::default() };
         let drift = simulate_ins_error(&truth.series(), &errors, || normals.draw()).unwrap();
-        let with_core = kind % 2 == 0;
+        let with_core = kind.is_multiple_of(2);
         let mut flight = Self {
             ins: truth.with_errors(&drift),
             measured_nt: Default::default(),
@@ -115,7 +115,7 @@ impl Flight {
         flight.terms[0][6 * 200..6 * 205].fill(f64::NAN);
         // The INS leaves the map.
         flight.ins.columns[1].iter_mut().skip(580).for_each(|lat| *lat += 5.0);
-        flight.fixes = (kind % 3 == 0).then(|| {
+        flight.fixes = kind.is_multiple_of(3).then(|| {
             let there = |row: usize, value: f64| if row % 50 == 20 { value } else { f64::NAN };
             let of = |column: usize| truth.columns[column].iter().enumerate().map(|(row, x)| there(row, *x)).collect();
             let mut fixes = PositionFixes {

@@ -74,7 +74,7 @@ pub fn morris<E: Send>(
     let cube = UnitCube { model, ranges };
     cube.check(groups)?;
     setting("the number of trajectories", design.trajectories as f64, "at least 2", design.trajectories >= 2)?;
-    let is_even = design.levels >= 2 && design.levels % 2 == 0;
+    let is_even = design.levels >= 2 && design.levels.is_multiple_of(2);
     setting("the number of levels", design.levels as f64, "even and at least 2", is_even)?;
     let points = trajectories(ranges.len(), groups, design);
     let y = cube.predict(&points)?;
