@@ -1,5 +1,6 @@
 //! Importance of the inputs of a model.
 
+mod sensitivity;
 #[cfg(test)]
 mod tests;
 mod weights;
@@ -38,6 +39,12 @@ choice! {
         /// Weights of a network's first layer. A sparse group lasso (`group_lasso` of `fit`) shrinks those of
         /// unimportant inputs.
         GroupLasso = "group_lasso",
+        /// Mean absolute elementary effect over the ranges of the inputs.
+        Morris = "morris",
+        /// First-order Sobol index over the ranges of the inputs: share of the variance from the group alone.
+        SobolFirst = "sobol_first",
+        /// Total Sobol index over the ranges of the inputs: share of the variance from the group and its interactions.
+        SobolTotal = "sobol_total",
     }
 }
 
@@ -50,18 +57,31 @@ impl ImportanceMethod {
             | ImportanceMethod::Pearson
             | ImportanceMethod::Spearman
             | ImportanceMethod::HardThresholding
-            | ImportanceMethod::GroupLasso => false,
+            | ImportanceMethod::GroupLasso
+            | ImportanceMethod::Morris
+            | ImportanceMethod::SobolFirst
+            | ImportanceMethod::SobolTotal => false,
         }
+    }
+
+    /// Returns whether the values are shares of a variance.
+    fn is_share(self) -> bool {
+        matches!(self, ImportanceMethod::SobolFirst | ImportanceMethod::SobolTotal)
     }
 
     /// Unit of the values.
     fn unit(self) -> &'static str {
         match self {
             ImportanceMethod::Permutation => "nT2",
-            ImportanceMethod::Shapley | ImportanceMethod::ExpectedGradients | ImportanceMethod::HardThresholding => {
-                "nT"
-            }
-            ImportanceMethod::Pearson | ImportanceMethod::Spearman | ImportanceMethod::GroupLasso => "1",
+            ImportanceMethod::Shapley
+            | ImportanceMethod::ExpectedGradients
+            | ImportanceMethod::HardThresholding
+            | ImportanceMethod::Morris => "nT",
+            ImportanceMethod::Pearson
+            | ImportanceMethod::Spearman
+            | ImportanceMethod::GroupLasso
+            | ImportanceMethod::SobolFirst
+            | ImportanceMethod::SobolTotal => "1",
         }
     }
 }
@@ -81,6 +101,9 @@ stage! {
     /// | `pearson`, `spearman` | correlation with `target` | |
     /// | `hard_thresholding` | coefficient of the standardised entry, nT; 0 if it is not selected | |
     /// | `group_lasso` | norm of an input's weights times its standard deviation on the line, 1 | over the ensemble |
+    /// | `morris` | mean absolute change of the prediction per range of the input, nT | over the trajectories |
+    /// | `sobol_first` | share of the prediction's variance from the group alone, 1 | |
+    /// | `sobol_total` | share from the group and all its interactions, 1 | |
     ///
     /// `permutation` permutes blocks of `block_s`, because permuting single samples would turn a slow signal into
     /// noise. The mean of the model's error is ignored. `shapley` and `expected_gradients` explain `samples` samples of
@@ -94,12 +117,21 @@ stage! {
     /// group of several inputs. The report draws both lists for all lines together, like the beeswarm plot of the SHAP
     /// package.
     ///
+    /// `morris` and the Sobol indices vary all inputs independently over their ranges. The range of an input lies
+    /// between the quantiles `tails` and 1 - `tails` of its values on the line. Correlated inputs then take combinations
+    /// that do not occur in the data: the values describe the model over the ranges, not its behaviour on the line. The
+    /// shares of correlated inputs do not add up to the variance of the prediction on the line. An input that is
+    /// constant on the line has the value 0. `error` is the standard error; `low` and `high` are the bounds of a 95 %
+    /// interval of a Sobol index, by bootstrap. First-order indices below the total indices show interactions. The
+    /// effects of a group of several inputs have no `spread`.
+    ///
     /// A sweep gives the increase of the error when an input is dropped and the model is refitted. Its axis holds all
     /// subsets that lack at most one input, `{ subsets_of = [...], at_least = n - 1 }`, for `entries` or `inputs` of
     /// the fit. A sweep over `seed` of the fit gives the spread over seeds.
     ///
     /// Source: Breiman 2001; Lundberg & Lee 2017; Lundberg et al. 2020; Erion et al. 2021; Blumensath & Davies 2010;
-    /// Gnadt 2022, section 4.3 and (4.10).
+    /// Morris 1991; Campolongo, Cariboni & Saltelli 2007; Sobol 2001; Jansen 1999; Saltelli et al. 2010; Gnadt 2022,
+    /// section 4.3 and (4.10).
     Importance = "importance", version 2, grain Line, yields Scores, inputs [input: Lines, model: Model],
     example r#"
 [[stages]]
@@ -131,13 +163,26 @@ block_s = 1.0
     kept_samples: usize, unit "samples", default 100usize, rule Rule::Between(0.0, 10_000.0);
     /// Number of entries of the linear model of `hard_thresholding`.
     terms: usize, unit "1", default 10usize, rule Rule::Between(1.0, 10_000.0);
+    /// Number of trajectories of `morris`. Each needs one prediction more than there are groups.
+    trajectories: usize, unit "1", default 200usize, rule Rule::Between(2.0, 1e6);
+    /// Even number of levels of each input in `morris`.
+    levels: usize, unit "1", default 4usize, rule Rule::Between(2.0, 1000.0);
+    /// Number of rows of each of the two random matrices of a Sobol index. The model predicts (groups + 2) times as
+    /// many rows. Errors are proportional to its inverse square root.
+    points: usize, unit "1", default 2000usize, rule Rule::Between(2.0, 1e6);
+    /// Fraction of an input's values on the line below its range, and above its range. 0 uses the extremes.
+    tails: f64, unit "1", default 0.01, rule Rule::Between(0.0, 0.49);
     /// Seed of the random draws.
     seed: usize, unit "", default 0usize;
 }
 
 impl Stage for Importance {
     fn effort(&self) -> f64 {
-        self.repeats as f64
+        match self.method {
+            ImportanceMethod::Morris => self.trajectories as f64,
+            ImportanceMethod::SobolFirst | ImportanceMethod::SobolTotal => self.points as f64,
+            _ => self.repeats as f64,
+        }
     }
 
     fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
@@ -160,6 +205,9 @@ impl Stage for Importance {
         if let Some((_, name)) = self.groups.iter().enumerate().find(|(i, name)| self.groups[..*i].contains(name)) {
             faults.push(Fault::new(format!("duplicate group `{name}`")).of_param("groups"));
         }
+        if self.method == ImportanceMethod::Morris && self.levels % 2 == 1 {
+            faults.push(Fault::new(format!("`levels` must be even, not {}", self.levels)).of_param("levels"));
+        }
         if !faults.is_empty() {
             return Err(faults);
         }
@@ -178,6 +226,10 @@ impl Stage for Importance {
             made(Column::text("unit", "unit of value, spread and error")),
             made(Column::integer("n", "", "number of repeats, samples or networks used")),
         ];
+        if self.method.is_share() {
+            columns.push(made(Column::float("low", "1", "lower bound of the 95 % interval of the index")));
+            columns.push(made(Column::float("high", "1", "upper bound of the 95 % interval of the index")));
+        }
         if let Some(kept) = self.kept() {
             let names = || (1..=kept).map(|sample| sample.to_string()).collect();
             let of = |name: &str, unit: &str, what: &str| made(Column::list(name, unit, what, names()));
@@ -197,13 +249,20 @@ impl Stage for Importance {
     fn idle(&self, key: &str) -> Option<Fault> {
         let needs = |methods: &str| Some(Fault::new(format!("`{key}` has no effect without the method {methods}")));
         let (permuted, explained) = (self.method == ImportanceMethod::Permutation, self.method.explains_samples());
+        let screened = self.method == ImportanceMethod::Morris;
+        let ranged = screened || self.method.is_share();
         match key {
             "block_s" | "repeats" if !permuted => needs("`permutation`"),
             "terms" if self.method != ImportanceMethod::HardThresholding => needs("`hard_thresholding`"),
             "samples" | "background" | "draws" | "kept_samples" if !explained => {
                 needs("`shapley` or `expected_gradients`")
             }
-            "seed" if !permuted && !explained => needs("`permutation`, `shapley` or `expected_gradients`"),
+            "trajectories" | "levels" if !screened => needs("`morris`"),
+            "points" if !self.method.is_share() => needs("`sobol_first` or `sobol_total`"),
+            "tails" if !ranged => needs("`morris`, `sobol_first` or `sobol_total`"),
+            "seed" if !permuted && !explained && !ranged => {
+                needs("`permutation`, `shapley`, `expected_gradients`, `morris`, `sobol_first` or `sobol_total`")
+            }
             _ => None,
         }
     }
@@ -229,7 +288,7 @@ impl LineStage for Importance {
     fn run(&self, line: &LineInput, fitted: &FittedModel) -> LineOutput {
         let rows = ImportanceRows::new(self, line, fitted)?;
         let (names, groups) = self.grouped(&fitted.columns())?;
-        let LineImportance { weights: found, samples } = self.weights(&rows, fitted, &groups)?;
+        let LineImportance { weights: found, samples, intervals } = self.weights(&rows, fitted, &groups)?;
         let same = |text: &str| -> ArrayRef { Arc::new(StringArray::from(vec![text; names.len()])) };
         let figure = |of: fn(&GroupImportance) -> f64| array(found.iter().map(of).collect());
         let mut arrays = vec![
@@ -243,6 +302,9 @@ impl LineStage for Importance {
             same(self.method.unit()),
             Arc::new(Int64Array::from_iter_values(found.iter().map(|w| w.n as i64))),
         ];
+        if let Some(intervals) = intervals {
+            arrays.extend([0, 1].map(|bound| array(intervals.iter().map(|interval| interval[bound]).collect())));
+        }
         if let (Some(kept), Some(samples)) = (self.kept(), samples) {
             let [values, inputs] = samples.lists(kept, &groups);
             arrays.extend([list(values, kept)?, list(inputs, kept)?]);

@@ -32,6 +32,7 @@ pub mod map_fill;
 pub mod map_grid;
 mod map_quality;
 mod map_value;
+pub mod map_vector;
 mod maps;
 mod model_columns;
 pub mod navigate;
@@ -117,6 +118,7 @@ impl Catalogue {
             map_fill::MapFill::entry(),
             map_continue::MapContinue::entry(),
             map_convert::MapConvert::entry(),
+            map_vector::MapVector::entry(),
             score::entry(self.metrics.clone()),
             summary::entry(self.metrics.clone()),
         ];

@@ -8,7 +8,7 @@ Examples
 >>> run.table("clean").pandas()  # doctest: +SKIP
 """
 
-from magline import core_field, maps, metrics, parts, signal, tolles_lawson
+from magline import core_field, maps, metrics, parts, signal, stream, tolles_lawson
 from magline._magline import __version__
 from magline.errors import BugError, DataError, Error, Fault, MachineError, MaglineError, SpecError
 from magline.parts import Column, Flight, Line, Param, filter, load_parts, metric, model, stage
@@ -53,5 +53,6 @@ __all__ = [
     "signal",
     "sql",
     "stage",
+    "stream",
     "tolles_lawson",
 ]

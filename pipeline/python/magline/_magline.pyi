@@ -18,6 +18,52 @@ class QueryResult:
     def columns(self) -> list[str]: ...
     def rows(self, limit: int) -> list[list[str | None]]: ...
 
+class FilterStream:
+    @staticmethod
+    def ekf(
+        lat_deg: _Column,
+        lon_deg: _Column,
+        anomaly_nt: NDArray[np.float64],
+        decimal_year: float | None,
+        errors: Mapping[str, float],
+        max_gap_s: float,
+        gate_nis: float | None,
+    ) -> FilterStream: ...
+    @staticmethod
+    def adaptive(
+        lat_deg: _Column,
+        lon_deg: _Column,
+        anomaly_nt: NDArray[np.float64],
+        decimal_year: float | None,
+        errors: Mapping[str, float],
+        max_gap_s: float,
+        gate_nis: float | None,
+        bounds_nt: Sequence[tuple[float, float]],
+        window: int,
+    ) -> FilterStream: ...
+    @staticmethod
+    def online(
+        lat_deg: _Column,
+        lon_deg: _Column,
+        anomaly_nt: NDArray[np.float64],
+        decimal_year: float | None,
+        errors: Mapping[str, float],
+        max_gap_s: float,
+        gate_nis: float | None,
+        magnetometers: Sequence[tuple[Sequence[float], Sequence[float], Sequence[float]]],
+    ) -> FilterStream: ...
+    def push(
+        self,
+        ins: Sequence[float],
+        measurement_nt: Sequence[float],
+        sigma_nt: Sequence[float],
+        terms: Sequence[float],
+        fix: Sequence[float] | None,
+    ) -> list[float]: ...
+    def coefficients(self) -> tuple[list[float], list[float]]: ...
+    def save(self) -> bytes: ...
+    def restore(self, state: bytes) -> None: ...
+
 class Line:
     def __len__(self) -> int: ...
     def __contains__(self, name: str) -> bool: ...
@@ -60,6 +106,12 @@ def open_map(
 def upward(
     grid: NDArray[np.float64], spacing_m: tuple[float, float], dz_m: float
 ) -> NDArray[np.float64]: ...
+def vector(
+    grid: NDArray[np.float64],
+    spacing_m: tuple[float, float],
+    inclination_deg: float,
+    declination_deg: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], bool]: ...
 def bandpass(
     x: _Column,
     tt_s: _Column | None,

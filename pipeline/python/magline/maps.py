@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from magline import _magline
 from magline._arrays import matrix
 
-__all__ = ["Map", "open", "upward"]
+__all__ = ["Map", "open", "upward", "vector"]
 
 
 @dataclass(frozen=True)
@@ -155,3 +156,68 @@ def upward(grid: ArrayLike, spacing_m: float | tuple[float, float], dz_m: float)
         return raised
     found = copy(data=raised)
     return found.assign_coords(alt_m=found["alt_m"] + dz_m) if "alt_m" in found.coords else found
+
+
+def vector(
+    grid: ArrayLike,
+    spacing_m: float | tuple[float, float],
+    inclination_deg: float,
+    declination_deg: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Components of the anomaly field from a map of the total-field anomaly.
+
+    The stage ``map_vector`` computes the same components on a map with a coordinate system. The
+    field beyond the edges is unknown: discard a margin of 15 nodes.
+
+    Parameters
+    ----------
+    grid : array_like, shape (rows, columns)
+        Total-field anomaly on a level, nT, with finite values only. Rows run from south to north and
+        columns from west to east.
+    spacing_m : float or (float, float)
+        Spacing of the nodes, m. A pair holds the northward spacing of the rows and the eastward
+        spacing of the columns.
+    inclination_deg : float
+        Inclination of the core field, degrees, positive downward.
+    declination_deg : float
+        Declination of the core field, degrees, from grid north towards grid east.
+
+    Returns
+    -------
+    north, east, down : numpy.ndarray, shape (rows, columns)
+        Components of the anomaly field, nT.
+
+    Warns
+    -----
+    UserWarning
+        If the inclination is within 15 degrees of the horizontal. The map does not determine waves
+        across the core field, and the components are too small.
+
+    Raises
+    ------
+    ValueError
+        If a value is not finite, a side has fewer than two nodes, or a spacing is not positive.
+
+    References
+    ----------
+    R. J. Blakely, Potential Theory in Gravity and Magnetic Applications, 1996, section 12.3.1
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magline.maps import vector
+    >>> north, east, down = vector(np.ones((20, 30)), 100.0, 60.0, 0.0)
+    >>> bool(np.allclose(down, np.sin(np.radians(60.0))))
+    True
+    """
+    pair = (spacing_m, spacing_m) if isinstance(spacing_m, (int, float)) else spacing_m
+    spacing = (float(pair[0]), float(pair[1]))
+    angles = (float(inclination_deg), float(declination_deg))
+    north, east, down, damped = _magline.vector(matrix(grid), spacing, *angles)
+    if damped:
+        warnings.warn(
+            f"at an inclination of {inclination_deg} degrees the map does not determine waves across "
+            "the core field; the components are too small",
+            stacklevel=2,
+        )
+    return north, east, down

@@ -11,6 +11,7 @@ mod metrics;
 mod parts;
 mod runs;
 mod signal;
+mod stream;
 mod tables;
 mod tolles_lawson;
 mod views;
@@ -21,6 +22,7 @@ use pyo3::prelude::*;
 fn _magline(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<tables::QueryResult>()?;
+    module.add_class::<stream::FilterStream>()?;
     module.add_function(wrap_pyfunction!(command::command, module)?)?;
     module.add_function(wrap_pyfunction!(runs::check, module)?)?;
     module.add_function(wrap_pyfunction!(runs::run, module)?)?;
@@ -32,6 +34,7 @@ fn _magline(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(core_field::core_field, module)?)?;
     module.add_function(wrap_pyfunction!(maps::open_map, module)?)?;
     module.add_function(wrap_pyfunction!(maps::upward, module)?)?;
+    module.add_function(wrap_pyfunction!(maps::vector, module)?)?;
     module.add_function(wrap_pyfunction!(signal::bandpass, module)?)?;
     module.add_function(wrap_pyfunction!(tolles_lawson::a_matrix, module)?)?;
     module.add_function(wrap_pyfunction!(tolles_lawson::fit, module)?)?;

@@ -7,6 +7,7 @@ mod flags;
 mod grid;
 mod info;
 mod plot;
+mod vector;
 
 use std::{
     path::{Path, PathBuf},
@@ -32,6 +33,8 @@ pub enum MapCommand {
     Continue(continuation::ContinueArgs),
     /// Convert a map to another format or coordinate system; cut or expand it.
     Convert(Box<convert::ConvertArgs>),
+    /// Compute the north, east and down components of the anomaly field.
+    Vector(vector::VectorArgs),
     /// Draw a map with tracks.
     Plot(plot::PlotArgs),
 }
@@ -167,6 +170,7 @@ pub fn run(command: &MapCommand, quiet: bool) -> Result<(), ExitReason> {
         MapCommand::Fill(args) => fill::run(args),
         MapCommand::Continue(args) => continuation::run(args),
         MapCommand::Convert(args) => convert::run(args),
+        MapCommand::Vector(args) => vector::run(args),
         MapCommand::Plot(args) => plot::run(args),
     }
 }

@@ -8,6 +8,8 @@
 //! | [`shapley_trees()`] | the same for a forest, exact |
 //! | [`expected_gradients()`] | contribution to each prediction, along straight paths from background rows |
 //! | [`pearson()`], [`spearman`] | correlation of a column with the target, for any model |
+//! | [`morris()`] | elementary effects over the ranges of the columns |
+//! | [`sobol()`] | shares of the variance over the ranges of the columns |
 //! | [`iterative_hard_thresholding`] | membership in the few columns of a sparse linear model |
 //!
 //! A contribution is relative to background rows. When a group is treated as unknown, its columns take the values of
@@ -15,24 +17,34 @@
 //! occur in the data, to which the model extrapolates. Therefore compare groups that each hold all columns of one
 //! sensor, not single columns.
 //!
+//! The ranges of [`morris()`] and [`sobol()`] form a box, and the columns vary in it independently. Correlated columns
+//! therefore take combinations that do not occur in the data.
+//!
 //! A model is a function from rows to predictions (or derivatives). The result of the function for a row depends on
 //! that row only. The model is called with a few thousand rows at a time, from several threads.
 
 mod correlation;
 mod expected_gradients;
 mod hard_thresholding;
+mod morris;
 mod permutation;
+mod ranges;
+#[cfg(test)]
+mod sensitivity_tests;
 mod shapley;
 mod shapley_trees;
+mod sobol;
 #[cfg(test)]
 mod tests;
 
 pub use correlation::{pearson, spearman};
 pub use expected_gradients::expected_gradients;
 pub use hard_thresholding::{SparseLinearModel, iterative_hard_thresholding};
+pub use morris::{ElementaryEffects, MorrisDesign, elementary_effects, morris};
 pub use permutation::{PermutationBlocks, PermutationImportance, permutation};
 pub use shapley::{shapley_linear, shapley_sampled};
 pub use shapley_trees::shapley_trees;
+pub use sobol::{SobolDesign, SobolIndex, SobolIndices, SobolPredictions, sobol, sobol_indices};
 
 use std::convert::Infallible;
 
@@ -95,6 +107,9 @@ pub enum ImportanceError<E = Infallible> {
         /// The rows of a block.
         block: usize,
     },
+    /// All predictions are equal, so that they have no variance to share.
+    #[error("the predictions are equal over the ranges of the inputs, so their variance has no shares")]
+    Constant,
     /// A group is invalid.
     #[error("group {group} {what}")]
     Group {

@@ -30,6 +30,7 @@ use numerics::{
         online::{self, CoefficientPrior, Fluxgate, LineModel, OnlineParameters},
         rts::{self, RtsParameters},
         slam::{self, SlamLine, SlamParameters},
+        stream::{FilterStream, InsSample, StreamEstimate, StreamMagnetometer, StreamSample, StreamSetup},
         ukf::{self, UkfParameters},
     },
     random::NormalGenerator,
@@ -193,6 +194,44 @@ fn unknown_aircraft(flight: &Flight, line: &NavigationLine) -> Result<(), Failur
     tell("fixed_lag, 18 terms, cold", time_s, error_m, 80.0)
 }
 
+/// Feeds the line to a filter sample by sample, and rejects more than 10 µs a sample.
+fn feed(flight: &Flight, name: &str, made: &FilterStream, with_terms: bool, most_m: f64) -> Result<(), Failure> {
+    let (ins, readings) = (flight.ins.series(), if with_terms { &flight.uncompensated_nt } else { &flight.clean_nt });
+    let mut samples = vec![];
+    for (row, nt) in readings.iter().enumerate() {
+        let terms = if with_terms { &flight.terms[18 * row..18 * (row + 1)] } else { &[] };
+        let measurement_nt = std::slice::from_ref(nt);
+        let ins = InsSample::from_series(&ins, row);
+        samples.push(StreamSample { ins, measurement_nt, sigma_nt: &[SIGMA_NT], terms, fix: None });
+    }
+    let (time_s, track) = median_s(|| -> Result<Vec<StreamEstimate>, Failure> {
+        let mut filter = made.clone();
+        Ok(samples.iter().map(|sample| filter.push(sample)).collect::<Result<_, _>>()?)
+    })?;
+    let of = |column: fn(&StreamEstimate) -> f64| track.iter().map(column).collect::<Vec<f64>>();
+    let error_m = drms_m(&flight.truth, &of(|at| at.lat_deg), &of(|at| at.lon_deg));
+    tell(&format!("{name}, sample by sample"), time_s, error_m, most_m)?;
+    match time_s * 1e6 / f64::from(SAMPLES) {
+        each_us if each_us > 10.0 => Err(format!("{name}: a sample takes {each_us:.1} us, more than 10 us").into()),
+        _ => Ok(()),
+    }
+}
+
+fn streamed(
+    flight: &Flight,
+    map: &FieldMap,
+    core: &Arc<numerics::earth::core_field::CoreField>,
+) -> Result<(), Failure> {
+    let setup = StreamSetup { core: Some(core.clone()), ..StreamSetup::new(Arc::new(map.clone())) };
+    feed(flight, "ekf", &FilterStream::ekf(&setup, None)?, false, 40.0)?;
+    let adaptive = FilterStream::adaptive(&setup, &AdaptiveParameters::default(), &[[0.25, 100.0]])?;
+    feed(flight, "ekf_adaptive", &adaptive, false, 45.0)?;
+    let prior = CoefficientPrior::independent(&[0.0; 18], &[80.0; 18]);
+    let magnetometer = StreamMagnetometer { prior: &prior, walk_density: &[0.0; 18] };
+    let online = FilterStream::online(&setup, &[magnetometer], &OnlineParameters::default())?;
+    feed(flight, "ekf_online_tl, 18 + 18 states", &online, true, 80.0)
+}
+
 /// SLAM on a loiter of `seconds` seconds without a map: a circle of 1.2 km that drifts slowly.
 fn slam_step(map: &FieldMap, seconds: u32, particles: usize) -> Result<f64, Failure> {
     let mut truth = Line::flown(seconds, 1.0, 0.0)?;
@@ -260,6 +299,7 @@ fn main() -> Result<(), Failure> {
     println!("ins: {:.0} m DRMS", drms_m(&flight.truth, &flight.ins.columns[1], &flight.ins.columns[2]));
     known_field(&flight, &line)?;
     unknown_aircraft(&flight, &line)?;
+    streamed(&flight, &map, line.core.ok_or("the line has no core field")?)?;
     slam_step(&map, 6000, 1000)?;
     let (hour, ten) = (slam_step(&map, 3600, 100)?, slam_step(&map, 36_000, 100)?);
     println!("slam, a step of ten hours to one of an hour: {:.2}", ten / hour);

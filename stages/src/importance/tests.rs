@@ -16,6 +16,10 @@ fn importance(method: ImportanceMethod) -> Importance {
         draws: 2,
         kept_samples: 20,
         terms: 1,
+        trajectories: 50,
+        levels: 4,
+        points: 4000,
+        tails: 0.0,
         seed: 0,
     }
 }
@@ -196,4 +200,54 @@ fn law_first_layer_weights_agree_with_a_manual_calculation() {
     );
     let fault = run(&importance(ImportanceMethod::GroupLasso), &TERMS).err().unwrap();
     assert!(fault.what.contains("not a network") && fault.param.as_deref() == Some("method"), "{fault}");
+}
+
+#[test]
+fn law_sensitivity_of_a_linear_model_follows_its_coefficients_and_ranges() {
+    // The ranges of the sines are 2, so the effects are 10 and 4, and the shares of the variance 25/29 and 4/29.
+    let (names, values) = run(&importance(ImportanceMethod::Morris), &TERMS).unwrap();
+    assert_eq!(names, ["cur_1", "cur_2", "vol"]);
+    near(&values, &[10.0, 4.0, 0.0], 1e-3);
+    for method in [ImportanceMethod::SobolFirst, ImportanceMethod::SobolTotal] {
+        near(&run(&importance(method), &TERMS).unwrap().1, &[25.0 / 29.0, 4.0 / 29.0, 0.0], 0.06);
+    }
+    // Between the quantiles at 1/4 and 3/4, a sine has a range of √2.
+    let inner = Importance { tails: 0.25, ..importance(ImportanceMethod::Morris) };
+    near(&run(&inner, &TERMS).unwrap().1, &[5.0 * 2.0_f64.sqrt(), 2.0 * 2.0_f64.sqrt(), 0.0], 0.02);
+    let constant = [("cur_1", 0.0), ("cur_2", 0.0), ("vol", 0.0), ("intercept", 100.0)];
+    let fault = run(&importance(ImportanceMethod::SobolTotal), &constant).err().unwrap();
+    assert!(fault.what.starts_with("the predictions are equal over the ranges"), "{fault}");
+}
+
+#[test]
+fn law_sobol_indices_have_intervals_and_the_total_index_includes_interactions() {
+    // A tree whose prediction is the product of the signs of two inputs: no input alone has a share.
+    let product = [
+        ("family boosted_trees", 1.0),
+        ("input[1] cur_1", 1.0),
+        ("input[2] vol", 1.0),
+        ("base", 100.0),
+        ("nodes[1]", 7.0),
+        ("split[1,1] cur_1", 0.0),
+        ("left[1,1]", 2.0),
+        ("split[1,2] vol", 0.0),
+        ("left[1,2]", 4.0),
+        ("split[1,3] vol", 0.0),
+        ("left[1,3]", 6.0),
+        ("leaf[1,4]", 4.0),
+        ("leaf[1,5]", -4.0),
+        ("leaf[1,6]", -4.0),
+        ("leaf[1,7]", 4.0),
+    ];
+    for (method, expected) in [(ImportanceMethod::SobolFirst, 0.0), (ImportanceMethod::SobolTotal, 1.0)] {
+        let stage = importance(method);
+        let fitted = stage.prepare(&[line().inputs[0].slice(0, 0), model(&product)]).unwrap();
+        let made = stage.run(&line(), &fitted).unwrap();
+        let column = |at: usize| made[at].as_primitive::<Float64Type>().values().to_vec();
+        let (values, errors, low, high) = (column(4), column(6), column(9), column(10));
+        for group in 0..2 {
+            assert!((values[group] - expected).abs() < 5.0 * errors[group] + 0.02, "{values:?} {errors:?}");
+            assert!(low[group] < values[group] && values[group] < high[group]);
+        }
+    }
 }

@@ -41,11 +41,13 @@ pub struct LineImportance {
     pub weights: Vec<GroupImportance>,
     /// Values of single samples, if they are explained.
     pub samples: Option<SampleAttributions>,
+    /// Intervals of 95 % of the values, if they are bootstrapped.
+    pub intervals: Option<Vec<[f64; 2]>>,
 }
 
 impl From<Vec<GroupImportance>> for LineImportance {
     fn from(weights: Vec<GroupImportance>) -> LineImportance {
-        LineImportance { weights, samples: None }
+        LineImportance { weights, samples: None, intervals: None }
     }
 }
 
@@ -79,7 +81,7 @@ impl SampleAttributions {
 pub struct ImportanceRows {
     x: Vec<f64>,
     y: Vec<f64>,
-    width: usize,
+    pub(super) width: usize,
     rate_hz: f64,
 }
 
@@ -112,7 +114,8 @@ impl ImportanceRows {
         at.flat_map(|row| self.x[row * self.width..(row + 1) * self.width].iter().copied()).collect()
     }
 
-    fn column(&self, at: usize) -> Vec<f64> {
+    /// Values of a column.
+    pub(super) fn column(&self, at: usize) -> Vec<f64> {
         self.x.iter().skip(at).step_by(self.width.max(1)).copied().collect()
     }
 }
@@ -170,6 +173,8 @@ impl Importance {
             ImportanceMethod::Spearman => Ok(correlations(rows, groups, spearman).into()),
             ImportanceMethod::HardThresholding => Ok(self.sparse(rows, groups)?.into()),
             ImportanceMethod::GroupLasso => Ok(first_layer(rows, fitted, groups)?.into()),
+            ImportanceMethod::Morris => self.screened(rows, fitted, groups),
+            ImportanceMethod::SobolFirst | ImportanceMethod::SobolTotal => self.shares(rows, fitted, groups),
         }
     }
 
@@ -333,7 +338,7 @@ fn mean_and_deviation(x: &[f64]) -> (f64, f64) {
 }
 
 /// Fault of a model that fails, or of rows or settings, which `param` determines.
-fn failed(e: ImportanceError<Fault>, param: Option<&str>) -> Fault {
+pub(super) fn failed(e: ImportanceError<Fault>, param: Option<&str>) -> Fault {
     match (e, param) {
         (ImportanceError::Model(fault), _) => fault,
         (other, Some(param)) => refused(other).of_param(param),
@@ -356,7 +361,8 @@ fn of_rows(found: Attributions, x: Vec<f64>, groups: &[Vec<usize>]) -> LineImpor
     };
     let weights = (0..count).map(one).collect();
     let width = groups.iter().map(Vec::len).sum();
-    LineImportance { weights, samples: Some(SampleAttributions { values: found.values, x, width }) }
+    let samples = Some(SampleAttributions { values: found.values, x, width });
+    LineImportance { weights, samples, intervals: None }
 }
 
 /// Largest correlation of an entry of each group with the target. NaN if all entries are constant.

@@ -4,7 +4,9 @@ use std::marker::PhantomData;
 
 use clap::{Arg, ArgAction, ArgMatches, Command, FromArgMatches, parser::ValueSource};
 use schemas::{Fault, Literal, ParamDoc, SpecEntries, SpecEntry, Stage, StageEntry};
-use stages::{map_continue::MapContinue, map_convert::MapConvert, map_fill::MapFill, map_grid::MapGrid};
+use stages::{
+    map_continue::MapContinue, map_convert::MapConvert, map_fill::MapFill, map_grid::MapGrid, map_vector::MapVector,
+};
 
 use super::ExitReason;
 
@@ -71,6 +73,16 @@ impl FlagStage for MapConvert {
         MapConvert::entry()
     }
     const SPELLINGS: &'static [FlagSpelling] = &[also("expand_nodes", &["expand"])];
+}
+
+impl FlagStage for MapVector {
+    fn declared() -> StageEntry {
+        MapVector::entry()
+    }
+    const SPELLINGS: &'static [FlagSpelling] =
+        &[also("inclination_deg", &["inclination"]), also("declination_deg", &["declination"])];
+    // The flag accepts several values.
+    const OWN: &'static [&'static str] = &["component"];
 }
 
 /// Parameters of the stage `S` from the command line.

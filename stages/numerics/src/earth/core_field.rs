@@ -142,6 +142,19 @@ impl LinearisedCoreField {
         Self { field: field.into(), place: None }
     }
 
+    /// Expansion point (degrees, degrees, metres), on which the last bits of the results depend.
+    pub(crate) fn expansion_point(&self) -> Option<[f64; 3]> {
+        self.place.map(|place| [place.lat_deg, place.lon_deg, place.alt_m])
+    }
+
+    /// Expands about a point, or discards the expansion.
+    pub(crate) fn expand_at(&mut self, point: Option<[f64; 3]>) {
+        self.place = point.map(|[lat_deg, lon_deg, alt_m]| {
+            let at_place = self.field.magnitude_and_gradient(lat_deg, lon_deg, alt_m);
+            CoreFieldExpansion::new(lat_deg, lon_deg, alt_m, at_place)
+        });
+    }
+
     /// Magnitude and gradient near a geodetic position (degrees, degrees, metres). The gradient is evaluated at the
     /// expansion point. The result depends on the order of queries (by up to 0.001 nT): use one instance per line.
     pub fn magnitude_and_gradient(&mut self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> FieldValue {

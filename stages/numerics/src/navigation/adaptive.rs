@@ -73,17 +73,20 @@ use crate::navigation::field::PredictedField;
 use crate::navigation::gaussian::recursion::{self, FilterRecursion};
 use crate::navigation::gaussian::{LinearisedMeasurement, Sensitivity, StateEstimate};
 use crate::navigation::ins_error::ParameterError;
+use crate::navigation::ins_series::InsSeries;
 use crate::navigation::line::NavigationLine;
-use crate::navigation::measurement::Measurements;
+use crate::navigation::measurement::{Measurements, Reading};
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use params::{Fault, Rule, choice, obeys};
 
 mod aided;
 mod noise;
+mod streamed;
 mod window;
 
 pub use aided::{AidedAdaptiveOutput, run_aided};
 use noise::{InnovationFusion, NoiseEstimator};
+pub(crate) use streamed::StreamedAdaptive;
 use window::SlidingSum;
 
 choice! {
@@ -189,20 +192,24 @@ impl<'a> AdaptiveMagnetometer<'a> {
     }
 
     fn check(&self, expected: usize) -> Result<(), NavigationError> {
-        let fault = |fault| NavigationError::Parameter(ParameterError(fault));
-        obeys(&self.sigma_min_nt, "sigma_min_nt", Rule::Positive).map_err(fault)?;
-        obeys(&self.sigma_max_nt, "sigma_max_nt", Rule::Positive).map_err(fault)?;
-        if self.sigma_max_nt < self.sigma_min_nt {
-            let (least, largest) = (self.sigma_min_nt, self.sigma_max_nt);
-            let what = format!("`sigma_max_nt` must be at least `sigma_min_nt` = {least}, not {largest}");
-            return Err(fault(Fault::new(what).of_param("sigma_max_nt")));
-        }
+        check_bounds([self.sigma_min_nt, self.sigma_max_nt])?;
         Ok(self.measurements().check(expected)?)
     }
 
     fn measurements(&self) -> Measurements<'a> {
         Measurements { measurement_nt: self.measurement_nt, sigma_nt: self.sigma_nt }
     }
+}
+
+/// Rejects bounds of a standard deviation that are not finite numbers above 0 in ascending order.
+pub(crate) fn check_bounds([least, largest]: [f64; 2]) -> Result<(), ParameterError> {
+    obeys(&least, "sigma_min_nt", Rule::Positive).map_err(ParameterError)?;
+    obeys(&largest, "sigma_max_nt", Rule::Positive).map_err(ParameterError)?;
+    if largest < least {
+        let what = format!("`sigma_max_nt` must be at least `sigma_min_nt` = {least}, not {largest}");
+        return Err(ParameterError(Fault::new(what).of_param("sigma_max_nt")));
+    }
+    Ok(())
 }
 
 /// Estimated noise of a magnetometer, and the number of samples by outcome.
@@ -253,39 +260,39 @@ pub fn run(
     magnetometers.iter().try_for_each(|magnetometer| magnetometer.check(rows))?;
     let AdaptiveParameters { keep_states, keep_covariance, .. } = *parameters;
     let mut navigation = NavigationOutput::with_capacity(rows, keep_states, keep_covariance);
-    let learners: Vec<NoiseEstimator<'_>> =
-        magnetometers.iter().map(|magnetometer| NoiseEstimator::new(parameters, line, *magnetometer)).collect();
+    let learners: Vec<NoiseEstimator> =
+        magnetometers.iter().map(|magnetometer| NoiseEstimator::of_line(parameters, line, magnetometer)).collect();
     if let Some(first) = learners.first() {
         navigation.report.offset_nt = first.adapted.offset_nt;
         navigation.report.offset_samples = first.adapted.offset_samples;
     }
-    let filter = AdaptiveEkf {
-        parameters,
-        line,
-        field: line.predicted(),
-        learners,
-        excess: SlidingSum::new(parameters.window),
-        pending: None,
-        navigation,
-        given_back: Vec::with_capacity(rows),
-    };
-    let AdaptiveEkf { learners, navigation, given_back, .. } = recursion::run(filter, line)?;
+    let mut state = AdaptiveState::new(parameters, line.predicted(), learners, navigation, rows);
+    let readings = |magnetometer: usize, row: usize| magnetometers[magnetometer].measurements().reading(row);
+    recursion::run(AdaptiveEkf { state: &mut state, ins: line.ins, readings }, line)?;
+    let AdaptiveState { learners, navigation, given_back, .. } = state;
     let magnetometers = learners.into_iter().map(|learner| learner.adapted).collect();
     Ok(AdaptiveOutput { navigation, magnetometers, given_back })
 }
 
-/// Adaptive extended Kalman filter with its state along a line.
-struct AdaptiveEkf<'a> {
-    parameters: &'a AdaptiveParameters,
-    line: &'a NavigationLine<'a>,
+/// State of the filter between two samples, except the estimate, and its output.
+#[derive(Clone)]
+struct AdaptiveState<'a> {
+    parameters: AdaptiveParameters,
     field: PredictedField<'a>,
-    learners: Vec<NoiseEstimator<'a>>,
+    learners: Vec<NoiseEstimator>,
     /// Last values of NIS minus 1.
     excess: SlidingSum,
     /// Process noise that the next step returns.
     pending: Option<ProcessNoiseIncrement>,
     navigation: NavigationOutput,
     given_back: Vec<f64>,
+}
+
+/// Adaptive extended Kalman filter with the INS of a line and the readings of a magnetometer at a row.
+struct AdaptiveEkf<'s, 'a, R> {
+    state: &'s mut AdaptiveState<'a>,
+    ins: &'s InsSeries<'s>,
+    readings: R,
 }
 
 /// Share ε of a covariance decrease to return, from the last values of NIS minus 1. Appends a NIS.
@@ -297,39 +304,58 @@ fn excess_share(excess: &mut SlidingSum, nis: f64) -> f64 {
 }
 
 /// Share of a covariance decrease that is added as process noise.
+#[derive(Clone)]
 struct ProcessNoiseIncrement {
     at: LinearisedMeasurement,
     noise_nt2: f64,
     share: f64,
 }
 
-impl FilterRecursion for AdaptiveEkf<'_> {
+impl<R: Fn(usize, usize) -> Reading> FilterRecursion for AdaptiveEkf<'_, '_, R> {
     fn output(&mut self) -> &mut NavigationOutput {
-        &mut self.navigation
+        &mut self.state.navigation
     }
 
     #[inline(always)]
     fn before_step(&mut self, estimate: &mut StateEstimate) {
-        if let Some(ProcessNoiseIncrement { at, noise_nt2, share }) = self.pending.take() {
+        if let Some(ProcessNoiseIncrement { at, noise_nt2, share }) = self.state.pending.take() {
             estimate.give_back(&at, noise_nt2, share);
         }
     }
 
     #[inline(always)]
     fn measure(&mut self, estimate: &mut StateEstimate, row: usize) -> Innovation {
-        let innovation = self.fuse(estimate, row);
-        self.given_back.push(self.pending.as_ref().map_or(0.0, |pending| pending.share));
+        let readings = |magnetometer: usize| (self.readings)(magnetometer, row);
+        let innovation = self.state.fuse(estimate, self.ins, row, readings);
+        self.state.given_back.push(self.state.pending.as_ref().map_or(0.0, |pending| pending.share));
         innovation
     }
 }
 
-impl AdaptiveEkf<'_> {
+impl<'a> AdaptiveState<'a> {
+    fn new(
+        parameters: &AdaptiveParameters,
+        field: PredictedField<'a>,
+        learners: Vec<NoiseEstimator>,
+        navigation: NavigationOutput,
+        rows: usize,
+    ) -> Self {
+        let (excess, given_back) = (SlidingSum::new(parameters.window), Vec::with_capacity(rows));
+        Self { parameters: *parameters, field, learners, excess, pending: None, navigation, given_back }
+    }
+
     /// Corrects the estimate with the usable measurements of a row and counts them.
     #[inline(always)]
-    fn fuse(&mut self, estimate: &mut StateEstimate, row: usize) -> Innovation {
-        let measured = self.learners.iter().any(|learner| learner.measured(row).is_some());
+    fn fuse(
+        &mut self,
+        estimate: &mut StateEstimate,
+        ins: &InsSeries<'_>,
+        row: usize,
+        readings: impl Fn(usize) -> Reading,
+    ) -> Innovation {
+        let measured = self.learners.iter().enumerate().any(|(of, learner)| learner.measured(readings(of)).is_some());
         let [lat, lon, alt, temporal_nt] = estimate.measured();
-        let field = if measured { self.field.at_error(self.line.ins, row, [lat, lon, alt]) } else { None };
+        let field = if measured { self.field.at_error(ins, row, [lat, lon, alt]) } else { None };
         let Some(field) = field else {
             let report = &mut self.navigation.report;
             *(if measured { &mut report.off_map } else { &mut report.missing_measurements }) += 1;
@@ -338,12 +364,11 @@ impl AdaptiveEkf<'_> {
         };
         let at = estimate.linearised(Sensitivity::from_field(&field));
         let expected_nt = field.value_nt + temporal_nt;
-        let curvature_nt2 =
-            self.field.curvature_nt2(self.line.ins, row, [lat, lon, alt], field.value_nt, estimate.horizontal());
+        let curvature_nt2 = self.field.curvature_nt2(ins, row, [lat, lon, alt], field.value_nt, estimate.horizontal());
         let mut fusion = InnovationFusion::default();
         let predicted_nt2 = at.variance + curvature_nt2;
-        for learner in &mut self.learners {
-            learner.innovate(row, expected_nt, predicted_nt2, &mut fusion);
+        for (of, learner) in self.learners.iter_mut().enumerate() {
+            learner.innovate(readings(of), expected_nt, predicted_nt2, &mut fusion);
         }
         self.learners.iter_mut().for_each(|learner| learner.settle(predicted_nt2, &fusion));
         let (residual_nt, noise_nt2) = fusion.mean();

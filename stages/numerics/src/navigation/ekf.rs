@@ -20,6 +20,7 @@
 
 mod pack;
 mod parameters;
+mod streamed;
 
 use std::sync::Arc;
 
@@ -33,6 +34,7 @@ use crate::navigation::output::{NavigationError, NavigationOutput};
 use crate::navigation::position_fixes::PositionFixes;
 use pack::{EkfLane, EkfPack};
 pub use parameters::EkfParameters;
+pub(crate) use streamed::StreamedEkf;
 
 /// Filters one line.
 ///
@@ -141,11 +143,11 @@ const FEW: usize = 2;
 struct EkfBatch<'a> {
     ins: &'a InsSeries<'a>,
     model: StepModel,
-    filters: Vec<EkfLane<'a>>,
+    filters: Vec<EkfLane<'a, EkfInput<'a>>>,
 }
 
 impl<'a> WithSimd for EkfBatch<'a> {
-    type Output = Vec<EkfLane<'a>>;
+    type Output = Vec<EkfLane<'a, EkfInput<'a>>>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
@@ -175,14 +177,14 @@ impl<'a> WithSimd for EkfBatch<'a> {
 #[inline(always)]
 fn packed<'a, S: Simd>(
     simd: S,
-    filters: Vec<EkfLane<'a>>,
+    filters: Vec<EkfLane<'a, EkfInput<'a>>>,
     model: &StepModel,
     ins: &InsSeries<'_>,
-) -> Vec<EkfPack<'a, S>> {
+) -> Vec<EkfPack<'a, S, EkfInput<'a>>> {
     let mut packs = vec![];
     let mut filters = filters.into_iter().peekable();
     while filters.peek().is_some() {
-        let mut pack = EkfPack::new(simd, filters.by_ref().take(S::F64_LANES).collect(), model.noise(), ins);
+        let mut pack = EkfPack::new(simd, filters.by_ref().take(S::F64_LANES).collect(), model.noise());
         pack.start(simd, ins);
         packs.push(pack);
     }

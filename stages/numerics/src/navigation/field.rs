@@ -11,11 +11,28 @@ use crate::navigation::ins_series::InsSeries;
 /// distribution.
 const INTERVAL: f64 = 1.732_050_807_568_877_2;
 
+/// Map of a line, or a map that a filter shares.
+#[derive(Clone, Debug)]
+enum MapSource<'a> {
+    Borrowed(&'a FieldMap),
+    Shared(Arc<FieldMap>),
+}
+
+impl MapSource<'_> {
+    #[inline(always)]
+    fn map(&self) -> &FieldMap {
+        match self {
+            Self::Borrowed(map) => map,
+            Self::Shared(map) => map,
+        }
+    }
+}
+
 /// Map and core field of one date. The core field is linearised about a point near the last evaluated position, so each
 /// thread needs a copy. The order of positions changes results by less than 1e-3 nT.
 #[derive(Clone, Debug)]
 pub struct PredictedField<'a> {
-    map: &'a FieldMap,
+    map: MapSource<'a>,
     core: Option<LinearisedCoreField>,
     second_order: bool,
 }
@@ -23,7 +40,28 @@ pub struct PredictedField<'a> {
 impl<'a> PredictedField<'a> {
     /// Field of a map, and optionally of a core field.
     pub fn new(map: &'a FieldMap, core: Option<&Arc<CoreField>>) -> Self {
+        Self::of(MapSource::Borrowed(map), core)
+    }
+
+    fn of(map: MapSource<'a>, core: Option<&Arc<CoreField>>) -> Self {
         Self { map, core: core.map(|core| LinearisedCoreField::new(core.clone())), second_order: false }
+    }
+
+    /// Field of a shared map, for a filter that outlives the caller's borrow.
+    pub(crate) fn shared(map: Arc<FieldMap>, core: Option<&Arc<CoreField>>) -> PredictedField<'static> {
+        PredictedField::of(MapSource::Shared(map), core)
+    }
+
+    /// Expansion point of the core field; `None` without one.
+    pub(crate) fn expansion_point(&self) -> Option<[f64; 3]> {
+        self.core.as_ref().and_then(LinearisedCoreField::expansion_point)
+    }
+
+    /// Expands the core field about a point, or discards the expansion.
+    pub(crate) fn expand_at(&mut self, point: Option<[f64; 3]>) {
+        if let Some(core) = &mut self.core {
+            core.expand_at(point);
+        }
     }
 
     /// Enables or disables [`PredictedField::curvature_nt2`].
@@ -35,7 +73,7 @@ impl<'a> PredictedField<'a> {
     /// Field, in nT, and its gradient (nT/rad, nT/rad, nT/m) at a geodetic position in degrees and metres above the
     /// ellipsoid; `None` off the map and in unknown cells.
     pub fn at(&mut self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
-        let anomaly = self.map.at(lat_deg, lon_deg, alt_m)?;
+        let anomaly = self.map.map().at(lat_deg, lon_deg, alt_m)?;
         Some(match &mut self.core {
             Some(core) => anomaly + core.magnitude_and_gradient(lat_deg, lon_deg, alt_m),
             None => anomaly,

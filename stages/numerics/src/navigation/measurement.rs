@@ -30,9 +30,24 @@ impl Measurements<'_> {
     /// if the square of its sigma is 0 or infinite.
     #[inline(always)]
     pub(crate) fn at(&self, row: usize, offset_nt: f64) -> Option<(f64, f64)> {
-        let (value_nt, sigma_nt) = (self.measurement_nt[row] - offset_nt, self.sigma_nt[row]);
-        let variance_nt2 = sigma_nt * sigma_nt;
-        let is_there = value_nt.is_finite() && sigma_nt > 0.0 && variance_nt2 > 0.0 && variance_nt2.is_finite();
-        is_there.then_some((value_nt, variance_nt2))
+        usable(self.reading(row), offset_nt)
     }
+
+    /// Measurement of a row and its standard deviation, in nT.
+    #[inline(always)]
+    pub(crate) fn reading(&self, row: usize) -> Reading {
+        (self.measurement_nt[row], self.sigma_nt[row])
+    }
+}
+
+/// Measurement and its standard deviation, in nT.
+pub(crate) type Reading = (f64, f64);
+
+/// Measurement minus an offset, in nT, and its variance, in nT²; `None` if the measurement is missing, or if the square
+/// of its sigma is 0 or infinite.
+#[inline(always)]
+pub(crate) fn usable((measurement_nt, sigma_nt): Reading, offset_nt: f64) -> Option<(f64, f64)> {
+    let (value_nt, variance_nt2) = (measurement_nt - offset_nt, sigma_nt * sigma_nt);
+    let is_there = value_nt.is_finite() && sigma_nt > 0.0 && variance_nt2 > 0.0 && variance_nt2.is_finite();
+    is_there.then_some((value_nt, variance_nt2))
 }

@@ -22,6 +22,7 @@
 //! | [`online_nn`] | the same filter with the weights of a small network |
 //! | [`fixed_lag`] | the sliding-window smoother with Tolles-Lawson coefficients |
 //! | [`mpf`] | the marginalised particle filter |
+//! | [`stream`] | `ekf`, `ekf_adaptive` and `ekf_online_tl` fed sample by sample |
 //! | [`slam`] | navigation without a map, from revisits of the path |
 //! | [`track_map`] | the map of a track, by Gaussian-process regression of reduced rank |
 //! | [`fix_test`] | a test of aiding positions against the INS |
@@ -157,6 +158,7 @@ pub mod rts;
 mod scenes;
 pub mod slam;
 pub mod strapdown;
+pub mod stream;
 pub mod track_map;
 pub mod transition;
 pub mod ukf;

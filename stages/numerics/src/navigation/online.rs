@@ -43,6 +43,7 @@
 pub(crate) mod augmented;
 mod fluxgate;
 mod prior;
+mod streamed;
 
 use crate::navigation::aids::{AidInnovations, SampleUsage};
 use crate::navigation::ins_error::ParameterError;
@@ -53,6 +54,8 @@ pub use augmented::{LineModel, MagnetometerReport, MagnetometerTrack, OnlinePara
 pub use fluxgate::Fluxgate;
 use fluxgate::FluxgateTerms;
 pub use prior::{CoefficientPrior, ColdStart, prior_from_calibrations, walk_density};
+pub use streamed::StreamMagnetometer;
+pub(crate) use streamed::StreamedOnline;
 
 /// Scalar magnetometer with the terms of its aircraft field.
 #[derive(Clone, Copy, Debug)]
@@ -299,8 +302,14 @@ impl<'a> TollesLawson<'a> {
         if let Some(fluxgate) = &self.fluxgate {
             fluxgate.row(row, bias_of(c, self.bias), &mut terms[..fluxgate.len()]);
         }
-        terms.iter().zip(&c[first..]).map(|(term, coefficient)| term * coefficient).sum()
+        aircraft_nt(terms, &c[first..])
     }
+}
+
+/// Sum of terms times coefficients, in nT.
+#[inline(always)]
+fn aircraft_nt(terms: &[f64], coefficients: &[f64]) -> f64 {
+    terms.iter().zip(coefficients).map(|(term, coefficient)| term * coefficient).sum()
 }
 
 #[inline(always)]

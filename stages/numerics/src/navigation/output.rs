@@ -83,6 +83,26 @@ impl NavigationOutput {
         }
     }
 
+    /// Removes all rows and keeps the report and the allocated memory.
+    pub(crate) fn clear_rows(&mut self) {
+        self.x.clear();
+        self.p.clear();
+        let columns = [
+            &mut self.residual_nt,
+            &mut self.nis,
+            &mut self.lat_deg,
+            &mut self.lon_deg,
+            &mut self.alt_m,
+            &mut self.vn_mps,
+            &mut self.ve_mps,
+            &mut self.vd_mps,
+            &mut self.sd_n_m,
+            &mut self.sd_e_m,
+            &mut self.cov_ne_m2,
+        ];
+        columns.into_iter().for_each(Vec::clear);
+    }
+
     /// Appends a row of the state `x` and its covariance `p`, given by their entries.
     #[inline(always)]
     pub fn push(

@@ -46,13 +46,13 @@ pub fn run_aided(
     let AdaptiveParameters { gate_nis, keep_states, keep_covariance, .. } = *parameters;
     let of_core = AidedParameters { gate_nis, keep_states, keep_covariance, ..AidedParameters::default() };
     let mut core = AidedFilter::new(line, aids, &of_core);
-    let learners: Vec<NoiseEstimator<'_>> =
-        magnetometers.iter().map(|magnetometer| NoiseEstimator::new(parameters, line, *magnetometer)).collect();
+    let learners: Vec<NoiseEstimator> =
+        magnetometers.iter().map(|magnetometer| NoiseEstimator::of_line(parameters, line, magnetometer)).collect();
     let offset = learners.first().map_or((0.0, 0), |first| (first.adapted.offset_nt, first.adapted.offset_samples));
     let report = &mut core.output.navigation.report;
     (report.offset_nt, report.offset_samples) = offset;
     let excess = SlidingSum::new(parameters.window);
-    let mut adaptive = AidedAdaptiveFilter { parameters, core, learners, excess, pending: None };
+    let mut adaptive = AidedAdaptiveFilter { parameters, magnetometers, core, learners, excess, pending: None };
     let mut given_back = Vec::with_capacity(rows);
     for row in 0..rows {
         adaptive.give_back();
@@ -76,8 +76,9 @@ struct AidedNoiseIncrement {
 
 struct AidedAdaptiveFilter<'a> {
     parameters: &'a AdaptiveParameters,
+    magnetometers: &'a [AdaptiveMagnetometer<'a>],
     core: AidedFilter<'a>,
-    learners: Vec<NoiseEstimator<'a>>,
+    learners: Vec<NoiseEstimator>,
     /// Last values of NIS minus 1.
     excess: SlidingSum,
     pending: Option<AidedNoiseIncrement>,
@@ -96,7 +97,8 @@ impl AidedAdaptiveFilter<'_> {
     /// Corrects with the magnetometers of a row.
     fn fuse(&mut self, row: usize) -> MeasurementOutcome {
         let centre = self.core.look(row);
-        let measured = self.learners.iter().any(|learner| learner.measured(row).is_some());
+        let readings = self.magnetometers.iter().map(|magnetometer| magnetometer.measurements().reading(row));
+        let measured = self.learners.iter().zip(readings.clone()).any(|(of, reading)| of.measured(reading).is_some());
         let Some((field, slope)) = centre.filter(|_| measured) else {
             self.learners.iter_mut().for_each(NoiseEstimator::skip);
             return if measured { MeasurementOutcome::OffMap } else { MeasurementOutcome::Missing };
@@ -111,8 +113,8 @@ impl AidedAdaptiveFilter<'_> {
         let predicted_nt2 = now.predict(&h, 0.0, gain);
         let expected_nt = field.value_nt + now.x[S] + of_map.1 * now.x[of_map.0];
         let mut fusion = InnovationFusion::default();
-        for learner in &mut self.learners {
-            learner.innovate(row, expected_nt, predicted_nt2, &mut fusion);
+        for (learner, reading) in self.learners.iter_mut().zip(readings) {
+            learner.innovate(reading, expected_nt, predicted_nt2, &mut fusion);
         }
         self.learners.iter_mut().for_each(|learner| learner.settle(predicted_nt2, &fusion));
         let (residual_nt, noise_nt2) = fusion.mean();

@@ -1,13 +1,17 @@
 //! Estimated noise of one magnetometer, and the mean over magnetometers.
 
 use crate::navigation::line::NavigationLine;
+use crate::navigation::measurement::{Reading, usable};
+use crate::navigation::stream::StateVisitor;
 
 use super::window::SlidingSum;
 use super::{AdaptiveForm, AdaptiveMagnetometer, AdaptiveNoise, AdaptiveParameters, MagnetometerNoise};
 
 /// Estimator of the noise of one magnetometer.
-pub(super) struct NoiseEstimator<'a> {
-    magnetometer: AdaptiveMagnetometer<'a>,
+#[derive(Clone)]
+pub(super) struct NoiseEstimator {
+    /// Bounds of the estimated standard deviation, in nT.
+    bounds_nt: [f64; 2],
     form: AdaptiveForm,
     /// Whether R is estimated.
     learns: bool,
@@ -71,17 +75,25 @@ impl InnovationFusion {
     }
 }
 
-impl<'a> NoiseEstimator<'a> {
-    pub(super) fn new(
+impl NoiseEstimator {
+    /// Estimator for a magnetometer of a line.
+    pub(super) fn of_line(
         parameters: &AdaptiveParameters,
         line: &NavigationLine<'_>,
-        magnetometer: AdaptiveMagnetometer<'a>,
+        magnetometer: &AdaptiveMagnetometer<'_>,
     ) -> Self {
-        let rows = line.ins.len();
-        let (offset_nt, offset_samples) =
-            line.predicted().offset(line.ins, magnetometer.measurement_nt, line.offset_window_s);
+        let AdaptiveMagnetometer { measurement_nt, sigma_min_nt, sigma_max_nt, .. } = *magnetometer;
+        let mut estimator = Self::new(parameters, [sigma_min_nt, sigma_max_nt], line.ins.len());
+        let adapted = &mut estimator.adapted;
+        (adapted.offset_nt, adapted.offset_samples) =
+            line.predicted().offset(line.ins, measurement_nt, line.offset_window_s);
+        estimator
+    }
+
+    /// Estimator with bounds of the standard deviation, and capacity for the output of `rows`.
+    pub(super) fn new(parameters: &AdaptiveParameters, bounds_nt: [f64; 2], rows: usize) -> Self {
         Self {
-            magnetometer,
+            bounds_nt,
             form: parameters.form,
             learns: parameters.adapt != AdaptiveNoise::Q,
             relative: parameters.relative,
@@ -89,18 +101,20 @@ impl<'a> NoiseEstimator<'a> {
             gate_nis: parameters.gate_nis,
             window: SlidingSum::new(parameters.window),
             open: None,
-            adapted: MagnetometerNoise {
-                sigma_nt: Vec::with_capacity(rows),
-                offset_nt,
-                offset_samples,
-                ..MagnetometerNoise::default()
-            },
+            adapted: MagnetometerNoise { sigma_nt: Vec::with_capacity(rows), ..MagnetometerNoise::default() },
         }
     }
 
-    /// Measurement of a row minus the offset, in nT, and its assumed variance; `None` if it is missing.
-    pub(super) fn measured(&self, row: usize) -> Option<(f64, f64)> {
-        self.magnetometer.measurements().at(row, self.adapted.offset_nt)
+    /// Measurement minus the offset, in nT, and its assumed variance; `None` if it is missing.
+    pub(super) fn measured(&self, reading: Reading) -> Option<(f64, f64)> {
+        usable(reading, self.adapted.offset_nt)
+    }
+
+    /// Visits the state between two samples.
+    pub(super) fn visit(&mut self, state: &mut dyn StateVisitor) {
+        state.optional(&mut self.first_nt2);
+        self.window.visit(state);
+        state.counts(&mut [&mut self.adapted.updates, &mut self.adapted.gated]);
     }
 
     /// Records a row without an innovation.
@@ -108,10 +122,16 @@ impl<'a> NoiseEstimator<'a> {
         self.adapted.sigma_nt.push(f64::NAN);
     }
 
-    /// Adds the innovation of a row, if any, to `fusion` with the noise estimated before it, and updates the noise
+    /// Adds the innovation of a reading, if usable, to `fusion` with the noise estimated before it, and updates the noise
     /// estimate. `predicted_nt2` is H P Hᵀ.
-    pub(super) fn innovate(&mut self, row: usize, expected_nt: f64, predicted_nt2: f64, fusion: &mut InnovationFusion) {
-        let Some((measured_nt, assumed_nt2)) = self.measured(row) else { return self.skip() };
+    pub(super) fn innovate(
+        &mut self,
+        reading: Reading,
+        expected_nt: f64,
+        predicted_nt2: f64,
+        fusion: &mut InnovationFusion,
+    ) {
+        let Some((measured_nt, assumed_nt2)) = self.measured(reading) else { return self.skip() };
         let first_nt2 = *self.first_nt2.get_or_insert(assumed_nt2);
         let unit = if self.relative { assumed_nt2 / first_nt2 } else { 1.0 };
         let noise_nt2 = if self.learns { self.noise_nt2(assumed_nt2, predicted_nt2, unit) } else { assumed_nt2 };
@@ -149,8 +169,7 @@ impl<'a> NoiseEstimator<'a> {
     /// Variance of the noise from the innovations so far, within its bounds. `unit` is the present reference of the
     /// window.
     fn noise_nt2(&self, assumed_nt2: f64, predicted_nt2: f64, unit: f64) -> f64 {
-        let AdaptiveMagnetometer { sigma_min_nt, sigma_max_nt, .. } = self.magnetometer;
-        let (least, largest) = (sigma_min_nt.powi(2), sigma_max_nt.powi(2));
+        let [least, largest] = self.bounds_nt.map(|sigma_nt| sigma_nt.powi(2));
         let (count, full) = (self.window.len() as f64, self.window.capacity() as f64);
         let found = match self.form {
             AdaptiveForm::Matched | AdaptiveForm::Residual => {

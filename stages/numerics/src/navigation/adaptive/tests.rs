@@ -295,10 +295,10 @@ fn law_the_factor_of_a_changing_noise_is_estimated() {
     };
     for form in [AdaptiveForm::Residual, AdaptiveForm::Matched, AdaptiveForm::Compatible] {
         let parameters = AdaptiveParameters { form, window: 4, relative: true, ..AdaptiveParameters::default() };
-        let mut learner = NoiseEstimator::new(&parameters, &line, magnetometer);
+        let mut learner = NoiseEstimator::of_line(&parameters, &line, &magnetometer);
         for row in 0..20 {
             let mut fusion = InnovationFusion::default();
-            learner.innovate(row, 0.0, 0.0, &mut fusion);
+            learner.innovate((measured[row], sigma[row]), 0.0, 0.0, &mut fusion);
             learner.settle(0.0, &fusion);
         }
         let found = &learner.adapted.sigma_nt;

@@ -1,7 +1,10 @@
 //! Sum of the last numbers of a series.
 
+use crate::navigation::stream::StateVisitor;
+
 /// Last numbers of a series, and the sum of these numbers. The sum uses no subtraction, so removed numbers leave no
 /// rounding error. The average cost per number is constant.
+#[derive(Clone)]
 pub(super) struct SlidingSum {
     /// Ring buffer: entries before `next` belong to the present round, the others to the previous round.
     numbers: Vec<f64>,
@@ -32,6 +35,16 @@ impl SlidingSum {
     /// Sum of the numbers in the window.
     pub(super) fn sum(&self) -> f64 {
         self.round + self.before[self.next]
+    }
+
+    /// Visits the window.
+    pub(super) fn visit(&mut self, state: &mut dyn StateVisitor) {
+        let capacity = self.numbers.len();
+        state.numbers(&mut self.numbers);
+        state.numbers(&mut self.before);
+        state.number(&mut self.round);
+        state.count(&mut self.next, capacity - 1);
+        state.count(&mut self.len, capacity);
     }
 
     /// Adds a number, and drops the oldest of a full window.

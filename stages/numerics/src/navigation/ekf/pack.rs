@@ -2,8 +2,9 @@
 
 use pulp::Simd;
 
-use super::EkfInput;
+use super::{EkfInput, EkfParameters};
 use crate::earth::field_value::FieldValue;
+use crate::earth::geodesy::EarthModel;
 use crate::navigation::field::PredictedField;
 use crate::navigation::gaussian::LaneStep;
 use crate::navigation::gaussian::lanes::{
@@ -11,42 +12,85 @@ use crate::navigation::gaussian::lanes::{
     correct_by_state, from_lanes, lane, propagate_covariances, propagate_states,
 };
 use crate::navigation::ins_series::InsSeries;
+use crate::navigation::measurement::{Reading, usable};
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
-use crate::navigation::position_fixes::StateFix;
+use crate::navigation::position_fixes::{NO_FIX, StateFix};
 use crate::navigation::transition::NoiseDiscretisation;
 use crate::signal::gauss_markov::GaussMarkov;
 
 /// Maximum number of lanes of a register.
 const MOST_LANES: usize = 8;
 
+/// Source of the measurements and aiding positions of a filter, by row.
+pub(super) trait EkfSamples {
+    /// Measured field and its standard deviation, in nT.
+    fn reading(&self, row: usize) -> Reading;
+
+    /// Whether there are any aiding positions.
+    fn has_fixes(&self) -> bool;
+
+    /// Aiding positions, as measurements of states.
+    fn fixes(&self, ins: &InsSeries<'_>, row: usize, earth: EarthModel) -> [Option<StateFix>; 3];
+}
+
+impl EkfSamples for EkfInput<'_> {
+    #[inline(always)]
+    fn reading(&self, row: usize) -> Reading {
+        let sigma_nt = self.sigma_nt.map_or(self.parameters.measurement_sigma_nt, |sigma_nt| sigma_nt[row]);
+        (self.measurement_nt[row], sigma_nt)
+    }
+
+    #[inline(always)]
+    fn has_fixes(&self) -> bool {
+        self.fixes.is_some()
+    }
+
+    #[inline(always)]
+    fn fixes(&self, ins: &InsSeries<'_>, row: usize, earth: EarthModel) -> [Option<StateFix>; 3] {
+        self.fixes.map_or(NO_FIX, |fixes| fixes.at(ins, row, earth))
+    }
+}
+
 /// Data of one filter, except state and covariance.
-pub(super) struct EkfLane<'a> {
-    point: EkfInput<'a>,
-    field: PredictedField<'a>,
+#[derive(Clone)]
+pub(super) struct EkfLane<'a, C> {
+    pub(super) samples: C,
+    parameters: EkfParameters,
+    pub(super) field: PredictedField<'a>,
     /// Temporal variation.
     fogm: GaussMarkov,
     offset_nt: f64,
-    output: NavigationOutput,
-    fault: Option<NavigationError>,
+    pub(super) output: NavigationOutput,
+    pub(super) fault: Option<NavigationError>,
 }
 
-impl<'a> EkfLane<'a> {
+impl<'a> EkfLane<'a, EkfInput<'a>> {
     pub(super) fn new(point: EkfInput<'a>, ins: &InsSeries<'_>) -> Self {
-        let (parameters, errors) = (point.parameters, &point.parameters.errors);
-        let mut filter = Self {
-            field: PredictedField::new(point.map, point.core).with_second_order(parameters.second_order),
-            fogm: GaussMarkov { sigma: errors.fogm_sigma_nt, tau_s: errors.fogm_tau_s },
-            offset_nt: 0.0,
-            output: NavigationOutput::with_capacity(ins.len(), parameters.keep_states, parameters.keep_covariance),
-            fault: None,
-            point,
-        };
+        let parameters = *point.parameters;
+        let field = PredictedField::new(point.map, point.core);
+        let mut filter = Self::with_field(point, parameters, field, ins.len());
         let (offset_nt, samples) = filter.field.offset(ins, point.measurement_nt, parameters.offset_window_s);
         filter.offset_nt = offset_nt;
         filter.output.report.offset_nt = offset_nt;
         filter.output.report.offset_samples = samples;
         filter
+    }
+}
+
+impl<'a, C: EkfSamples> EkfLane<'a, C> {
+    /// Filter of a predicted field, with capacity for the output of `rows`.
+    pub(super) fn with_field(samples: C, parameters: EkfParameters, field: PredictedField<'a>, rows: usize) -> Self {
+        let errors = &parameters.errors;
+        Self {
+            field: field.with_second_order(parameters.second_order),
+            fogm: GaussMarkov { sigma: errors.fogm_sigma_nt, tau_s: errors.fogm_tau_s },
+            offset_nt: 0.0,
+            output: NavigationOutput::with_capacity(rows, parameters.keep_states, parameters.keep_covariance),
+            fault: None,
+            samples,
+            parameters,
+        }
     }
 
     /// Output of the filter.
@@ -57,12 +101,10 @@ impl<'a> EkfLane<'a> {
     /// Measurement of a row and the field predicted there; `None` if measurement or field is missing; the sample is
     /// then counted.
     fn expected(&mut self, ins: &InsSeries<'_>, row: usize, error: [f64; 3]) -> Option<(f64, FieldValue)> {
-        let measured_nt = self.point.measurement_nt[row] - self.offset_nt;
-        let variance_nt2 = self.variance_nt2(row);
-        if !(measured_nt.is_finite() && variance_nt2 > 0.0 && variance_nt2.is_finite()) {
+        let Some((measured_nt, _)) = usable(self.samples.reading(row), self.offset_nt) else {
             self.output.report.missing_measurements += 1;
             return None;
-        }
+        };
         let field = self.field.at_error(ins, row, error);
         if field.is_none() {
             self.output.report.off_map += 1;
@@ -70,16 +112,16 @@ impl<'a> EkfLane<'a> {
         field.map(|field| (measured_nt, field))
     }
 
-    /// Variance of the measurement of a row, in nT²; NaN if the standard deviation is not above 0.
+    /// Variance of the usable measurement of a row, in nT².
     #[inline(always)]
     fn variance_nt2(&self, row: usize) -> f64 {
-        let sigma_nt = self.point.sigma_nt.map_or(self.point.parameters.measurement_sigma_nt, |sigma_nt| sigma_nt[row]);
-        if sigma_nt > 0.0 { sigma_nt * sigma_nt } else { f64::NAN }
+        let (_, sigma_nt) = self.samples.reading(row);
+        sigma_nt * sigma_nt
     }
 
     /// Whether a measurement with this innovation is used. Counts the measurement.
     fn uses(&mut self, innovation: Innovation) -> bool {
-        let gated = self.point.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate);
+        let gated = self.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate);
         let report = &mut self.output.report;
         *(if gated { &mut report.gated } else { &mut report.updates }) += 1;
         !gated
@@ -88,42 +130,47 @@ impl<'a> EkfLane<'a> {
 
 /// Pack of at most one filter per lane of a register. A lane without a filter repeats the last filter, and its result
 /// is ignored.
-pub(super) struct EkfPack<'a, S: Simd> {
-    filters: Vec<EkfLane<'a>>,
+#[derive(Clone)]
+pub(super) struct EkfPack<'a, S: Simd, C> {
+    pub(super) filters: Vec<EkfLane<'a, C>>,
     noise: NoiseDiscretisation,
     /// Spectral densities of the process noise.
     density: StateVectorLanes<S>,
-    x: StateVectorLanes<S>,
-    p: StateMatrixLanes<S>,
+    pub(super) x: StateVectorLanes<S>,
+    pub(super) p: StateMatrixLanes<S>,
 }
 
-impl<'a, S: Simd> EkfPack<'a, S> {
-    /// Zero errors and the initial covariances at the first sample. The number of filters is between 1 and the number
-    /// of lanes.
-    pub(super) fn new(simd: S, filters: Vec<EkfLane<'a>>, noise: NoiseDiscretisation, ins: &InsSeries<'_>) -> Self {
-        let (lat_rad, alt_m) = (ins.lat_deg[0].to_radians(), ins.alt_m[0]);
+impl<'a, S: Simd, C: EkfSamples> EkfPack<'a, S, C> {
+    /// Pack before the first sample. The number of filters is between 1 and the number of lanes.
+    pub(super) fn new(simd: S, filters: Vec<EkfLane<'a, C>>, noise: NoiseDiscretisation) -> Self {
         let zero = simd.splat_f64s(0.0);
-        let (mut density, mut p) = ([zero; STATES], [[zero; STATES]; STATES]);
-        let parameters = |lane: usize| filters[lane.min(filters.len() - 1)].point.parameters;
-        let covariances: Vec<_> =
-            filters.iter().map(|filter| filter.point.parameters.errors.initial_covariance(lat_rad, alt_m)).collect();
-        for state in 0..STATES {
-            density[state] = from_lanes(simd, |lane| parameters(lane).errors.noise_density()[state]);
-            for column in 0..STATES {
-                p[state][column] = from_lanes(simd, |lane| covariances[lane.min(filters.len() - 1)][state][column]);
-            }
+        let mut density = [zero; STATES];
+        let parameters = |lane: usize| &filters[lane.min(filters.len() - 1)].parameters;
+        for (state, density) in density.iter_mut().enumerate() {
+            *density = from_lanes(simd, |lane| parameters(lane).errors.noise_density()[state]);
         }
-        Self { filters, noise, density, x: [zero; STATES], p }
+        Self { filters, noise, density, x: [zero; STATES], p: [[zero; STATES]; STATES] }
     }
 
     /// Filters at the end of the line.
-    pub(super) fn into_filters(self) -> Vec<EkfLane<'a>> {
+    pub(super) fn into_filters(self) -> Vec<EkfLane<'a, C>> {
         self.filters
     }
 
-    /// Processes the first sample.
+    /// Processes the first sample, with zero errors and the initial covariances before it.
     #[inline(always)]
     pub(super) fn start(&mut self, simd: S, ins: &InsSeries<'_>) {
+        let (lat_rad, alt_m) = (ins.lat_deg[0].to_radians(), ins.alt_m[0]);
+        let last = self.filters.len() - 1;
+        let mut covariances = [[[0.0; STATES]; STATES]; MOST_LANES];
+        for (covariance, filter) in covariances.iter_mut().zip(&self.filters) {
+            *covariance = filter.parameters.errors.initial_covariance(lat_rad, alt_m);
+        }
+        for (state, row) in self.p.iter_mut().enumerate() {
+            for (column, entry) in row.iter_mut().enumerate() {
+                *entry = from_lanes(simd, |lane| covariances[lane.min(last)][state][column]);
+            }
+        }
         self.measure(simd, ins, 0);
     }
 
@@ -205,21 +252,20 @@ impl<'a, S: Simd> EkfPack<'a, S> {
             }
             let x = |state: usize| lane::<S>(&self.x[state], at);
             let p = |row: usize, column: usize| lane::<S>(&self.p[row][column], at);
-            filter.output.push(ins, row, x, p, innovation, filter.point.parameters.errors.earth);
+            filter.output.push(ins, row, x, p, innovation, filter.parameters.errors.earth);
         }
     }
 
     /// Corrects states and covariances with the aiding positions.
     #[inline(always)]
     fn aid(&mut self, simd: S, ins: &InsSeries<'_>, row: usize) {
-        if self.filters.iter().all(|filter| filter.point.fixes.is_none()) {
+        if !self.filters.iter().any(|filter| filter.samples.has_fixes()) {
             return;
         }
         for (coordinate, state) in [LAT, LON, ALT].into_iter().enumerate() {
             let mut fixes: [Option<StateFix>; MOST_LANES] = [None; MOST_LANES];
             for (filter, fix) in self.filters.iter().zip(&mut fixes) {
-                let earth = filter.point.parameters.errors.earth;
-                *fix = filter.point.fixes.and_then(|fixes| fixes.at(ins, row, earth)[coordinate]);
+                *fix = filter.samples.fixes(ins, row, filter.parameters.errors.earth)[coordinate];
             }
             if fixes.iter().all(Option::is_none) {
                 continue;
@@ -263,7 +309,7 @@ impl<'a, S: Simd> EkfPack<'a, S> {
         for (at, (filter, field)) in self.filters.iter_mut().zip(&fields).enumerate() {
             let Some((_, field)) = field else { continue };
             noise_nt2[at] = filter.variance_nt2(row);
-            if filter.point.parameters.second_order {
+            if filter.parameters.second_order {
                 let error = [LAT, LON, ALT].map(|state| lane::<S>(&self.x[state], at));
                 let of = |[row, column]: [usize; 2]| lane::<S>(&self.p[row][column], at);
                 let covariance = [[LAT, LAT], [LAT, LON], [LON, LON]].map(of);

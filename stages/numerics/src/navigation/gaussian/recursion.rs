@@ -2,6 +2,7 @@
 
 use pulp::{Simd, WithSimd};
 
+use crate::earth::geodesy::EarthModel;
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::line::NavigationLine;
@@ -35,16 +36,34 @@ pub(crate) trait FilterRecursion {
     ) -> Result<(), NavigationError> {
         let (mut estimate, model) = (StateEstimate::start_of(errors, ins), StepModel::from_error_model(errors));
         for row in 0..ins.len() {
-            if row > 0 {
-                self.before_step(&mut estimate);
-                estimate.propagate(&model, ins, row);
-            }
-            estimate.aid(fixes(row));
-            let innovation = self.measure(&mut estimate, row);
-            estimate.check(row, ins.tt_s[row])?;
-            let (x, p) = (&estimate.x, &estimate.p);
-            self.output().push(ins, row, |state| x[state], |i, j| p[i][j], innovation, errors.earth);
+            self.sample(&mut estimate, &model, ins, row, fixes(row), errors.earth)?;
         }
+        Ok(())
+    }
+
+    /// Filters one sample: the step from the row before, if any, the aiding positions, and the measurement.
+    ///
+    /// # Errors
+    /// Fails as [`StateEstimate::check`].
+    #[inline(always)]
+    fn sample(
+        &mut self,
+        estimate: &mut StateEstimate,
+        model: &StepModel,
+        ins: &InsSeries<'_>,
+        row: usize,
+        fixes: [Option<StateFix>; 3],
+        earth: EarthModel,
+    ) -> Result<(), NavigationError> {
+        if row > 0 {
+            self.before_step(estimate);
+            estimate.propagate(model, ins, row);
+        }
+        estimate.aid(fixes);
+        let innovation = self.measure(estimate, row);
+        estimate.check(row, ins.tt_s[row])?;
+        let (x, p) = (&estimate.x, &estimate.p);
+        self.output().push(ins, row, |state| x[state], |i, j| p[i][j], innovation, earth);
         Ok(())
     }
 }

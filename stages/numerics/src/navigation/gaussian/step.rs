@@ -5,7 +5,8 @@ use crate::navigation::ins_series::InsSeries;
 use crate::navigation::line::LineStep;
 use crate::navigation::pinson::{PinsonForm, S, STATES, StateMatrix, StateVector, TimeConstants, pinson_matrix};
 use crate::navigation::transition::{
-    NoiseDiscretisation, add, propagate_covariance, propagate_state, step_covariance, transition_matrix, van_loan,
+    NoiseDiscretisation, add, identity, propagate_covariance, propagate_state, step_covariance, transition_matrix,
+    van_loan,
 };
 
 use super::lanes::TransitionEntries;
@@ -32,6 +33,7 @@ pub(crate) struct Transition {
 }
 
 /// Step that filters in lanes share.
+#[derive(Clone)]
 pub(crate) struct LaneStep {
     /// Length, in s.
     pub dt_s: f64,
@@ -87,9 +89,29 @@ impl StepModel {
     #[inline(always)]
     pub fn lane_step(&self, ins: &InsSeries<'_>, row: usize) -> LaneStep {
         let Transition { dt_s, f, phi } = self.transition(ins, row);
-        let integrated = self.noise == NoiseDiscretisation::VanLoan;
-        let noise = integrated.then(|| Box::new(van_loan(&f, &self.density, dt_s)));
+        let noise = self.integrated_noise(&f, dt_s).map(Box::new);
         LaneStep { dt_s, phi: TransitionEntries::from_matrix(&phi), noise }
+    }
+
+    /// Memory of a step of this model: a step of no length and no noise.
+    pub fn empty_lane_step(&self) -> LaneStep {
+        let noise = (self.noise == NoiseDiscretisation::VanLoan).then(|| Box::new([[0.0; STATES]; STATES]));
+        LaneStep { dt_s: 0.0, phi: TransitionEntries::from_matrix(&identity()), noise }
+    }
+
+    /// [`StepModel::lane_step`] in the memory of another step of this model.
+    #[inline(always)]
+    pub fn renew_lane_step(&self, step: &mut LaneStep, ins: &InsSeries<'_>, row: usize) {
+        let Transition { dt_s, f, phi } = self.transition(ins, row);
+        (step.dt_s, step.phi) = (dt_s, TransitionEntries::from_matrix(&phi));
+        if let (Some(to), Some(noise)) = (&mut step.noise, self.integrated_noise(&f, dt_s)) {
+            **to = noise;
+        }
+    }
+
+    #[inline(always)]
+    fn integrated_noise(&self, f: &StateMatrix, dt_s: f64) -> Option<StateMatrix> {
+        (self.noise == NoiseDiscretisation::VanLoan).then(|| van_loan(f, &self.density, dt_s))
     }
 }
 

@@ -5,6 +5,7 @@
 //! one after the other. With independent noises this equals the joint update, in any order.
 
 mod filter;
+mod streamed;
 
 use std::sync::Arc;
 
@@ -14,6 +15,7 @@ use params::Fault;
 use crate::earth::core_field::CoreField;
 use crate::maps::map_stack::FieldMap;
 use crate::navigation::aids::{AidInnovations, AidStates, Aids, SampleUsage};
+use crate::navigation::field::PredictedField;
 use crate::navigation::ins_error::{InsErrorModel, ParameterError};
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::line::NavigationLine;
@@ -22,6 +24,7 @@ use crate::navigation::pinson::STATES;
 use crate::navigation::position_fixes::PositionFixes;
 
 use filter::{AugmentedFilter, AugmentedFilterRun};
+pub(crate) use streamed::StreamedAugmented;
 
 /// Line with its map and its error model, without the measurements.
 #[derive(Clone, Copy, Debug)]
@@ -231,6 +234,7 @@ pub(crate) fn check_covariance(covariance: &[f64], states: usize) -> Result<(), 
 pub(crate) type MagnetometerColumns<'a> = (&'a [f64], &'a [f64]);
 
 /// Output of the filter on a line.
+#[derive(Clone)]
 pub(crate) struct AugmentedOutput {
     pub(crate) navigation: NavigationOutput,
     pub(crate) magnetometers: Vec<MagnetometerTrack>,
@@ -258,15 +262,7 @@ pub(crate) fn run<M: AircraftFieldModel>(
     states: &ExtraStates,
     parameters: &OnlineParameters,
 ) -> Result<AugmentedOutput, NavigationError> {
-    states.check()?;
-    if readings.is_empty() {
-        return Err(refused("mags", "no magnetometer is given").into());
-    }
-    if let Some(gate) = parameters.gate_nis
-        && !(gate > 0.0 && gate.is_finite())
-    {
-        return Err(refused("gate_nis", format!("`gate_nis` must be above 0, not {gate}")).into());
-    }
+    check(states, readings.len(), parameters)?;
     let window_s = line.offset_window_s;
     if !(window_s >= 0.0 && window_s.is_finite()) {
         return Err(refused("offset_window_s", format!("`offset_window_s` must be at least 0, not {window_s}")).into());
@@ -278,7 +274,23 @@ pub(crate) fn run<M: AircraftFieldModel>(
     line.aids.check(line.ins.len())?;
     let of_aids = AidStates::new(&line.aids, STATES + states.mean.len());
     let all = states.with(&of_aids);
-    let mut filter = AugmentedFilter::new(line, lines, model, (states, &all, of_aids), parameters);
-    filter.take_offsets();
-    pulp::Arch::new().dispatch(AugmentedFilterRun(filter))
+    let (own, sizes) = (states.mean.len(), [lines.len(), line.ins.len()]);
+    let predicted = PredictedField::new(line.map, line.core).with_second_order(line.second_order);
+    let mut filter = AugmentedFilter::new(predicted, &line.errors, model, (own, all, of_aids), parameters, sizes);
+    filter.take_offsets(&lines);
+    pulp::Arch::new().dispatch(AugmentedFilterRun { filter, line, magnetometers: readings })
+}
+
+/// Rejects invalid states, no magnetometer, and an invalid gate.
+fn check(states: &ExtraStates, magnetometers: usize, parameters: &OnlineParameters) -> Result<(), ParameterError> {
+    states.check()?;
+    if magnetometers == 0 {
+        return Err(refused("mags", "no magnetometer is given"));
+    }
+    match parameters.gate_nis {
+        Some(gate) if !(gate > 0.0 && gate.is_finite()) => {
+            Err(refused("gate_nis", format!("`gate_nis` must be above 0, not {gate}")))
+        }
+        _ => Ok(()),
+    }
 }

@@ -8,40 +8,46 @@ use crate::navigation::aids::{AidInnovations, AidStates, LinearisedAid, SampleIn
 use crate::navigation::field::PredictedField;
 use crate::navigation::gaussian::StepModel;
 use crate::navigation::gaussian::covariance::{Covariance, WIDEST, add_scaled, dot};
+use crate::navigation::ins_error::InsErrorModel;
+use crate::navigation::ins_series::InsSeries;
 use crate::navigation::line::NavigationLine;
+use crate::navigation::measurement::{Reading, usable};
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
-use crate::navigation::position_fixes::StateFix;
+use crate::navigation::position_fixes::{NO_FIX, StateFix};
+use crate::navigation::stream::StateVisitor;
 use crate::navigation::transition::propagate_state;
 use crate::signal::gauss_markov::GaussMarkov;
 
 use super::{
-    AircraftFieldModel, AugmentedOutput, ExtraStates, LineModel, MagnetometerReport, MagnetometerTrack,
-    OnlineParameters, refused,
+    AircraftFieldModel, AugmentedOutput, ExtraStates, LineModel, MagnetometerColumns, MagnetometerReport,
+    MagnetometerTrack, OnlineParameters, refused,
 };
 
 /// Filter along a line, as a kernel compiled for the SIMD instructions of the machine.
-pub(super) struct AugmentedFilterRun<'a, M>(pub(super) AugmentedFilter<'a, M>);
+pub(super) struct AugmentedFilterRun<'a, M> {
+    pub(super) filter: AugmentedFilter<'a, M>,
+    pub(super) line: &'a LineModel<'a>,
+    pub(super) magnetometers: &'a [MagnetometerColumns<'a>],
+}
 
 impl<M: AircraftFieldModel> WithSimd for AugmentedFilterRun<'_, M> {
     type Output = Result<AugmentedOutput, NavigationError>;
 
     #[inline(always)]
     fn with_simd<V: Simd>(self, _: V) -> Self::Output {
-        let mut filter = self.0;
-        for row in 0..filter.line.ins.len() {
-            if row > 0 {
-                filter.propagate(row);
-            }
-            filter.aid(row);
-            let innovation = filter.update(row)?;
-            filter.store(row, innovation)?;
+        let Self { mut filter, line, magnetometers } = self;
+        for row in 0..line.ins.len() {
+            let fixes = line.fixes.map_or(NO_FIX, |fixes| fixes.at(line.ins, row, line.errors.earth));
+            let reading = |of: usize| (magnetometers[of].0[row], magnetometers[of].1[row]);
+            filter.sample(line, row, fixes, &reading)?;
         }
         Ok(filter.finish())
     }
 }
 
 /// Vectors of the length of a padded row.
+#[derive(Clone)]
 struct AugmentedBuffers {
     /// Row H of each magnetometer.
     h: Vec<f64>,
@@ -71,48 +77,48 @@ enum MagnetometerResidual {
 }
 
 /// Filter of the augmented state along a line.
+#[derive(Clone)]
 pub(super) struct AugmentedFilter<'a, M> {
-    line: LineModel<'a>,
-    lines: Vec<NavigationLine<'a>>,
-    model: M,
+    pub(super) model: M,
     /// Number of states of the aircraft field model.
     own: usize,
     /// These states, followed by those of the further measurements.
-    states: &'a ExtraStates,
+    states: ExtraStates,
     of_aids: AidStates,
     parameters: OnlineParameters,
     predicted: PredictedField<'a>,
     process: StepModel,
     x: Vec<f64>,
     p: Covariance,
+    /// Residuals of the magnetometers at the present sample.
     readings: Vec<MagnetometerResidual>,
     /// Number of consecutive rejections of each magnetometer.
     rejected: Vec<usize>,
     scratch: AugmentedBuffers,
-    output: AugmentedOutput,
+    pub(super) output: AugmentedOutput,
 }
 
 impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
+    /// Filter before the first sample, with capacity for the output of `rows`.
     pub(super) fn new(
-        line: &LineModel<'a>,
-        lines: Vec<NavigationLine<'a>>,
+        predicted: PredictedField<'a>,
+        errors: &InsErrorModel,
         model: M,
-        (own, states, of_aids): (&ExtraStates, &'a ExtraStates, AidStates),
+        (own, states, of_aids): (usize, ExtraStates, AidStates),
         parameters: &OnlineParameters,
+        [magnetometers, rows]: [usize; 2],
     ) -> Self {
-        let own = own.mean.len();
-        let (ins, errors, others, rows) = (line.ins, line.errors, states.mean.len(), line.ins.len());
-        let first = errors.initial_covariance(ins.point(0).lat_rad, ins.alt_m[0]);
-        let p = Covariance::block_diagonal(&first, &states.covariance, others);
+        let others = states.mean.len();
+        let p = Covariance::block_diagonal(&[[0.0; STATES]; STATES], &states.covariance, others);
         let stride = p.stride();
         let mut x = vec![0.0; stride];
         x[STATES..STATES + others].copy_from_slice(&states.mean);
         let zeros = || vec![0.0; stride];
         let scratch = AugmentedBuffers {
-            h: vec![0.0; stride * lines.len()],
+            h: vec![0.0; stride * magnetometers],
             gain: zeros(),
             rest: zeros(),
-            cross: vec![],
+            cross: Vec::with_capacity(STATES * others),
             before: zeros(),
             decay: vec![1.0; others],
             noise: vec![0.0; others],
@@ -128,7 +134,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         let kept = if parameters.keep_coefficients { rows * own } else { 0 };
         let output = AugmentedOutput {
             navigation: NavigationOutput::with_capacity(rows, parameters.keep_states, parameters.keep_covariance),
-            magnetometers: (0..lines.len()).map(track).collect(),
+            magnetometers: (0..magnetometers).map(track).collect(),
             c: vec![],
             c_covariance: vec![],
             usage: vec![],
@@ -137,35 +143,16 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
             c_by_row: Vec::with_capacity(kept),
             c_sigma_by_row: Vec::with_capacity(kept),
         };
-        let (predicted, readings) = (
-            PredictedField::new(line.map, line.core).with_second_order(line.second_order),
-            vec![MagnetometerResidual::Missing; lines.len()],
-        );
-        let rejected = vec![0; lines.len()];
-        let (line, parameters, process) = (*line, *parameters, StepModel::from_error_model(&errors));
-        Self {
-            line,
-            lines,
-            model,
-            own,
-            states,
-            of_aids,
-            parameters,
-            predicted,
-            process,
-            x,
-            p,
-            readings,
-            rejected,
-            scratch,
-            output,
-        }
+        let readings = vec![MagnetometerResidual::Missing; magnetometers];
+        let (parameters, process) = (*parameters, StepModel::from_error_model(errors));
+        let rejected = vec![0; magnetometers];
+        Self { model, own, states, of_aids, parameters, predicted, process, x, p, readings, rejected, scratch, output }
     }
 
     /// Computes the offset of each magnetometer.
-    pub(super) fn take_offsets(&mut self) {
-        let (ins, window_s) = (self.line.ins, self.line.offset_window_s);
-        for (magnetometer, line) in self.lines.iter().enumerate() {
+    pub(super) fn take_offsets(&mut self, lines: &[NavigationLine<'_>]) {
+        for (magnetometer, line) in lines.iter().enumerate() {
+            let (ins, window_s) = (line.ins, line.offset_window_s);
             let within = ins.tt_s.iter().take_while(|tt_s| **tt_s - ins.tt_s[0] <= window_s).count();
             let mut left_nt = Vec::with_capacity(within);
             for row in 0..within {
@@ -182,10 +169,29 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
         }
     }
 
+    /// Filters one sample of a line: the step from the row before, if any, the aiding positions, and the measurements.
+    /// `reading` gives the measurement and sigma of each magnetometer; the line's own fixes are not read.
+    #[inline(always)]
+    pub(super) fn sample(
+        &mut self,
+        line: &LineModel<'_>,
+        row: usize,
+        fixes: [Option<StateFix>; 3],
+        reading: &impl Fn(usize) -> Reading,
+    ) -> Result<(), NavigationError> {
+        if row > 0 {
+            self.propagate(line.ins, row);
+        } else {
+            self.p.set_ins(&line.errors.initial_covariance(line.ins.point(0).lat_rad, line.ins.alt_m[0]));
+        }
+        self.aid(fixes);
+        let innovation = self.update(line, row, reading)?;
+        self.store(line, row, innovation)
+    }
+
     /// Propagates from the previous sample to `row`.
     #[inline(always)]
-    fn propagate(&mut self, row: usize) {
-        let ins = self.line.ins;
+    fn propagate(&mut self, ins: &InsSeries<'_>, row: usize) {
         let step = self.process.transition(ins, row);
         let dt_s = step.dt_s;
         let moved = propagate_state(&step.phi, &std::array::from_fn(|state| self.x[state]));
@@ -213,11 +219,8 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
 
     /// Uses the aiding positions of a sample.
     #[inline(always)]
-    fn aid(&mut self, row: usize) {
-        let Some(fixes) = self.line.fixes else { return };
-        for StateFix { state, error, variance } in
-            fixes.at(self.line.ins, row, self.line.errors.earth).into_iter().flatten()
-        {
+    fn aid(&mut self, fixes: [Option<StateFix>; 3]) {
+        for StateFix { state, error, variance } in fixes.into_iter().flatten() {
             let AugmentedBuffers { gain, rest, .. } = &mut self.scratch;
             gain.copy_from_slice(self.p.row(state));
             let s = gain[state] + variance;
@@ -229,17 +232,22 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
 
     /// Uses the measurements of a sample.
     #[inline(always)]
-    fn update(&mut self, row: usize) -> Result<Innovation, NavigationError> {
+    fn update(
+        &mut self,
+        line: &LineModel<'_>,
+        row: usize,
+        reading: &impl Fn(usize) -> Reading,
+    ) -> Result<Innovation, NavigationError> {
         self.scratch.before.copy_from_slice(&self.x);
         // All are linearised before the state is updated.
         let mut measured = false;
-        for magnetometer in 0..self.lines.len() {
-            self.readings[magnetometer] = self.linearise(magnetometer, row);
+        for magnetometer in 0..self.readings.len() {
+            self.readings[magnetometer] = self.linearise(magnetometer, row, reading(magnetometer));
             measured |= matches!(self.readings[magnetometer], MagnetometerResidual::Residual(..));
         }
-        let slope_nt_per_m = self.predict_field(row, measured);
+        let slope_nt_per_m = self.predict_field(line, row, measured);
         let (mut off_map, mut used, mut sum, mut samples, mut residual_nt) = (false, None, 0.0, 0_usize, f64::NAN);
-        for magnetometer in 0..self.lines.len() {
+        for magnetometer in 0..self.readings.len() {
             let (mut own_nt, mut own_nis, mut gated) = (f64::NAN, f64::NAN, false);
             match self.readings[magnetometer] {
                 MagnetometerResidual::Missing => self.output.magnetometers[magnetometer].report.missing += 1,
@@ -248,7 +256,7 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
                     self.output.magnetometers[magnetometer].report.off_map += 1;
                 }
                 MagnetometerResidual::Residual(before_nt, variance_nt2) => {
-                    let flat = self.line.aids.is_flat(variance_nt2, slope_nt_per_m);
+                    let flat = line.aids.is_flat(variance_nt2, slope_nt_per_m);
                     let (nis, was_used) = self.correct(magnetometer, before_nt, variance_nt2, flat)?;
                     if was_used && used != Some(SampleUsage::Used) {
                         used = Some(if flat { SampleUsage::Flat } else { SampleUsage::Used });
@@ -271,32 +279,33 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
             (None, 0, true) => MeasurementOutcome::OffMap,
             (None, 0, false) => MeasurementOutcome::Missing,
         };
-        Ok(self.further(row, scalar, innovation, slope_nt_per_m))
+        Ok(self.further(line, row, scalar, innovation, slope_nt_per_m))
     }
 
     /// Uses the further measurements of a sample, each linearised at the state before it. Outputs their innovations.
     #[inline(always)]
     fn further(
         &mut self,
+        line: &LineModel<'_>,
         row: usize,
         scalar: MeasurementOutcome,
         innovation: Innovation,
         slope_nt_per_m: f64,
     ) -> Innovation {
-        if !self.line.aids.is_any() {
+        if !line.aids.is_any() {
             self.output.navigation.report.count(MeasurementOutcome::usage(&[scalar]));
             return innovation;
         }
-        let aids = self.line.aids;
+        let aids = &line.aids;
         let mut sample = SampleInnovations::default();
-        let line = &self.lines[0];
+        let line = &line.with(&[], &[]);
         let difference = match aids.difference_row(&self.of_aids, &mut self.predicted, line, row, &self.x) {
             None => MeasurementOutcome::Missing,
             Some(None) => MeasurementOutcome::OffMap,
             Some(Some(difference)) => self.take(&difference, &mut sample),
         };
         let mut vector = MeasurementOutcome::Missing;
-        match aids.vector_rows(&self.of_aids, &self.lines[0], row, &self.x) {
+        match aids.vector_rows(&self.of_aids, line, row, &self.x) {
             None => {}
             Some(None) => vector = MeasurementOutcome::OffMap,
             Some(Some(components)) => {
@@ -308,13 +317,13 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
                 }
             }
         }
-        if let Some(height) = aids.height_row(&self.of_aids, &self.lines[0], row) {
+        if let Some(height) = aids.height_row(&self.of_aids, line, row) {
             self.take(&height, &mut sample);
         }
         let usage = MeasurementOutcome::usage(&[scalar, difference, vector]);
         self.output.navigation.report.count(usage);
         self.output.usage.push(usage);
-        self.output.aids.push(&aids, &sample);
+        self.output.aids.push(aids, &sample);
         self.output.slope_nt_per_m.push(slope_nt_per_m);
         if innovation.nis.is_nan() { sample.difference } else { innovation }
     }
@@ -341,17 +350,17 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
     /// Subtracts map and core field from the residuals, and writes the slopes of the fields to the rows of H. Returns
     /// the horizontal slope in nT/m, if requested.
     #[inline(always)]
-    fn predict_field(&mut self, row: usize, measured: bool) -> f64 {
-        let asked = self.line.aids.flat_over_m.is_some();
+    fn predict_field(&mut self, line: &LineModel<'_>, row: usize, measured: bool) -> f64 {
+        let (ins, asked) = (line.ins, line.aids.flat_over_m.is_some());
         if !measured && !asked {
             return f64::NAN;
         }
         let error = [LAT, LON, ALT].map(|state| self.x[state]);
-        let field = self.predicted.at_error(self.line.ins, row, error);
+        let field = self.predicted.at_error(ins, row, error);
         let mut remainder_nt2 = 0.0;
         if let Some(at) = &field {
             let covariance = [[LAT, LAT], [LAT, LON], [LON, LON]].map(|[row, column]| self.p.at(row, column));
-            remainder_nt2 = self.predicted.curvature_nt2(self.line.ins, row, error, at.value_nt, covariance);
+            remainder_nt2 = self.predicted.curvature_nt2(ins, row, error, at.value_nt, covariance);
         }
         let rows = self.scratch.h.chunks_exact_mut(self.p.stride());
         for (reading, h) in self.readings.iter_mut().zip(rows) {
@@ -363,19 +372,19 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
             (h[LAT], h[LON], h[ALT]) = (d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m);
             *reading = MagnetometerResidual::Residual(nt - value_nt, variance_nt2 + remainder_nt2);
         }
-        field.filter(|_| asked).map_or(f64::NAN, |at| self.lines[0].slope_nt_per_m(row, &at))
+        field.filter(|_| asked).map_or(f64::NAN, |at| line.with(&[], &[]).slope_nt_per_m(row, &at))
     }
 
     /// Residual of a magnetometer without map and core field, and the row of H without the slope of map and core field,
     /// at the state before the sample.
     #[inline(always)]
-    fn linearise(&mut self, magnetometer: usize, row: usize) -> MagnetometerResidual {
+    fn linearise(&mut self, magnetometer: usize, row: usize, reading: Reading) -> MagnetometerResidual {
         let stride = self.p.stride();
         let h = &mut self.scratch.h[magnetometer * stride..][..stride];
         h.fill(0.0);
         let (c, d_c) = (&self.x[STATES..][..self.own], &mut h[STATES..][..self.own]);
         let offset_nt = self.output.magnetometers[magnetometer].report.offset_nt;
-        let Some((nt, variance_nt2)) = self.lines[magnetometer].measured(row, offset_nt) else {
+        let Some((nt, variance_nt2)) = usable(reading, offset_nt) else {
             return MagnetometerResidual::Missing;
         };
         let aircraft_nt = match self.model.linearised(magnetometer, row, c, d_c) {
@@ -442,8 +451,8 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
 
     /// Outputs the state after a sample.
     #[inline(always)]
-    fn store(&mut self, row: usize, innovation: Innovation) -> Result<(), NavigationError> {
-        let LineModel { ins, errors, .. } = &self.line;
+    fn store(&mut self, line: &LineModel<'_>, row: usize, innovation: Innovation) -> Result<(), NavigationError> {
+        let LineModel { ins, errors, .. } = line;
         let sum: f64 = self.x.iter().sum();
         if !(sum.is_finite() && self.p.is_sound()) {
             return Err(NavigationError::Diverged { row, tt_s: ins.tt_s[row] });
@@ -460,6 +469,18 @@ impl<'a, M: AircraftFieldModel> AugmentedFilter<'a, M> {
             self.output.c_sigma_by_row.extend(states.map(|state| p.at(state, state).sqrt()));
         }
         Ok(())
+    }
+
+    /// Visits the state between two samples.
+    pub(super) fn visit(&mut self, state: &mut dyn StateVisitor) {
+        state.numbers(&mut self.x);
+        self.p.rows_mut().for_each(|row| state.numbers(row));
+        state.point(&mut self.predicted);
+        state.report(&mut self.output.navigation.report);
+        for (track, rejected) in self.output.magnetometers.iter_mut().zip(&mut self.rejected) {
+            let MagnetometerReport { updates, missing, off_map, gated, .. } = &mut track.report;
+            state.counts(&mut [updates, missing, off_map, gated, rejected]);
+        }
     }
 
     fn finish(mut self) -> AugmentedOutput {
