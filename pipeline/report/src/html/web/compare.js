@@ -29,7 +29,8 @@ function compareView({ scores, state, width }) {
   const drawn = shape("g");
   const targets = rows.map((m, i) => {
     const y = high * (i + 0.5) + 6, change = changes[i], better = betterOf(scores, m, a, b);
-    const words = change === null ? "-" : `${change < 0 ? "\u2212" : "+"}${Math.abs(change).toPrecision(3)} %`;
+    const words = change === null ? "-" : change === 0 ? "0 %"
+      : `${change < 0 ? "\u2212" : "+"}${Math.abs(change).toPrecision(3)} %`;
     drawn.append(shape("text", { class: "name", x: left - 8, y: y + 4, "text-anchor": "end" },
       [cut(block.metrics[m].name, Math.floor((left - 10) / 6.5))]));
     if (change !== null) drawn.append(shape("rect", { class: "change" + (better ? ` to-${better.toLowerCase()}` : ""),

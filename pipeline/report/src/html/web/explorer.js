@@ -7,6 +7,8 @@ const VIEWS = { table: "Table", heat: "Heat map", curve: "Curve", parallel: "Par
 /** Best point of each pipeline by the metric that ranks the points. @type {Map<string, SweepPoint>} */
 const BEST_POINTS = new Map();
 const ROW_PX = 30, MANY = 60;
+/** Number of explorers on the page. */
+let explorers = 0;
 
 /** State of one table in the hash. @param {string} table @returns {ExplorerState} */
 function stateOf(table) {
@@ -34,7 +36,7 @@ class Explorer {
     /** Prefix of the keys of the state. */
     this.key = home.dataset.table ?? block.table;
     this.state = stateOf(this.key);
-    this.panel = element("div", { class: "view", role: "tabpanel", id: home.id + "-view" });
+    this.panel = element("div", { class: "view", role: "tabpanel", id: `explorer-view-${explorers++}` });
     this.count = element("p", { class: "note", role: "status" });
     this.controls = element("div", { class: "controls" });
     this.tabs = element("div", { class: "tabs", role: "tablist", "aria-label": "View" });
@@ -259,7 +261,10 @@ class Explorer {
       asked = true;
     });
     frame.style.maxHeight = "460px";
-    this.panel.replaceChildren(frame, downloads(null, name, () => scores.csv(sorted)));
+    const bar = downloads(null, name, () => scores.csv(sorted));
+    if (this.home.dataset.src) bar.append(...["csv", "parquet"].map((format) => element("a", { download: true,
+      href: "download?" + new URLSearchParams({ table: this.key, format }) }, [`${visible(block.table)}.${format}`])));
+    this.panel.replaceChildren(frame, bar);
     show();
   }
 
@@ -309,10 +314,10 @@ async function fetchedExplorer(home, address) {
     try {
       const answer = await fetch(address), found = await answer.json();
       if (!answer.ok) throw new Error(found.error);
-      note.hidden = true;
+      note.remove();
       if (made) made.update(found); else made = new Explorer(home, found);
     } catch (error) {
-      note.hidden = false;
+      home.append(note);
       note.textContent = error instanceof Error ? visible(error.message) : "The scores cannot be read.";
     }
   };

@@ -258,7 +258,7 @@ class LineView {
     if (range) [this.state.from, this.state.to] = range.map((t) => t.toFixed(3));
     else { delete this.state.from; delete this.state.to; }
     this.trackView.range = range;
-    this.trackView.draw();
+    this.trackView.later();
     this.showRange();
     clearTimeout(this.waiting);
     this.waiting = setTimeout(() => { this.keep(); if (this.source.live) this.load(); }, 150);

@@ -28,21 +28,38 @@ class MapsView {
     const { canvas, low, high } = mapCanvas(map), { unit } = map;
     const shrink = Math.cos((map.south + map.north) / 2 * Math.PI / 180);
     canvas.className = "map-canvas";
-    canvas.style.aspectRatio = `${(map.east - map.west) * shrink} / ${map.north - map.south}`;
-    canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", `Map ${visible(table)}, from ${short(map.least)} to ${short(map.most)} ${unit}`);
-    const read = element("output", { class: "read" }, ["\u00a0"]);
-    canvas.addEventListener("pointermove", (event) => {
-      const box = canvas.getBoundingClientRect(), [u, v] = [(event.clientX - box.left) / box.width,
-        (event.clientY - box.top) / box.height];
-      const cell = map.cells[Math.min(map.height - 1, Math.floor(v * map.height)) * map.width +
-        Math.min(map.width - 1, Math.floor(u * map.width))];
-      const [lat, lon] = [map.north - v * (map.north - map.south), map.west + u * (map.east - map.west)];
+    const aspect = (map.east - map.west) * shrink / (map.north - map.south);
+    canvas.style.aspectRatio = String(aspect);
+    canvas.setAttribute("aria-hidden", "true");
+    const read = element("output", { class: "read" }, ["\u00a0"]), mark = element("span", { class: "map-mark" });
+    const frame = element("div", { class: "map-frame", tabindex: 0, role: "application", "aria-roledescription": "map",
+      "aria-label": `Map ${visible(table)}, from ${short(map.least)} to ${short(map.most)} ${unit}. Arrow keys read ` +
+        "values." }, [canvas, mark]);
+    // No taller than the window.
+    frame.style.maxWidth = `${Math.round(520 * aspect)}px`;
+    let at = [0.5, 0.5];
+    const show = (/** @type {number} */ u, /** @type {number} */ v) => {
+      at = [u, v].map((part) => Math.min(1, Math.max(0, part)));
+      const [column, row] = [Math.min(map.width - 1, Math.floor(at[0] * map.width)),
+        Math.min(map.height - 1, Math.floor(at[1] * map.height))];
+      const cell = map.cells[row * map.width + column];
+      const [lat, lon] = [map.north - at[1] * (map.north - map.south), map.west + at[0] * (map.east - map.west)];
+      [mark.style.left, mark.style.top] = at.map((part) => `${100 * part}%`);
       read.textContent = `${lat.toFixed(4)}\u00b0, ${lon.toFixed(4)}\u00b0: ` +
         (Number.isFinite(cell) ? `${short(cell)} ${unit}` : "unknown");
+    };
+    frame.addEventListener("pointermove", (event) => {
+      const box = canvas.getBoundingClientRect();
+      show((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
+    });
+    frame.addEventListener("keydown", (event) => {
+      const by = { ArrowLeft: [-0.01, 0], ArrowRight: [0.01, 0], ArrowUp: [0, -0.01], ArrowDown: [0, 0.01] }[event.key];
+      if (!by) return;
+      event.preventDefault();
+      show(at[0] + by[0], at[1] + by[1]);
     });
     const bar = VIRIDIS.map((c, i) => `${c} ${(100 * i / 7).toFixed(0)}%`).join(", ");
-    figure.append(canvas, element("div", { class: "map-scale" }, [element("span", {}, [`${short(low)} ${unit}`]),
+    figure.append(frame, element("div", { class: "map-scale" }, [element("span", {}, [`${short(low)} ${unit}`]),
       element("span", { class: "bar", style: `background:linear-gradient(to right, ${bar})` }),
       element("span", {}, [`${short(high)} ${unit}`])]), read, element("figcaption", {},
       [`${map.of[0]} \u00d7 ${map.of[1]} cells` +

@@ -226,10 +226,14 @@ class PanelSet {
             /** @type {number} */ step) => at.map((v) => tickText(v, step)) },
       ],
       cursor: { y: false, drag: { x: true, y: false, setScale: false, dist: 4 }, points: { size: 7, width: 1.5 },
-        bind: { dblclick: () => () => { this.on.zoom(null); return null; },
+        bind: { dblclick: () => () => { this.zoom(this.full); return null; },
           mousedown: (/** @type {any} */ _, /** @type {any} */ __, /** @type {(e: MouseEvent) => void} */ next) =>
             (/** @type {MouseEvent} */ event) => { if (!event.shiftKey) next(event); return null; } } },
       hooks: {
+        draw: [(/** @type {PlotInstance} */ u) => {
+          const { min, max } = u.scales.y;
+          u.root.parentElement?.setAttribute("data-y", `${min} ${max}`);
+        }],
         setSelect: [(/** @type {PlotInstance} */ u) => {
           if (u.select.width < 4) return;
           const [from, to] = [u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x")];

@@ -219,6 +219,11 @@ class TrackView {
   cursor(t) {
     if (t === this.at) return;
     this.at = t;
+    this.later();
+  }
+
+  /** Draws before the next frame. */
+  later() {
     if (this.asked) return;
     this.asked = true;
     requestAnimationFrame(() => { this.asked = false; this.draw(); });

@@ -167,7 +167,8 @@ function curveView(input) {
   }
   const many = b >= 0 && valuesOf(scores, b, rows).length > 8 ? ` The first 8 values of ${state.y} are drawn.` : "";
   return { svg, read, csv: lines.join("\n") + "\n", caption: "Each dot is the best point over the other axes that " +
-    "the filters keep. The ring is the best point." + edge + many };
+    "the filters keep. " + (ideal < 0 ? "" : `The ring is the best point: ${scores.words(metric,
+      scores.value(metric, ideal))} at ${scores.point(ideal)}.`) + edge + many };
 }
 
 /** @param {ViewInput} input @returns {PlotView | string} */
