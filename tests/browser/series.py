@@ -233,6 +233,8 @@ def test_the_page_says_whether_a_series_is_thinned(open_line, source):
         for _ in range(6):
             page.keyboard.press("+")
         until(page, "document.querySelector('#series [role=status]').textContent.includes('All samples')")
+        # The panel keeps the focus when new series arrive.
+        assert page.evaluate("document.activeElement.className") == "chart"
 
 
 @pytest.mark.parametrize("source", SOURCES)

@@ -17,6 +17,10 @@ class LineView {
     this.lines = [];
     /** @type {string | undefined} The table of the map under the track. */
     this.mapName = undefined;
+    /** @type {PanelData[] | undefined} Panels of the whole line. */
+    this.base = undefined;
+    /** @type {TimeRange | undefined} Interval of the series that the panels show. */
+    this.loaded = undefined;
     /** @type {SeriesAnswer | undefined} The track of the whole line. */
     this.whole = undefined;
     /** @type {string | undefined} */
@@ -69,7 +73,11 @@ class LineView {
     if (other !== undefined) keep("q.", other ?? {});
     if (flight !== undefined) state.flight = flight;
     if (line !== undefined) state.line = line;
-    if (flight !== undefined || line !== undefined) { delete state.from; delete state.to; }
+    if (flight !== undefined || line !== undefined) {
+      delete state.from;
+      delete state.to;
+    }
+    if (point || flight !== undefined || line !== undefined || other !== undefined) this.base = undefined;
     if (table) this.columns.only(table);
     this.keep();
     this.refresh();
@@ -128,10 +136,12 @@ class LineView {
 
   /** Draws everything anew from the state. */
   async refresh() {
-    const pipeline = this.pipeline(), table = this.table();
+    const pipeline = this.pipeline(), table = this.table(), turn = this.turn = (this.turn ?? 0) + 1;
     if (!pipeline || !table) { this.status.textContent = "No table of this store has series."; return; }
     try {
-      this.lines = await this.source.lines(table, this.point("p."));
+      const lines = await this.source.lines(table, this.point("p."));
+      if (turn !== this.turn) return;
+      this.lines = lines;
     } catch (error) { this.lines = []; this.fillControls(pipeline); this.say(error); return; }
     const { flight, line } = this.state;
     this.place = this.lines.find((l) => l.line === line && (flight === undefined || l.flight === flight))
@@ -156,6 +166,7 @@ class LineView {
     const focus = document.activeElement?.getAttribute("data-key"), point = this.point("p."), other = this.second();
     const set = (/** @type {string} */ key) => (/** @type {string} */ value) => {
       this.state[key] = value;
+      this.base = undefined;
       this.keep();
       this.refresh();
     };
@@ -260,6 +271,12 @@ class LineView {
     this.trackView.range = range;
     this.trackView.later();
     this.showRange();
+    // Until the answer arrives, the series of the whole line fill the parts outside the known interval.
+    const [from, to] = this.loaded ?? [0, 0], own = range ?? this.panels.full;
+    if (this.source.live && this.base && (own[0] < from || own[1] > to)) {
+      this.loaded = this.panels.full;
+      this.panels.show(this.base, this.panels.full, own);
+    }
     clearTimeout(this.waiting);
     this.waiting = setTimeout(() => { this.keep(); if (this.source.live) this.load(); }, 150);
   }
@@ -301,7 +318,9 @@ class LineView {
       const others = other ? await this.ask(chosen, other, range, signal) : null;
       if (signal.aborted) return;
       this.draw(chosen, answers, others, range);
-      await this.loadTrack(signal);
+      await this.loadTrack(signal).catch((error) => {
+        if (!signal.aborted) this.status.append(` The track cannot be drawn: ${visible(String(error?.message))}`);
+      });
     } catch (error) { if (!signal.aborted) this.say(error); }
   }
 
@@ -346,6 +365,9 @@ class LineView {
     /** @type {TimeRange} */
     const full = [Math.min(...all.map((a) => a.first)), Math.max(...all.map((a) => a.last))];
     this.thinned = all.some((a) => a.thinned);
+    this.loaded = range ?? full;
+    if (!range) this.base = panels;
+    else if (this.base?.map((p) => p.key).join() !== panels.map((p) => p.key).join()) this.base = undefined;
     this.trackView.range = range;
     this.panels.show(panels, full, range ?? full);
     this.showRange();

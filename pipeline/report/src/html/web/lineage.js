@@ -98,7 +98,7 @@ class LineageView {
     }
     const levels = Array.from({ length: 1 + Math.max(0, ...depth.values()) }, (_, d) =>
       [...depth].filter(([, own]) => own === d).map(([name]) => name));
-    // An edge that passes a level takes a place of its own there, so that it crosses no box.
+    // An edge that passes a level takes its own place there, so that it crosses no box.
     const via = (/** @type {string} */ from, /** @type {string} */ to, /** @type {number} */ d) =>
       `${from}\n${to}\n${d}`;
     for (const { name, inputs } of pipeline.tables) for (const input of inputs) {

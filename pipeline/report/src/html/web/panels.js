@@ -115,17 +115,26 @@ class PanelSet {
     /** @type {number | null} */
     this.at = null;
     this.busy = false;
+    /** @type {Map<string, string>} */
+    this.colours = new Map();
     this.read = element("output", { class: "read" }, ["\u00a0"]);
     this.list = element("div", { class: "charts" });
     home.append(this.read, this.list);
     new ResizeObserver(() => this.fit()).observe(this.list);
     for (const query of ["(prefers-color-scheme: dark)", "print"]) {
-      matchMedia(query).addEventListener("change", () => this.panels.forEach((p) => p.plot.redraw(false, true)));
+      matchMedia(query).addEventListener("change", () => {
+        this.colours.clear();
+        this.panels.forEach((p) => p.plot.redraw(false, true));
+      });
     }
   }
 
   /** @param {string} name */
-  colour(name) { return getComputedStyle(this.home).getPropertyValue(name).trim() || "#777777"; }
+  colour(name) {
+    const known = this.colours.get(name) ?? (getComputedStyle(this.home).getPropertyValue(name).trim() || "#777777");
+    this.colours.set(name, known);
+    return known;
+  }
 
   /** Draws panels. Panels with the same series as before take the new data. @param {PanelData[]} panels
    * @param {TimeRange} full @param {TimeRange} range */
@@ -133,7 +142,7 @@ class PanelSet {
     this.full = full;
     this.range = range;
     const shape = (/** @type {PanelData[]} */ all) => JSON.stringify(all.map((p) => [p.key, p.series.map((s) =>
-      [s.label, s.hue, Boolean(s.high), s.band])]));
+      [s.label, s.hue, s.band])]));
     if (this.panels.length && shape(panels) === shape(this.panels.map((p) => p.data))) {
       this.panels.forEach((own, i) => {
         own.data = panels[i];
@@ -151,12 +160,14 @@ class PanelSet {
     this.hover(this.at);
   }
 
-  /** Each series has its line; thinned series and bands also have their edges. @param {PanelData} data */
+  /** Columns of a plot: two edges and a line for each series; the edges of a series with all samples are empty, and
+   * bands have no line. @param {PanelData} data */
   columns(data) {
-    const parts = data.series.flatMap((one) => one.band
-      ? [{ x: one.x, y: one.low }, { x: one.x, y: one.high ?? one.low }]
-      : one.high ? [{ x: one.x, y: one.low }, { x: one.x, y: one.high }, { x: one.x, y: middles(one) }]
-        : [{ x: one.x, y: one.low }]);
+    const parts = data.series.flatMap((one) => {
+      const { x, low, high } = one, none = high ? null : new Float64Array(x.length).fill(NaN);
+      const edges = [{ x, y: none ?? low }, { x, y: none ?? high ?? low }];
+      return one.band ? edges : [...edges, { x, y: middles(one) }];
+    });
     return aligned(parts);
   }
 
@@ -189,9 +200,12 @@ class PanelSet {
     return own;
   }
 
+  /** Whether a panel shows thinned series. @param {string} key */
+  thinned(key) { return this.panels.some(({ data }) => data.key === key && data.series.some((s) => s.high && !s.band)); }
+
   /** Positions of the uPlot series of a series. @param {PanelData} data @param {number} k */
   places(data, k) {
-    const count = (/** @type {PanelSeries} */ s) => s.band ? 2 : s.high ? 3 : 1;
+    const count = (/** @type {PanelSeries} */ s) => s.band ? 2 : 3;
     const start = 1 + data.series.slice(0, k).reduce((n, s) => n + count(s), 0);
     return Array.from({ length: count(data.series[k]) }, (_, i) => start + i);
   }
@@ -202,14 +216,15 @@ class PanelSet {
     const edge = { stroke: "transparent", width: 0, points: { show: false } };
     /** @type {object[]} */
     const series = [{}], bands = [];
+    // Samples are dots where there is room for them.
+    const dots = (/** @type {any} */ u) => !this.thinned(data.key) && u.series[0].idxs[1] - u.series[0].idxs[0] <
+      u.over.clientWidth / 8;
     for (const one of data.series) {
-      if (one.band || one.high) {
-        const fill = () => faded(this.colour(one.hue), one.band ? 0.18 : 0.4);
-        bands.push({ series: [series.length + 1, series.length], fill });
-        series.push(edge, edge);
-      }
+      const fill = () => faded(this.colour(one.hue), one.band ? 0.18 : 0.4);
+      bands.push({ series: [series.length + 1, series.length], fill });
+      series.push(edge, edge);
       if (!one.band) series.push({ stroke: ink(one.hue), width: 1.4, dash: one.dash.length ? one.dash : undefined,
-        points: { show: one.high ? false : undefined, size: 4 } });
+        points: { show: dots, size: 4 } });
     }
     const grid = { stroke: ink("--grid"), width: 1 }, ticks = { show: false };
     const font = `12px ${getComputedStyle(this.home).fontFamily}`;
