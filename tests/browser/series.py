@@ -150,13 +150,13 @@ def test_values_appear_in_all_panels(open_line, source):
     page.mouse.move(*middle(page))
     until(page, "[...document.querySelectorAll('#series .series-key .value')].every((v) => v.textContent)")
     assert all(any(c.isdigit() for c in text) or text in ("missing", "no data") for text in readings(page))
-    assert "UTC" in page.locator("#series output.read").first.inner_text()
+    assert "UTC" in page.locator("#series .read").first.inner_text()
     page.mouse.move(5, 5)
     page.locator("#series .chart").first.focus()
     seen = set()
     for key in ["Home", "ArrowRight", "ArrowRight", "End", "ArrowLeft"]:
         page.keyboard.press(key)
-        seen.add(page.locator("#series output.read").first.inner_text())
+        seen.add(page.locator("#series output.unseen").text_content())
     assert len(seen) == 5 and all("Position error" in text for text in seen)
 
 
@@ -164,7 +164,7 @@ def test_values_appear_in_all_panels(open_line, source):
 def test_the_largest_value_is_the_largest_of_the_csv(open_line, source):
     page = open_line(source)
     page.locator("#series").get_by_role("button", name="Largest value of Position error, north").click()
-    at = float(page.locator("#series output.read").first.inner_text().split("tt = ")[1].split(" ")[0])
+    at = float(page.locator("#series .read").first.inner_text().split("tt = ")[1].split(" ")[0])
     rows = csv_rows(page)
     columns = [c for c in rows[0] if c.startswith("north_error")]
     size = lambda row: max(abs(float(row[c])) for c in columns if row[c])

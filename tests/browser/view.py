@@ -130,6 +130,26 @@ def test_nothing_moves_where_motion_is_reduced(visit, view):
     assert page.evaluate("document.getAnimations().length") == 0
 
 
+def test_a_long_axis_has_a_field(page):
+    def answer(route):
+        found = route.fetch().json()
+        axis = next(a for a in found["pipelines"][0]["axes"] if a["name"] == "lambda")
+        axis["values"] += [str(1000 + i) for i in range(1000)]
+        route.fulfill(body=json.dumps(found), content_type="application/json")
+
+    page.route("**/api/catalogue", answer)
+    page.reload()
+    line_view(page)
+    field = page.locator('#series input[data-key="p.lambda"]')
+    field.fill("never")
+    field.press("Enter")
+    assert "has no value never" in page.locator("#series [role=status]").inner_text()
+    field.fill("25")
+    field.press("Enter")
+    until(page, "location.hash.includes('p.lambda=25')")
+    line_view(page)
+
+
 def many_points(block, count):
     """A block of scores with `count` points, from the values of another."""
     metrics = block["metrics"]

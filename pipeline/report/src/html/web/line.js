@@ -4,6 +4,8 @@
 
 const LINE_KEY = ".line";
 const MOST_COLUMNS = 24;
+/** Number of values of an axis from which a field replaces the list. */
+const MOST_CHOICES = 400;
 
 class LineView {
   /** @param {HTMLElement} home @param {ServerSource | EmbeddedSource} source */
@@ -95,7 +97,8 @@ class LineView {
     const best = BEST_POINTS.get(this.pipeline()?.name ?? "") ?? {};
     return Object.fromEntries(axes.map(({ name, values }) => {
       const wanted = this.state[mark + name] ?? this.state["p." + name] ?? best[name];
-      return [name, values.find((v) => wanted !== undefined && sameValue(v, wanted)) ?? values[0]];
+      if (wanted === undefined || values.includes(wanted)) return [name, wanted ?? values[0]];
+      return [name, values.find((v) => sameValue(v, wanted)) ?? values[0]];
     }));
   }
 
@@ -161,6 +164,18 @@ class LineView {
     return element("label", {}, [element("bdi", {}, [label]), made]);
   }
 
+  /** A field for a value of a long axis. @param {ScoreAxis} axis @param {string} mark @param {string} value
+   * @param {(key: string) => (value: string) => void} set */
+  typed({ name, values }, mark, value, set) {
+    const made = /** @type {HTMLInputElement} */ (element("input", { type: "search", "data-key": mark + name, value,
+      onchange: () => {
+        const found = values.find((v) => sameValue(v, made.value.trim()));
+        if (found !== undefined) set(mark + name)(found);
+        else this.status.textContent = `The axis ${visible(name)} has no value ${visible(made.value)}.`;
+      } }));
+    return element("label", {}, [element("bdi", {}, [mark === "q." ? `${name}, B` : name]), made]);
+  }
+
   /** @param {PipelineInfo} pipeline */
   fillControls(pipeline) {
     const focus = document.activeElement?.getAttribute("data-key"), point = this.point("p."), other = this.second();
@@ -183,6 +198,11 @@ class LineView {
       (value) => this.go({ point: points[Number(value)].point })));
     else for (const axis of pipeline.axes) {
       if (axis.values.length < 2) continue;
+      if (axis.values.length > MOST_CHOICES) {
+        parts.push(this.typed(axis, "p.", point[axis.name], set));
+        if (other) parts.push(this.typed(axis, "q.", other[axis.name], set));
+        continue;
+      }
       const texts = shownValues(axis), values = axis.values.map((v, i) => /** @type {[string, string]} */ ([v,
         texts[i].slice(0, 80)]));
       parts.push(this.choice(axis.name, "p." + axis.name, values, point[axis.name], set("p." + axis.name)));

@@ -9,8 +9,8 @@
  * @typedef {[number, number]} TimeRange
  */
 
-/** Width of the labels of the vertical axis, px, so that the frames of all panels align. */
-const AXIS_PX = 74;
+/** Width of the labels of the vertical axis, px, equal in all panels so that their frames align. */
+const AXIS_PX = 74, NARROW_AXIS_PX = 58, NARROW_PX = 480;
 /** A step of more than this many usual steps is a gap. */
 const GAP_STEPS = 3.5;
 const PANEL_PX = 168, AXIS_FOOT_PX = 34;
@@ -117,9 +117,11 @@ class PanelSet {
     this.busy = false;
     /** @type {Map<string, string>} */
     this.colours = new Map();
-    this.read = element("output", { class: "read" }, ["\u00a0"]);
+    this.read = element("p", { class: "read" }, ["\u00a0"]);
+    /** Values at the cursor for screen readers. */
+    this.spoken = element("output", { class: "unseen" });
     this.list = element("div", { class: "charts" });
-    home.append(this.read, this.list);
+    home.append(this.read, this.spoken, this.list);
     new ResizeObserver(() => this.fit()).observe(this.list);
     for (const query of ["(prefers-color-scheme: dark)", "print"]) {
       matchMedia(query).addEventListener("change", () => {
@@ -201,7 +203,9 @@ class PanelSet {
   }
 
   /** Whether a panel shows thinned series. @param {string} key */
-  thinned(key) { return this.panels.some(({ data }) => data.key === key && data.series.some((s) => s.high && !s.band)); }
+  thinned(key) {
+    return this.panels.some(({ data }) => data.key === key && data.series.some((s) => s.high && !s.band));
+  }
 
   /** Positions of the uPlot series of a series. @param {PanelData} data @param {number} k */
   places(data, k) {
@@ -213,7 +217,7 @@ class PanelSet {
   /** @param {PanelData} data @param {boolean} last */
   options(data, last) {
     const ink = (/** @type {string} */ name) => () => this.colour(name);
-    const edge = { stroke: "transparent", width: 0, points: { show: false } };
+    const edge = { stroke: "transparent", width: 0, points: { show: false }, pxAlign: 0 };
     /** @type {object[]} */
     const series = [{}], bands = [];
     // Samples are dots where there is room for them.
@@ -224,7 +228,7 @@ class PanelSet {
       bands.push({ series: [series.length + 1, series.length], fill });
       series.push(edge, edge);
       if (!one.band) series.push({ stroke: ink(one.hue), width: 1.4, dash: one.dash.length ? one.dash : undefined,
-        points: { show: dots, size: 4 } });
+        points: { show: dots, size: 4 }, pxAlign: 0 });
     }
     const grid = { stroke: ink("--grid"), width: 1 }, ticks = { show: false };
     const font = `12px ${getComputedStyle(this.home).fontFamily}`;
@@ -236,7 +240,8 @@ class PanelSet {
         { grid, ticks, font, stroke: ink("--soft"), size: last ? AXIS_FOOT_PX : 4, incrs: TIME_STEPS, space: 76,
           values: (/** @type {any} */ _, /** @type {number[]} */ at, /** @type {any} */ __, /** @type {any} */ ___,
             /** @type {number} */ step) => last ? at.map((t) => clock(t, step >= 1 ? 0 : step >= 0.1 ? 1 : 3)) : [] },
-        { grid, ticks, font, stroke: ink("--soft"), size: AXIS_PX, space: 30,
+        { grid, ticks, font, stroke: ink("--soft"), space: 30,
+          size: () => this.list.clientWidth < NARROW_PX ? NARROW_AXIS_PX : AXIS_PX,
           values: (/** @type {any} */ _, /** @type {number[]} */ at, /** @type {any} */ __, /** @type {any} */ ___,
             /** @type {number} */ step) => at.map((v) => tickText(v, step)) },
       ],
@@ -328,7 +333,7 @@ class PanelSet {
       this.hover(t);
       const words = this.panels.map(({ data }) => `${data.title}: ` + data.series.map((s) =>
         `${s.label} ${valueText(s, t)}`).join(", "));
-      this.read.textContent = [`${clock(t, 2)} UTC, tt = ${t.toFixed(2)} s`, ...words].join("; ");
+      this.spoken.textContent = [`${clock(t, 2)} UTC, tt = ${t.toFixed(2)} s`, ...words].join("; ");
     };
     const fine = event.shiftKey ? 0.1 : 0.01;
     const acts = { "+": () => this.scale(0.6), "=": () => this.scale(0.6), "-": () => this.scale(1 / 0.6),
