@@ -156,6 +156,20 @@ def test_pages_are_accessible_and_fit(visit, name, width, scheme):
     assert [(v["id"], [n["html"][:120] for n in v["nodes"][:3]]) for v in found] == []
 
 
+@pytest.mark.parametrize("name", ["tolles_lawson", "navigation"])
+def test_labels_are_readable_on_a_phone(visit, name):
+    page = visit(FOLDER / f"{name}.html", 390)
+    small = page.evaluate("""() => [...document.querySelectorAll("svg text")].flatMap((text) => {
+        const svg = [...document.querySelectorAll("svg")].findLast((s) => s.contains(text) && s.viewBox.baseVal.width
+            && !s.parentElement.closest("svg"));
+        if (!svg || !text.getClientRects().length) return [];
+        const size = parseFloat(getComputedStyle(text).fontSize) * svg.getBoundingClientRect().width
+            / svg.viewBox.baseVal.width;
+        return size < 10.9 ? [[text.textContent, size, svg.getAttribute("class")]] : [];
+    })""")
+    assert small == []
+
+
 def test_hostile_names_stay_text(visit):
     page = visit(FOLDER / "hostile.html")
     assert page.locator("#injected").count() == 0

@@ -267,7 +267,11 @@ class ZoomPlot {
   groups.forEach((own) => own.forEach((plot) => { plot.together = own; }));
   const fit = () => plots.forEach((plot) => plot.draw());
   let wide = innerWidth;
-  addEventListener("resize", () => { if (innerWidth !== wide) { wide = innerWidth; fit(); } });
+  addEventListener("resize", () => {
+    if (innerWidth === wide) return;
+    wide = innerWidth;
+    fit();
+  });
   for (const tabs of document.querySelectorAll(".panels .tabs")) tabs.addEventListener("click", fit);
   fit();
   // Areas that scroll are reached by keyboard.
