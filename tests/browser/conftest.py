@@ -71,8 +71,10 @@ def view():
     known = {}
 
     def view(name):
-        if os.environ.get("VIEW_AT"):
-            return os.environ["VIEW_AT"]
+        # A server that runs already.
+        running = os.environ.get("VIEW_AT_" + name.upper())
+        if running:
+            return running
         if name not in known:
             known[name] = Served(FOLDER / f"{name}.toml", FOLDER / name)
             assert known[name].address, f"magline view {name} printed no address"

@@ -1,7 +1,6 @@
 """Tests of `magline view` in Chromium: comparison, run, lineage, maps, downloads, many points and samples."""
 
 import json
-import os
 import time
 
 import pytest
@@ -182,8 +181,6 @@ def test_ten_thousand_points_and_a_million_samples(browser, visit, view, capsys)
     page.reload()
     explorer(page).locator("table.virtual").wait_for()
     scores = time.perf_counter() - start
-    if os.environ.get("VIEW_AT"):
-        page.locator("#series [data-key=line]").select_option("2")
     line_view(page)
     series = time.perf_counter() - start
     until(page, "/: 1000000 samples/.test(document.querySelector('#series [role=status]').textContent)")

@@ -46,7 +46,7 @@ const PRESETS = [
   { name: "compensation", title: "Compensation", find: (columns, point) => {
     const own = present(columns, ["mag_c"]);
     if (!own.length) return [];
-    const truth = columns.find((c) => c.series && c.role === "truth" && c.unit === "nT");
+    const truth = columns.find((c) => c.series && c.role === "truth" && /^mag_[a-z0-9]+_c$/.test(c.name));
     return [uncompensated(columns, point), ...own, truth?.name, ...present(columns, ["error"])]
       .filter((name) => name !== undefined);
   } },
@@ -81,7 +81,7 @@ function panelPlans(chosen, info, each) {
   for (const choice of chosen) {
     const found = info(choice);
     if (!found) continue;
-    const { unit } = found, base = choice.column.replace(/\[\d+\]$/, "");
+    const unit = found.unit || "1", base = choice.column.replace(/\[\d+\]$/, "");
     const error = has(SIGMAS[/** @type {keyof typeof SIGMAS} */ (base)] ?? "");
     const family = FAMILIES.find((f) => f.names.includes(error?.column ?? base));
     const key = each ? `${choice.table}/${error?.column ?? choice.column}` : `${unit}/${family?.title ?? ""}`;

@@ -16,18 +16,19 @@ function wrapped(text, most) {
   return lines;
 }
 
-/** Path through the values in sight; a missing value or a gap breaks it.
+/** Path through the values in sight; a missing value or a gap breaks it. A value between missing values is a dot.
  * @param {ArrayLike<number>} x @param {ArrayLike<number>} y @param {(t: number) => number} px
  * @param {(v: number) => number} py @param {number} gap */
 function pathOf(x, y, px, py, gap) {
-  let d = "", pen = false;
+  let line = "", dots = "", pen = false;
   for (let i = 0; i < x.length; i++) {
     if (!Number.isFinite(y[i])) { pen = false; continue; }
-    const joined = pen && x[i] - x[i - 1] <= gap;
-    d += (joined ? "L" : "M") + px(x[i]).toFixed(1) + " " + py(y[i]).toFixed(1);
+    const joined = pen && x[i] - x[i - 1] <= gap, place = px(x[i]).toFixed(1) + " " + py(y[i]).toFixed(1);
+    line += (joined ? "L" : "M") + place;
+    if (!joined && !Number.isFinite(y[i + 1])) dots += `M${place}h0`;
     pen = true;
   }
-  return d;
+  return { line, dots };
 }
 
 /** The samples from the last one before a range to the first one after it. @param {PanelSeries} one
@@ -54,9 +55,9 @@ function panelsSvg(set, caption) {
   set.panels.forEach(({ data, hidden }, at) => {
     const top = at * FIGURE_PANEL_PX + 26, foot = (at + 1) * FIGURE_PANEL_PX - 6;
     const series = data.series.filter((_, k) => !hidden.has(k)).map((s) => inSight(s, set.range));
-    const values = series.flatMap((s) => [...s.low, ...s.high ?? []]).filter(Number.isFinite);
+    const values = series.filter((s) => !s.band).flatMap((s) => [...s.low, ...s.high ?? []]).filter(Number.isFinite);
     const [least, largest] = [reduced(values, Math.min)[0] ?? null, reduced(values, Math.max)[0] ?? null];
-    const [low, most] = PanelSet.rangeY(null, least, largest);
+    const [low, most] = PanelSet.rangeY(...set.withBands(data.key, least, largest));
     const py = (/** @type {number} */ v) => foot - (v - low) / (most - low) * (foot - top);
     for (const t of times) svg.append(shape("path", { d: `M${px(t).toFixed(1)} ${top}V${foot}`, stroke: grid }));
     for (const tick of linearTicks(low, most, 5)) {
@@ -77,9 +78,11 @@ function panelsSvg(set, caption) {
         if (corners.length) drawn.append(shape("path", { d: `M${corners.join("L")}Z`, fill: hue,
           "fill-opacity": one.band ? 0.18 : 0.4 }));
       }
-      if (!one.band) drawn.append(shape("path", { d: pathOf(one.x, middles(one), px, py, gap), fill: "none",
-        stroke: hue, "stroke-width": 1.3, "stroke-linejoin": "round",
-        ...(one.dash.length ? { "stroke-dasharray": "5 4" } : {}) }));
+      if (one.band) continue;
+      const { line, dots } = pathOf(one.x, middles(one), px, py, gap);
+      drawn.append(shape("path", { d: line, fill: "none", stroke: hue, "stroke-width": 1.3, "stroke-linejoin": "round",
+        ...(one.dash.length ? { "stroke-dasharray": "5 4" } : {}) }),
+      shape("path", { d: dots, fill: "none", stroke: hue, "stroke-width": 3.5, "stroke-linecap": "round" }));
     }
     svg.append(drawn, shape("rect", { x: FIGURE_LEFT_PX, y: top, width: right - FIGURE_LEFT_PX, height: foot - top,
       fill: "none", stroke: soft }), shape("text", { x: FIGURE_LEFT_PX, y: top - 8, fill: ink, "font-weight": 600 },

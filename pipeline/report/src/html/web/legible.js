@@ -2,7 +2,7 @@
 "use strict";
 // Labels of static pictures on a narrow screen: the picture of the answer is fitted; others keep their size and scroll.
 
-const NARROW_SCREEN_PX = 760, LETTER_PX = 6.5, TICK_GAP_PX = 44;
+const NARROW_SCREEN_PX = 760, LETTER_PX = 7.2, TICK_GAP_PX = 44;
 
 /** Original value of an attribute. @param {Element} node @param {string} name */
 function original(node, name) {

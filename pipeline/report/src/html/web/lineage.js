@@ -25,16 +25,18 @@ class LineageView {
   async fill() {
     try {
       const all = await this.source.pipelines();
-      const choices = all.flatMap((p) => p.tables.map((t) => ({ pipeline: p, table: t })));
+      // Tables of failures and warnings have no lineage.
+      const choices = all.flatMap((p) => p.tables.filter((t) => t.inputs.length)
+        .map((t) => ({ pipeline: p, table: t })));
       const select = /** @type {HTMLSelectElement} */ (element("select", { "data-key": "lineage", onchange: () => {
         const { pipeline, table } = choices[Number(select.value)];
         this.show(pipeline, table);
       } }, choices.map(({ table }, i) => element("option", { value: i }, [visible(table.table)]))));
       this.controls.replaceChildren(element("label", {}, ["table", select]));
-      const last = choices[choices.length - 1];
-      if (!last) { this.origin.textContent = "The store has no tables."; return; }
-      select.value = String(choices.length - 1);
-      await this.show(last.pipeline, last.table);
+      const first = Math.max(0, choices.findIndex(({ table }) => table.kind === "scores"));
+      if (!choices.length) { this.origin.textContent = "The store has no tables."; return; }
+      select.value = String(first);
+      await this.show(choices[first].pipeline, choices[first].table);
     } catch (error) { this.origin.textContent = error instanceof Error ? visible(error.message) : "No lineage."; }
   }
 
@@ -93,7 +95,8 @@ class LineageView {
   draw(pipeline, chosen) {
     /** @type {Map<string, number>} */
     const depth = new Map(pipeline.sources.map((s) => [s.name, 0]));
-    for (const { name, inputs } of pipeline.tables) {
+    const tables = pipeline.tables.filter((t) => t.inputs.length);
+    for (const { name, inputs } of tables) {
       depth.set(name, 1 + Math.max(0, ...inputs.map((input) => depth.get(input) ?? 0)));
     }
     const levels = Array.from({ length: 1 + Math.max(0, ...depth.values()) }, (_, d) =>
@@ -101,7 +104,7 @@ class LineageView {
     // An edge that passes a level takes its own place there, so that it crosses no box.
     const via = (/** @type {string} */ from, /** @type {string} */ to, /** @type {number} */ d) =>
       `${from}\n${to}\n${d}`;
-    for (const { name, inputs } of pipeline.tables) for (const input of inputs) {
+    for (const { name, inputs } of tables) for (const input of inputs) {
       for (let d = (depth.get(input) ?? 0) + 1; d < (depth.get(name) ?? 0); d++) levels[d].push(via(input, name, d));
     }
     const wide = 150, high = 44, gap = 46;
@@ -112,12 +115,12 @@ class LineageView {
     levels.forEach((names, d) => names.forEach((name, i) => at.set(name, [2 + d * (wide + gap),
       2 + (i + (tall - names.length) / 2) * (high + 14)])));
     const upstream = new Set([chosen.name]);
-    for (const { name, inputs } of [...pipeline.tables].reverse()) {
+    for (const { name, inputs } of [...tables].reverse()) {
       if (upstream.has(name)) for (const input of inputs) upstream.add(input);
     }
     const svg = shape("svg", { class: "flow", viewBox: `0 0 ${width} ${height}`,
       style: `width:${width}px;max-width:none`, role: "group", "aria-label": "Tables and their inputs" });
-    for (const { name, inputs } of pipeline.tables) for (const input of inputs) {
+    for (const { name, inputs } of tables) for (const input of inputs) {
       const [start, end] = [at.get(input), at.get(name)];
       if (!start || !end) continue;
       let [x, y] = [start[0] + wide, start[1] + high / 2], d = `M${x} ${y}`;

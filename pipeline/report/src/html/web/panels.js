@@ -11,6 +11,10 @@
 
 /** Width of the labels of the vertical axis, px, equal in all panels so that their frames align. */
 const AXIS_PX = 74, NARROW_AXIS_PX = 58, NARROW_PX = 480;
+/** Largest height of a band in units of the largest value of the lines. */
+const BAND_SHARE = 2;
+/** Number of samples around the cursor among which a missing value is replaced by the nearest present one. */
+const MOST_NEIGHBOURS = 100;
 /** A step of more than this many usual steps is a gap. */
 const GAP_STEPS = 3.5;
 const PANEL_PX = 168, AXIS_FOOT_PX = 34;
@@ -217,25 +221,37 @@ class PanelSet {
   /** @param {PanelData} data @param {boolean} last */
   options(data, last) {
     const ink = (/** @type {string} */ name) => () => this.colour(name);
-    const edge = { stroke: "transparent", width: 0, points: { show: false }, pxAlign: 0 };
     /** @type {object[]} */
     const series = [{}], bands = [];
     // Samples are dots where there is room for them.
     const dots = (/** @type {any} */ u) => !this.thinned(data.key) && u.series[0].idxs[1] - u.series[0].idxs[0] <
       u.over.clientWidth / 8;
+    // A value between missing values has no line, so that it is always a dot.
+    const alone = (/** @type {PlotInstance} */ u, /** @type {number} */ k, /** @type {boolean} */ all) => {
+      if (all) return null;
+      const y = u.data[k], out = [];
+      for (let i = 0; i < y.length; i++) {
+        if ((y[i] ?? null) !== null && (y[i - 1] ?? null) === null && (y[i + 1] ?? null) === null) out.push(i);
+      }
+      return out;
+    };
     for (const one of data.series) {
       const fill = () => faded(this.colour(one.hue), one.band ? 0.18 : 0.4);
       bands.push({ series: [series.length + 1, series.length], fill });
-      series.push(edge, edge);
+      const points = { show: dots, size: 4, filter: alone, stroke: ink(one.hue), fill: ink(one.hue) };
+      const edge = { stroke: "transparent", width: 0, pxAlign: 0, auto: !one.band };
+      series.push(...[0, 1].map(() => ({ ...edge, points: one.band ? { show: false } : { ...points, show: false } })));
       if (!one.band) series.push({ stroke: ink(one.hue), width: 1.4, dash: one.dash.length ? one.dash : undefined,
-        points: { show: dots, size: 4 }, pxAlign: 0 });
+        points, pxAlign: 0 });
     }
     const grid = { stroke: ink("--grid"), width: 1 }, ticks = { show: false };
     const font = `12px ${getComputedStyle(this.home).fontFamily}`;
     return {
       width: Math.max(280, this.list.clientWidth - 2), height: PANEL_PX + (last ? AXIS_FOOT_PX : 0),
       legend: { show: false }, series, bands, padding: [8, 30, last ? 0 : 6, 0],
-      scales: { x: { time: false, range: () => this.range }, y: { range: PanelSet.rangeY } },
+      scales: { x: { time: false, range: () => this.range },
+        y: { range: (/** @type {any} */ _, /** @type {number | null} */ low, /** @type {number | null} */ high) =>
+          PanelSet.rangeY(...this.withBands(data.key, low, high)) } },
       axes: [
         { grid, ticks, font, stroke: ink("--soft"), size: last ? AXIS_FOOT_PX : 4, incrs: TIME_STEPS, space: 76,
           values: (/** @type {any} */ _, /** @type {number[]} */ at, /** @type {any} */ __, /** @type {any} */ ___,
@@ -269,9 +285,24 @@ class PanelSet {
     };
   }
 
-  /** Range of the vertical axis: the values in sight with a margin. @param {any} _ @param {number | null} low
-   * @param {number | null} high @returns {[number, number]} */
-  static rangeY(_, low, high) {
+  /** Extent of the lines in sight, widened by the bands up to a multiple of it, so that a wide band never hides a line.
+   * @param {string} key @param {number | null} low @param {number | null} high
+   * @returns {[number | null, number | null]} */
+  withBands(key, low, high) {
+    const bands = this.panels.find((p) => p.data.key === key)?.data.series.filter((s) => s.band) ?? [];
+    let most = 0;
+    for (const one of bands) {
+      const seen = inSight(one, this.range);
+      most = (seen.high ?? seen.low).reduce((m, v) => Number.isFinite(v) ? Math.max(m, Math.abs(v)) : m, most);
+    }
+    if (low === null || high === null) return bands.length ? [-most, most] : [low, high];
+    const limit = Math.min(most, BAND_SHARE * Math.max(Math.abs(low), Math.abs(high)));
+    return bands.length ? [Math.min(low, -limit), Math.max(high, limit)] : [low, high];
+  }
+
+  /** Range of the vertical axis: the values in sight with a margin.
+   * @param {number | null} low @param {number | null} high @returns {[number, number]} */
+  static rangeY(low, high) {
     if (low === null || high === null || !Number.isFinite(low) || !Number.isFinite(high)) return [0, 1];
     const pad = high > low ? 0.06 * (high - low) : Math.max(1e-9, 1e-4 * Math.abs(high));
     return [low - pad, high + pad];
@@ -394,11 +425,25 @@ function digitsOf(v, place) {
     .replace("-", "\u2212");
 }
 
-/** Value of a series at a time, with its unit. @param {PanelSeries} one @param {number} t */
+/** Position of the present value nearest to a position, among a few neighbours. @param {Float64Array} values
+ * @param {number} i */
+function presentNear(values, i) {
+  for (let k = 0; k <= MOST_NEIGHBOURS; k++) {
+    if (Number.isFinite(values[i - k])) return i - k;
+    if (Number.isFinite(values[i + k])) return i + k;
+  }
+  return i;
+}
+
+/** Value of a series at a time, with its unit; of a sparse series, the nearest value and its distance.
+ * @param {PanelSeries} one @param {number} t */
 function valueText({ x, low, high, unit, band, label }, t) {
   if (!x.length) return "no data";
-  const i = nearest(x, t), words = unit === "1" ? "" : " " + unit;
-  if (Math.abs(x[i] - t) > gapStep(x)) return "no data";
+  const at = nearest(x, t);
+  if (Math.abs(x[at] - t) > gapStep(x)) return "no data";
+  const i = presentNear(low, at), sign = x[i] < x[at] ? "\u2212" : "+";
+  const far = i === at ? "" : ` (${sign}${short(Math.abs(x[i] - t))} s)`;
+  const words = (unit === "1" ? "" : " " + unit) + far;
   if (band) return `\u00b1${digitsOf(Math.abs((high ?? low)[i]), false)}${words}`;
   const degrees = unit === "deg" && /lat|lon/.test(label);
   const [a, b] = [digitsOf(low[i], degrees), digitsOf((high ?? low)[i], degrees)];

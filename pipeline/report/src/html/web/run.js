@@ -25,7 +25,7 @@ class RunView {
     this.best = element("div", { class: "figures" });
     this.bars = element("div", { class: "bars" });
     this.failures = element("div");
-    home.append(element("h2", {}, ["Run"]), this.summary, this.best, this.bars, this.failures);
+    home.append(this.summary, this.best, this.bars, this.failures);
     this.poll();
   }
 
