@@ -44,7 +44,7 @@ stage = "score"
 input = "clean"
 """
 
-# Two magnetometers, three values of lambda, two survey lines, and a line that leaves the map.
+# Two magnetometers, three values of lambda and two survey lines. The stage `astray` fails: its map is of another place.
 CABIN = """
 name = "cabin"
 store = "store"
@@ -53,6 +53,8 @@ path = "cabin.synth.toml"
 [tables.anomaly]
 path = "{map}"
 alt_m = 500.0
+[tables.elsewhere]
+path = "{other}"
 [axes]
 mag = ["mag_3_uc", "mag_4_uc"]
 lambda = [0.0, 0.025, 25.0]
@@ -81,7 +83,11 @@ name = "track"
 stage = "navigate"
 input = "clean"
 map = "anomaly"
-{navigate}
+[[stages]]
+name = "astray"
+stage = "navigate"
+input = "clean"
+map = "elsewhere"
 [[stages]]
 name = "scores"
 stage = "score"
@@ -117,7 +123,6 @@ kind = "survey"
 alt_m = 700.0
 duration_s = 900.0
 waypoints = [[-21.84, 140.78], [-22.10, 140.78], [-22.10, 140.58]]
-{short}
 """
 
 MILLION = """
@@ -170,14 +175,15 @@ def write_flights(path, lines, samples):
 
 def write(folder, repository):
     """Writes all specs and their data."""
-    survey = repository / "datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif"
+    samples = repository / "datasets/samples"
+    survey = samples / "osborne/osborne_anomaly_100m_at_500m.tif"
+    cabin = CABIN.replace("{map}", str(survey)).replace("{other}", str(samples / "simple_magnav/map.h5"))
+    (folder / "cabin.toml").write_text(cabin, encoding="utf-8")
+    (folder / "cabin.synth.toml").write_text(FLIGHTS.replace("{map}", str(survey)), encoding="utf-8")
     write_flights(folder / "flights.csv", [LINE, "plain"], 300)
     (folder / "hostile.toml").write_text(HOSTILE.replace("{axis}", json.dumps(AXIS)), encoding="utf-8")
     write_flights(folder / "million.csv", ["long"], 1_000_000)
     (folder / "million.toml").write_text(MILLION, encoding="utf-8")
-    (folder / "cabin.toml").write_text(CABIN.replace("{map}", str(survey)).replace("{navigate}", ""), encoding="utf-8")
-    (folder / "cabin.synth.toml").write_text(FLIGHTS.replace("{map}", str(survey)).replace("{short}", ""),
-                                             encoding="utf-8")
 
 
 if __name__ == "__main__":

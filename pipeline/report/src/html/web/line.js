@@ -134,7 +134,7 @@ class LineView {
   /** The table whose lines are listed: that of the first column. */
   table() {
     const tables = this.pipeline()?.tables ?? [], [first] = this.chosen();
-    return tables.find((t) => t.name === first?.table) ?? tables[tables.length - 1];
+    return tables.find((t) => t.name === first?.table) ?? tables[0];
   }
 
   /** Draws everything anew from the state. */
@@ -145,14 +145,25 @@ class LineView {
       const lines = await this.source.lines(table, this.point("p."));
       if (turn !== this.turn) return;
       this.lines = lines;
-    } catch (error) { this.lines = []; this.fillControls(pipeline); this.say(error); return; }
+    } catch (error) {
+      this.lines = [];
+      this.place = undefined;
+      this.fillAll(pipeline);
+      this.say(error);
+      return;
+    }
     const { flight, line } = this.state;
     this.place = this.lines.find((l) => l.line === line && (flight === undefined || l.flight === flight))
       ?? this.lines[0];
+    this.fillAll(pipeline);
+    await this.load();
+  }
+
+  /** @param {PipelineInfo} pipeline */
+  fillAll(pipeline) {
     this.fillControls(pipeline);
     this.columns.fill(pipeline.tables, this.chosen());
     this.fillPresets(pipeline);
-    await this.load();
   }
 
   /** @param {string} label @param {string} key @param {[string, string][]} choices @param {string} value
