@@ -9,6 +9,9 @@
  *   sources: {name: string, kind: string, files: [string, string][], lines: Record<string, string>}[]}} Lineage
  */
 
+/** A count with its noun. @param {number} n @param {string} noun */
+function counted(n, noun) { return `${n} ${noun}${n === 1 ? "" : "s"}`; }
+
 class LineageView {
   /** @param {HTMLElement} home @param {ServerSource} source */
   constructor(home, source) {
@@ -56,8 +59,8 @@ class LineageView {
     const source = all.sources.find((s) => s.name === name), table = all.tables.find((t) => t.name === name);
     if (source) {
       const lines = Object.keys(source.lines).length;
-      return element("li", {}, [element("code", {}, [visible(name)]), ` ${source.kind}, ${lines} lines`,
-        element("details", {}, [element("summary", {}, [`${source.files.length} files`]), element("ul", {},
+      return element("li", {}, [element("code", {}, [visible(name)]), ` ${source.kind}, ${counted(lines, "line")}`,
+        element("details", {}, [element("summary", {}, [counted(source.files.length, "file")]), element("ul", {},
           source.files.slice(0, 200).map(([path, hash]) => element("li", {}, [element("bdi", {}, [visible(path)]), " ",
             element("code", { class: "note" }, [`blake3 ${hash.slice(0, 16)}`])])))])]);
     }
@@ -69,7 +72,7 @@ class LineageView {
       (table.axes.length ? `, over ${table.axes.join(", ")}` : "");
     return element("li", {}, [this.open(pipeline, name), visible(words), ...(table.predicate ? [" where ",
       element("code", {}, [visible(table.predicate)])] : []), ...(made.length ? [element("details", {}, [
-      element("summary", {}, [`${made.length} columns`]), element("ul", {}, made.map((c) => element("li", {}, [
+      element("summary", {}, [counted(made.length, "column")]), element("ul", {}, made.map((c) => element("li", {}, [
       element("code", {},
       [visible(c.name)]), " from " + visible(c.from.map(([t, f]) => `${t}.${f}`).join(", "))])))])] : []),
       element("ul", {}, table.inputs.map((input) => this.branch(all, pipeline, input, seen)))]);

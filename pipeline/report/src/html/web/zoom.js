@@ -76,7 +76,7 @@ class ZoomPlot {
   draw() {
     const [left, top, wide, high] = this.box, [from, to] = this.part;
     const narrow = this.svg.parentElement ? this.svg.parentElement.clientWidth - 28 : this.full[2];
-    const total = narrow < 640 && this.full[2] > 600 ? Math.max(300, narrow) : this.full[2];
+    const total = narrow < this.full[2] ? Math.max(280, narrow) : this.full[2];
     this.svg.classList.toggle("fitted", total !== this.full[2]);
     this.svg.setAttribute("viewBox", `0 0 ${total} ${this.full[3]}`);
     const frame = this.frame();
