@@ -35,6 +35,7 @@ pub const SCRIPTS: &[PageScript] = &[
     script!("web/panels.js", true),
     script!("web/figure.js", true),
     script!("web/track.js", true),
+    script!("web/trackload.js", true),
     script!("web/columnlist.js", true),
     script!("web/line.js", true),
     script!("web/run.js", true),

@@ -17,16 +17,10 @@ class LineView {
     this.all = [];
     /** @type {LineInfo[]} */
     this.lines = [];
-    /** @type {string | undefined} The table of the map under the track. */
-    this.mapName = undefined;
     /** @type {PanelData[] | undefined} Panels of the whole line. */
     this.base = undefined;
     /** @type {TimeRange | undefined} Interval of the series that the panels show. */
     this.loaded = undefined;
-    /** @type {SeriesAnswer | undefined} The track of the whole line. */
-    this.whole = undefined;
-    /** @type {string | undefined} */
-    this.wholeKey = undefined;
     this.status = element("p", { class: "note", role: "status" });
     this.controls = element("div", { class: "controls" });
     this.presets = element("div", { class: "tabs", role: "group", "aria-label": "Panels" });
@@ -42,6 +36,7 @@ class LineView {
     this.panels = new PanelSet(this.charts, { zoom: (range) => this.zoomed(range),
       hover: (t) => this.trackView.cursor(t) });
     this.trackView = new TrackView(this.track, (t) => this.panels.hover(t));
+    this.tracks = new TrackLoader(source, this.trackView);
     this.fillTools();
     addEventListener("hashchange", () => { this.state = stateOf(LINE_KEY); this.refresh(); });
     document.addEventListener("magline:place", (event) => this.go(/** @type {CustomEvent} */ (event).detail));
@@ -349,7 +344,10 @@ class LineView {
       const others = other ? await this.ask(chosen, other, range, signal) : null;
       if (signal.aborted) return;
       this.draw(chosen, answers, others, range);
-      await this.loadTrack(signal).catch((error) => {
+      const pipeline = this.pipeline(), { flight, line } = this.place;
+      if (!pipeline) return;
+      const place = { pipeline: pipeline.name, point: this.point("p."), flight, line };
+      await this.tracks.load(pipeline, place, signal).catch((error) => {
         if (!signal.aborted) this.status.append(` The track cannot be drawn: ${visible(String(error?.message))}`);
       });
     } catch (error) { if (!signal.aborted) this.say(error); }
@@ -432,51 +430,6 @@ class LineView {
           [`${visible(name)}.${format}`]));
       }));
     }
-  }
-
-  /** Tracks of the whole line, and a finer track of the interval in sight. @param {AbortSignal} signal */
-  async loadTrack(signal) {
-    const pipeline = this.pipeline(), { place } = this, { range } = this.trackView;
-    if (!pipeline || !place) return;
-    const has = (/** @type {TableInfo} */ t, /** @type {string} */ name) =>
-      t.columns.some((c) => c.name === name && c.series);
-    const tables = pipeline.tables.filter((t) => has(t, "lat") && has(t, "lon"));
-    const table = tables.find((t) => has(t, "truth_lat")) ?? tables.find((t) => has(t, "sd_n")) ?? tables[0];
-    if (!table) { this.trackView.show([], null, []); return; }
-    const layers = TRACK_LAYERS.filter((l) => has(table, l.lat) && has(table, l.lon));
-    const columns = [...layers.flatMap((l) => [l.lat, l.lon]), ...["sd_n", "sd_e"].filter((n) => has(table, n))];
-    const ask = (/** @type {TimeRange | null} */ own) => this.source.series({ table, columns, range: own, pixels: 1000,
-      signal, place: { pipeline: pipeline.name, point: this.point("p."), flight: place.flight, line: place.line } });
-    const key = JSON.stringify([table.table, this.point("p."), place.flight, place.line]);
-    if (this.wholeKey !== key) [this.whole, this.wholeKey] = [await ask(null), key];
-    const whole = /** @type {SeriesAnswer} */ (this.whole);
-    const answer = range && this.source.live ? await ask(range) : whole;
-    if (signal.aborted) return;
-    const of = (/** @type {SeriesAnswer} */ from, /** @type {string} */ name) => {
-      const found = from.columns.get(name);
-      return found?.first ?? (found?.high ? found.low.map((v, i) => (v + (found.high?.[i] ?? v)) / 2) : found?.low);
-    };
-    const tracks = (/** @type {SeriesAnswer} */ from) => layers.flatMap((layer) => {
-      const [lat, lon] = [of(from, layer.lat), of(from, layer.lon)];
-      const named = layer.lat === "lat" && has(table, "sd_n") ? { ...layer, name: "estimate" } : layer;
-      return lat && lon ? [{ layer: named, x: from.x, lat, lon }] : [];
-    });
-    const [north, east] = [of(answer, "sd_n"), of(answer, "sd_e")];
-    this.trackView.show(tracks(answer), north && east ? { x: answer.x, north, east } : null, tracks(whole));
-    await this.loadMap(pipeline, table);
-  }
-
-  /** @param {PipelineInfo} pipeline @param {TableInfo} table */
-  async loadMap(pipeline, table) {
-    const { source } = this;
-    if (!(source instanceof ServerSource)) return;
-    const maps = pipeline.sources.filter((s) => s.kind === "map");
-    const map = maps.find((s) => table.inputs.includes(s.name)) ?? maps[0];
-    if (!map || this.mapName === map.table) return;
-    this.mapName = map.table;
-    const image = await source.map(map.table);
-    this.trackView.map = { map: image, canvas: mapCanvas(image).canvas };
-    this.trackView.draw();
   }
 
   /** @param {unknown} error */

@@ -51,7 +51,8 @@ class RunView {
   show({ state, units, tables, failures, best, runs }) {
     const words = { running: "A run is in progress", done: "All results are in the store", none: "No run yet",
       incomplete: "Results are missing, and no run is in progress" };
-    const last = runs[runs.length - 1], times = failures.reduce((n, f) => n + f.times, 0);
+    const last = runs.reduce((a, b) => b.number > a.number ? b : a, runs[0]);
+    const times = failures.reduce((n, f) => n + f.times, 0);
     const text = `${words[/** @type {keyof typeof words} */ (state)] ?? state}: ${units.done} of ${units.total} units` +
       (units.failed ? `, ${units.failed} failed` : "") + "." +
       (last ? ` Run ${last.number}: ${last.computed} computed, ${last.reused} reused, ${short(last.seconds)} s.` : "");
