@@ -1,9 +1,11 @@
 """Tests of `magline view` in Chromium: comparison, run, lineage, maps, downloads, many points and samples."""
 
 import json
+import os
 import time
 
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 from conftest import download, line_view, shown, until
 
 
@@ -84,6 +86,36 @@ def test_the_run_shows_its_units(page):
         assert int(bar.get_attribute("aria-valuenow")) <= int(bar.get_attribute("aria-valuemax"))
 
 
+def test_a_run_in_progress_is_followed(page):
+    answers = [{"state": "running", "done": 3, "changed": "a"}, {"state": "running", "done": 7, "changed": "b"},
+               {"state": "done", "done": 10, "changed": "c"}]
+    asked = {"run": 0, "scores": 0}
+
+    def run(route):
+        now = answers[min(asked["run"], len(answers) - 1)]
+        asked["run"] += 1
+        units = {"done": now["done"], "failed": 0, "total": 10}
+        route.fulfill(json={"pipeline": "cabin", "state": now["state"], "units": units, "changed": now["changed"],
+                            "tables": [{"table": "cabin.track", "stage": "navigate", **units}], "failures": [],
+                            "best": [], "runs": []})
+
+    def scores(route):
+        asked["scores"] += 1
+        route.continue_()
+
+    page.route("**/api/run", run)
+    page.route("**/api/scores?*", scores)
+    page.reload()
+    bar = page.locator("#live [role=progressbar]")
+    bar.wait_for()
+    first = bar.get_attribute("aria-valuenow")
+    until(page, "document.querySelector('#live [role=progressbar]')?.ariaValueNow === '7'")
+    until(page, "document.querySelector('#live [role=status]').textContent.includes('10 of 10')")
+    assert first == "3" and bar.count() == 0
+    # The scores are read again when tables were published.
+    assert asked["scores"] == 3
+
+
 def test_lineage_leads_to_the_line_view(page):
     lineage = page.locator("#lineage")
     lineage.locator("ul.tree li").first.wait_for()
@@ -121,6 +153,21 @@ def test_whole_tables_are_downloads(page):
     assert b"," in download(page, links.first)
     scores = explorer(page).locator(".downloads a").evaluate_all("all => all.map((a) => a.href)")
     assert len(scores) == 2 and all("scores" in a for a in scores)
+
+
+@pytest.mark.parametrize("width,scheme", [(390, "dark"), (1400, "light")])
+def test_every_view_of_the_scores_is_accessible(visit, view, width, scheme):
+    page = visit(view("cabin"), width, scheme)
+    explorer(page).locator("table.virtual").first.wait_for()
+    choose(page, 0)
+    choose(page, 1, modifiers=["Shift"])
+    for tab in explorer(page).locator("[role=tab]").all():
+        tab.click()
+        found = Axe().run(page, context="section.explorer").response["violations"]
+        assert [(v["id"], [n["html"][:120] for n in v["nodes"][:3]]) for v in found] == [], tab.inner_text()
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+    if os.environ.get("SCREENSHOTS"):
+        page.screenshot(path=f"{os.environ['SCREENSHOTS']}/compare-{width}-{scheme}.png", full_page=True)
 
 
 def test_nothing_moves_where_motion_is_reduced(visit, view):
