@@ -17,6 +17,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use arrow_schema::DataType;
 use schemas::{Fault, metric::Metric};
 use store::{PackReader, Version, current};
 
@@ -183,12 +184,25 @@ impl StoreView {
         Ok((pipeline, table))
     }
 
-    /// Checks that there is a table of this name.
+    /// The query for the download of a table with lists of varying length, which `magline export` does not write; `None`
+    /// for other tables. A CSV file omits these lists.
     ///
     /// # Errors
     /// Fails when there is no such table, or the store is damaged.
-    pub fn table_exists(&self, name: &str) -> Result<(), ViewFault> {
-        self.table(name).map(drop)
+    pub fn download_query(&self, name: &str, is_csv: bool) -> Result<Option<String>, ViewFault> {
+        let (_, table) = self.table(name)?;
+        let columns = table.provider.columns();
+        let varies = |kind: &DataType| matches!(kind, DataType::List(_) | DataType::LargeList(_));
+        if !columns.fields().iter().any(|f| varies(f.data_type())) {
+            return Ok(None);
+        }
+        let quoted = |name: &str| format!("\"{}\"", name.replace('"', "\"\""));
+        let listed = columns.fields().iter().filter(|f| !is_csv || !varies(f.data_type())).map(|f| quoted(f.name()));
+        let keys = table.axes.iter().map(String::as_str).chain(["flight", "line", "metric"]);
+        let keys: Vec<String> = keys.filter(|key| columns.field_with_name(key).is_ok()).map(quoted).collect();
+        let order = if keys.is_empty() { String::new() } else { format!(" ORDER BY {}", keys.join(", ")) };
+        let from = name.split('.').map(quoted).collect::<Vec<_>>().join(".");
+        Ok(Some(format!("SELECT {} FROM {from}{order}", listed.collect::<Vec<_>>().join(", "))))
     }
 
     /// The published tables of scores, as PIPELINE.TABLE.

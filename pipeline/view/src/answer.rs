@@ -4,7 +4,12 @@ use bytes::Bytes;
 use report::{LineageFormat, lineage, view::ViewFault};
 use serde_json::Value;
 
-use crate::{ViewData, page::page, request::ViewRequest, workers::AnswerBytes};
+use crate::{
+    ViewData,
+    page::page,
+    request::{DownloadFormat, ViewRequest},
+    workers::AnswerBytes,
+};
 
 /// Media type of JSON.
 pub const JSON: &str = "application/json";
@@ -57,9 +62,15 @@ pub fn answer(data: &ViewData, request: &ViewRequest) -> Result<AnswerBytes, Vie
             let found = lineage(store.root(), table, LineageFormat::Json).map_err(ViewFault::Missing)?;
             (found.into(), JSON)
         }
-        ViewRequest::Table(table) => {
-            store.table_exists(table)?;
-            (store.root().to_string_lossy().into_owned().into(), JSON)
+        ViewRequest::Download(table, format) => {
+            let query = store.download_query(table, *format == DownloadFormat::Csv)?;
+            let mut arguments = vec![if query.is_some() { "sql" } else { "export" }.to_owned(), "--store".to_owned()];
+            arguments.push(store.root().to_string_lossy().into_owned());
+            if query.is_some() {
+                arguments.extend(["--format".to_owned(), format.extension().to_owned()]);
+            }
+            arguments.extend(["--".to_owned(), query.unwrap_or_else(|| table.clone())]);
+            json(&arguments.into())
         }
     })
 }

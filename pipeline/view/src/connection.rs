@@ -3,7 +3,7 @@
 use std::{
     convert::Infallible,
     fs::File,
-    io,
+    io::{self, Read},
     path::Path,
     pin::Pin,
     process::{Command, Stdio},
@@ -55,6 +55,8 @@ const DOWNLOADS: Duration = Duration::from_secs(600);
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
 /// Pause after a failed accept, for example for lack of file descriptors.
 const AGAIN_AFTER: Duration = Duration::from_millis(50);
+/// Maximum size of the message of a download, bytes.
+const MESSAGE: u64 = 10_000;
 /// Maximum size of the head of a request, bytes.
 const HEAD_BYTES: usize = 32 << 10;
 
@@ -239,9 +241,10 @@ fn busy() -> Refusal {
 /// Writes the file of a table in a separate process with limited memory, and sends it.
 async fn download(state: &ServerState, table: String, format: DownloadFormat) -> Result<Answer, Refusal> {
     let permit = state.downloads.clone().try_acquire_owned().map_err(|_| busy())?;
-    let store = answered(state, ViewRequest::Table(table.clone())).await?.0;
+    let arguments = answered(state, ViewRequest::Download(table.clone(), format)).await?.0;
+    let arguments: Vec<String> = serde_json::from_slice(&arguments).unwrap_or_default();
     let path = state.settings.temporary.join(format!("{}.{}", Uuid::new_v4().simple(), format.extension()));
-    let written = write(&state.settings.program, &table, &store, &path).await;
+    let written = write(&state.settings.program, &arguments, &path).await;
     let opened = written.and_then(|()| {
         let failed =
             |e: io::Error| Refusal::from(ViewFault::Failed(Fault::machine(format!("cannot read the file: {e}"))));
@@ -262,20 +265,26 @@ async fn download(state: &ServerState, table: String, format: DownloadFormat) ->
     Ok(answer)
 }
 
-/// Runs `magline export`.
-async fn write(program: &Path, table: &str, store: &[u8], path: &Path) -> Result<(), Refusal> {
+/// Runs `magline export` or `magline sql` with the output `path`.
+async fn write(program: &Path, arguments: &[String], path: &Path) -> Result<(), Refusal> {
     let failed = |what: String| Refusal::from(ViewFault::Failed(Fault::machine(what)));
-    let store = String::from_utf8_lossy(store).into_owned();
+    let (verb, arguments) = arguments.split_at(1.min(arguments.len()));
     let mut command = Command::new(program);
-    command.args(["export", "--store", &store, "--output"]).arg(path).arg("--").arg(table);
-    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    command.args(verb).arg("--output").arg(path).args(arguments);
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
     let started = command.spawn().map_err(|e| failed(format!("cannot start the process of the download: {e}")))?;
     let mut child = ChildGuard(started);
     let late = Instant::now() + DOWNLOADS;
     loop {
         match child.0.try_wait() {
             Ok(Some(status)) if status.success() => return Ok(()),
-            Ok(Some(status)) => return Err(failed(format!("the file cannot be written: {status}"))),
+            Ok(Some(status)) => {
+                let mut text = String::new();
+                let reader = child.0.stderr.take();
+                let _ = reader.map(|reader| reader.take(MESSAGE).read_to_string(&mut text));
+                let why = text.lines().find_map(|line| line.strip_prefix("error: ")).map(str::to_owned);
+                return Err(failed(why.unwrap_or_else(|| format!("the file cannot be written: {status}"))));
+            }
             Ok(None) if Instant::now() < late => sleep(LOOKS_EVERY).await,
             Ok(None) => return Err(Refusal::new(StatusCode::GATEWAY_TIMEOUT, "the download takes longer than 600 s")),
             Err(e) => return Err(failed(format!("cannot wait for the process of the download: {e}"))),

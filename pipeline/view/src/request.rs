@@ -26,8 +26,8 @@ pub enum ViewRequest {
     Map(String, ViewPoint, Option<usize>),
     /// Lineage of a table.
     Lineage(String),
-    /// The store's folder, if it has this table.
-    Table(String),
+    /// Arguments of this program that write a table in a format.
+    Download(String, DownloadFormat),
 }
 
 /// File format of a download.
