@@ -2,14 +2,22 @@
 "use strict";
 // Two points side by side: what differs in the axes, and every metric.
 
+/** Relative difference below which two scores differ by rounding only. */
+const ROUNDING = 1e-12;
+
+/** Difference of two scores; zero where they differ by rounding only. @param {number} a @param {number} b */
+function difference(a, b) { return Math.abs(b - a) <= ROUNDING * Math.max(Math.abs(a), Math.abs(b)) ? 0 : b - a; }
+
 /** Change from A to B in percent; `null` where A is zero or a value is missing. @param {number | null} a
  * @param {number | null} b */
-function percentChange(a, b) { return a === null || b === null || a === 0 ? null : 100 * (b - a) / Math.abs(a); }
+function percentChange(a, b) {
+  return a === null || b === null || a === 0 ? null : 100 * difference(a, b) / Math.abs(a);
+}
 
 /** The better of two points. @param {ScoreSet} scores @param {number} m @param {number} a @param {number} b */
 function betterOf(scores, m, a, b) {
   const [one, two] = [scores.cost(m, scores.value(m, a)), scores.cost(m, scores.value(m, b))];
-  if (!Number.isFinite(one) || !Number.isFinite(two) || one === two) return "";
+  if (!Number.isFinite(one) || !Number.isFinite(two) || difference(one, two) === 0) return "";
   return one < two ? "A" : "B";
 }
 
@@ -72,7 +80,7 @@ function compareTable(scores, rows, a, b) {
     const marks = (/** @type {number} */ row) => scores.marks(m, row) ? ` (${scores.marks(m, row)})` : "";
     return element("tr", {}, [element("th", { scope: "row" }, [scores.label(m)]),
       cell(short(one) + marks(a), better === "A"), cell(short(two) + marks(b), better === "B"),
-      cell(one === null || two === null ? "-" : short(two - one))]);
+      cell(one === null || two === null ? "-" : short(difference(one, two)))]);
   });
   return element("div", { class: "scroll" }, [element("table", { class: "compare" }, [element("thead", {}, [
     element("tr", {}, ["", "A", "B", "B \u2212 A"].map((text) => text

@@ -49,7 +49,8 @@ class RunView {
 
   /** @param {RunState} state */
   show({ state, units, tables, failures, best, runs }) {
-    const words = { running: "A run is in progress", done: "All results are in the store", none: "No run yet",
+    const words = { running: "A run is in progress", none: "No run yet",
+      done: units.failed ? "The run is finished" : "All results are in the store",
       incomplete: "Results are missing, and no run is in progress" };
     const last = runs.reduce((a, b) => b.number > a.number ? b : a, runs[0]);
     const times = failures.reduce((n, f) => n + f.times, 0);
