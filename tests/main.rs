@@ -65,6 +65,8 @@ mod tasks;
 mod text_fields;
 mod trust;
 mod versions;
+#[cfg(feature = "serve")]
+mod view;
 mod warnings;
 mod whole_numbers;
 mod words;

@@ -1,88 +1,19 @@
-"""Tests of the HTML report in Chromium. `.ci/browser` makes the reports and starts them."""
+"""Tests of the HTML report in Chromium. `.ci/browser` makes the reports and starts the tests."""
 
 import csv
 import io
-import json
-import math
 import os
-import random
 import subprocess
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import sync_playwright
+from conftest import FOLDER, download
+from specs import AXIS, LINE
 
 PROGRAM = os.environ["MAGLINE"]
-FOLDER = Path(os.environ["REPORTS"])
-VIEWS = ["table", "heat", "curve", "parallel", "scatter", "lines"]
-LINE = "</script><b id='injected'>\"&amp;\u202eevil"
-AXIS = "line <> '</script><b id=injected>\"\u202e'"
-HOSTILE = """
-name = "hostile"
-store = "store"
-[tables.flights]
-path = "flights.csv"
-[axes]
-kept = [{axis}, "line <> ''"]
-lambda = [0.0, 0.1]
-[[stages]]
-name = "terms"
-stage = "a_matrix"
-input = "flights"
-vector = "flux_a"
-[[stages]]
-name = "coefficients"
-stage = "fit"
-input = "terms"
-model = "tolles_lawson"
-target = "mag_1_uc"
-lambda = "$lambda"
-where = "$kept"
-[[stages]]
-name = "clean"
-stage = "compensate"
-input = "terms"
-model = "coefficients"
-mag = "mag_1_uc"
-detrend = true
-[[stages]]
-name = "scores"
-stage = "score"
-input = "clean"
-"""
-
-
-@pytest.fixture(scope="session")
-def browser():
-    with sync_playwright() as playwright:
-        made = playwright.chromium.launch(executable_path=os.environ["CHROMIUM"], args=["--no-sandbox"])
-        yield made
-        made.close()
-
-
-@pytest.fixture
-def visit(browser):
-    """Opens a report. At the end: no message on the console and no request off the page."""
-    faults, contexts = [], []
-
-    def visit(file, width=1400, scheme="light"):
-        context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
-        contexts.append(context)
-        page = context.new_page()
-        page.on("console", lambda m: faults.append(m.text) if m.type in ("error", "warning") else None)
-        page.on("pageerror", lambda e: faults.append(str(e)))
-        address = Path(file).as_uri()
-        inner = ("data:", "blob:", address)
-        page.on("request", lambda r: faults.append(r.url) if not r.url.startswith(inner) else None)
-        page.goto(address)
-        return page
-
-    yield visit
-    for context in contexts:
-        context.close()
-    assert faults == []
+VIEWS = ["table", "heat", "curve", "parallel", "scatter", "lines", "compare"]
 
 
 def explorer(page):
@@ -94,10 +25,11 @@ def rows(page):
             for row in explorer(page).locator("table.virtual tbody tr:not(.gap)").all()]
 
 
-def download(page, button):
-    with page.expect_download() as waiting:
-        button.click()
-    return Path(waiting.value.path()).read_bytes()
+def choose_two(page):
+    """Chooses two points in the table: one by a click, the other by its button B."""
+    explorer(page).locator("[data-view=table]").click()
+    explorer(page).get_by_role("button", name="1", exact=True).click()
+    explorer(page).get_by_role("button", name="Compare with point 2").click()
 
 
 def test_the_answer_precedes_all_other_sections(visit):
@@ -117,7 +49,9 @@ def test_every_view_of_the_explorer_draws(visit, view):
     if view == "table":
         assert len(rows(page)) == 4
     else:
-        drawn = {"heat": ".cell", "parallel": "path.way", "scatter": ".dots"}.get(view, "circle")
+        if view == "compare":
+            choose_two(page)
+        drawn = {"heat": ".cell", "parallel": "path.way", "scatter": ".dots", "compare": ".change"}.get(view, "circle")
         assert panel.locator("svg").locator(drawn).count() > 0
         panel.locator("svg").focus()
         page.keyboard.press("ArrowRight")
@@ -222,6 +156,20 @@ def test_pages_are_accessible_and_fit(visit, name, width, scheme):
     assert [(v["id"], [n["html"][:120] for n in v["nodes"][:3]]) for v in found] == []
 
 
+@pytest.mark.parametrize("name", ["tolles_lawson", "navigation"])
+def test_labels_are_readable_on_a_phone(visit, name):
+    page = visit(FOLDER / f"{name}.html", 390)
+    small = page.evaluate("""() => [...document.querySelectorAll("svg text")].flatMap((text) => {
+        const svg = [...document.querySelectorAll("svg")].findLast((s) => s.contains(text) && s.viewBox.baseVal.width
+            && !s.parentElement.closest("svg"));
+        if (!svg || !text.getClientRects().length) return [];
+        const size = parseFloat(getComputedStyle(text).fontSize) * svg.getBoundingClientRect().width
+            / svg.viewBox.baseVal.width;
+        return size < 10.9 ? [[text.textContent, size, svg.getAttribute("class")]] : [];
+    })""")
+    assert small == []
+
+
 def test_hostile_names_stay_text(visit):
     page = visit(FOLDER / "hostile.html")
     assert page.locator("#injected").count() == 0
@@ -237,21 +185,3 @@ def test_hostile_names_stay_text(visit):
         texts.append(explorer(page).locator("output").inner_text())
     assert any(LINE.replace("\u202e", "\\u202e") in text for text in texts), texts
     assert page.locator("#injected").count() == 0
-
-
-def write_hostile(folder):
-    """Writes a flight with a hostile line name, and its spec with a hostile value of an axis."""
-    random.seed(1)
-    with open(folder / "flights.csv", "w", newline="", encoding="utf-8") as file:
-        out = csv.writer(file)
-        out.writerow(["tt", "flight", "line", "flux_a_x", "flux_a_y", "flux_a_z", "mag_1_uc"])
-        for line in [LINE, "plain"]:
-            for i in range(300):
-                t, roll, pitch = i / 10, 0.1 * math.sin(i / 10), 0.1 * math.cos(0.13 * i)
-                field = [20000 * math.cos(roll), 20000 * math.sin(roll) + 300 * pitch, 45000 * math.cos(pitch)]
-                out.writerow([t, "f<i>1", line, *field, 50000 + 5 * math.sin(2 * t) + random.gauss(0, 0.1)])
-    (folder / "hostile.toml").write_text(HOSTILE.replace("{axis}", json.dumps(AXIS)), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    write_hostile(FOLDER)

@@ -15,6 +15,7 @@ from magline.parts import Column, Flight, Line, Param, filter, load_parts, metri
 from magline.runs import Check, Failure, Run, ScoreTable, Warning, check, run
 from magline.spec import Axis, Spec, TableHandle
 from magline.tables import Pipeline, Store, Table, sql
+from magline.views import View
 
 __all__ = [
     "Axis",
@@ -38,6 +39,7 @@ __all__ = [
     "Store",
     "Table",
     "TableHandle",
+    "View",
     "Warning",
     "__version__",
     "check",

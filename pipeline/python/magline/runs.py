@@ -18,6 +18,7 @@ from magline import _html, _magline, _toml
 from magline.errors import Fault
 from magline.spec import Spec
 from magline.tables import Store, Table
+from magline.views import View, is_notebook
 
 _Source = tuple[Path, Path, str | None, list[str]]
 SpecLike = str | os.PathLike[str] | Mapping[str, Any] | Spec
@@ -284,6 +285,29 @@ class Run:
         page = Path(path)
         page.write_text(_magline.report(*self._source), encoding="utf-8")
         return page
+
+    def view(self, *, browser: bool | None = None) -> View:
+        """Explore the results: all tables of the store in a browser, or in a frame of a notebook.
+
+        Parameters
+        ----------
+        browser : bool, optional
+            Whether to open a browser. By default, outside of a notebook only.
+
+        Returns
+        -------
+        View
+            The server. It ends with this process, or with ``close()``.
+
+        Raises
+        ------
+        RuntimeError
+            If the server does not start.
+        """
+        view = View(self.store.path)
+        if browser or (browser is None and not is_notebook()):
+            view.open()
+        return view
 
     def explain(self) -> str:
         """Plan of the run as text: tables, axes, stored results and cost of each stage."""

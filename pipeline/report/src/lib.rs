@@ -8,7 +8,9 @@ mod lineage;
 pub mod openlineage;
 mod reference;
 mod schema;
+mod series;
 pub mod sql;
+pub mod view;
 mod why;
 
 pub use explain::explain;

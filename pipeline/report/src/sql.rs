@@ -24,8 +24,10 @@ use datafusion::error::DataFusionError;
 use expressions::deep;
 use schemas::Fault;
 
+pub(crate) use scan::PublishedTableProvider;
 pub use session::SqlSession;
 pub use tables::VersionPins;
+pub(crate) use tables::{leads_out, names as pipeline_names};
 
 /// Stack size of the worker threads, bytes. They evaluate operators by recursion over deeply nested expressions.
 pub const WORKER_STACK: usize = 64 << 20;

@@ -38,6 +38,7 @@ mod task;
 mod temporary;
 mod tend;
 mod threads;
+mod view;
 
 use std::{
     ffi::OsString,
@@ -112,6 +113,8 @@ enum Command {
     Export(export::ExportArgs),
     /// Serve the tables of a store over Arrow Flight SQL, read-only. Requires a build with the feature `serve`.
     Serve(serve::ServeArgs),
+    /// Explore a store, or the runs of a spec, in a browser on this machine. Requires a build with the feature `serve`.
+    View(view::ViewArgs),
     /// Answer one query of `serve` in a separate process.
     #[cfg(feature = "serve")]
     #[command(name = crate::serve::COMMAND, hide = true)]
@@ -320,6 +323,7 @@ fn execute(catalogue: &[StageEntry], arguments: impl IntoIterator<Item = OsStrin
         Command::Sql(args) => sql::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Serve(args) => serve::run(&args),
+        Command::View(args) => view::run(catalogue, &args),
         #[cfg(feature = "serve")]
         Command::AnswerQuery => crate::serve::answer().map_err(ExitReason::from),
         Command::Ls { pipeline, store } => tend::ls(&store, pipeline.as_deref()),

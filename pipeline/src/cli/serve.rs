@@ -42,9 +42,15 @@ pub struct ServeArgs {
 /// Serves until it is interrupted.
 #[cfg(not(feature = "serve"))]
 pub fn run(_: &ServeArgs) -> Result<(), ExitReason> {
+    Err(without_serve())
+}
+
+/// The message of a program without the feature `serve`.
+#[cfg(not(feature = "serve"))]
+pub fn without_serve() -> ExitReason {
     let what = "error: this magline was built without the feature `serve`\n  help: build it with `cargo build \
                 --features magline/serve`";
-    Err(ExitReason::Wrong(what.to_owned()))
+    ExitReason::Wrong(what.to_owned())
 }
 
 /// Serves until it is interrupted.

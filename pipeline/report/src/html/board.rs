@@ -85,6 +85,11 @@ impl ScoreBoard {
         self.scores.ranked(metric)
     }
 
+    /// The instance behind a row.
+    pub fn instance(&self, row: usize) -> usize {
+        self.instances.get(row).copied().unwrap_or(0)
+    }
+
     /// The number of flagged lines of a row.
     pub fn marked(&self, row: usize) -> usize {
         self.scores.marks.get(row).copied().unwrap_or(0)

@@ -33,13 +33,10 @@ pub fn section(
 ) -> Result<Markup, Fault> {
     let name = &source.graph.plan.tables[board.table].name;
     let rows = rows(board, *left);
-    let pooled = pooled(board, &rows, &source.graph.plan.spec.name, name)?;
-    *left = left.saturating_sub(pooled.len());
-    let lines = LineScores::read(source, board, &rows, warnings, *left)?;
-    let omitted = omitted(board, &rows, lines.as_ref());
-    let lines = lines.map_or_else(|| "null".to_owned(), |lines| lines.json());
-    *left = left.saturating_sub(lines.len());
-    let block = format!("{{{pooled},\"omitted\":{},\"lines\":{lines}}}", json!(omitted));
+    let entries = rows.iter().map(|r| source.graph.lines_of(board.table, board.instance(*r)).len()).sum();
+    let read = |metrics| LineScores::read(source, board, &rows, warnings, metrics).map(Some);
+    let block = block(board, &source.graph.plan.spec.name, name, &rows, entries, *left, read)?;
+    *left = left.saturating_sub(block.len());
     Ok(html! {
         section.explorer id=(format!("explore-{name}")) data-table=(name) {
             h2 { "Explore" @if name != "scores" { ": " (name) } }
@@ -49,13 +46,35 @@ pub fn section(
     })
 }
 
+/// The block of the points `rows`, at most `left` bytes. `lines` reads the scores of single lines for some metrics, of
+/// `entries` points and lines.
+///
+/// # Errors
+/// Fails when the scores of lines cannot be read.
+pub fn block(
+    board: &ScoreBoard,
+    pipeline: &str,
+    table: &str,
+    rows: &[usize],
+    entries: usize,
+    left: usize,
+    lines: impl FnOnce(Vec<usize>) -> Result<Option<LineScores>, Fault>,
+) -> Result<String, Fault> {
+    let pooled = pooled(board, rows, pipeline, table)?;
+    let metrics = affordable(board, entries, left.saturating_sub(pooled.len()));
+    let lines = metrics.map_or(Ok(None), lines)?;
+    let omitted = omitted(board, rows, lines.as_ref());
+    let lines = lines.map_or_else(|| "null".to_owned(), |lines| lines.json());
+    Ok(format!("{{{pooled},\"omitted\":{},\"lines\":{lines}}}", json!(omitted)))
+}
+
 /// A block without the character that opens a tag.
 fn escaped(json: &str) -> String {
     json.replace('<', "\\u003c")
 }
 
 /// The points of the block: all, or the best that fit into `left` bytes.
-fn rows(board: &ScoreBoard, left: usize) -> Vec<usize> {
+pub fn rows(board: &ScoreBoard, left: usize) -> Vec<usize> {
     let all = board.scores.rows.len();
     let words = board.scores.rows.first().map_or(0, |(key, _)| key.iter().map(|k| k.len() + 8).sum());
     let each = words + NUMBER * (board.scores.metrics.len() + board.more.len() + 2);
@@ -171,33 +190,33 @@ fn floats(values: impl Iterator<Item = Option<f64>>) -> Result<String, Fault> {
 
 /// Scores of single lines: one entry for each point and line.
 #[derive(Debug, Default)]
-struct LineScores {
+pub struct LineScores {
     /// Flight and line.
-    names: Vec<(String, String)>,
+    pub names: Vec<(String, String)>,
     /// The metrics of the values, as positions among the metrics of the board.
-    metrics: Vec<usize>,
-    /// Point and line of each entry.
-    points: Vec<usize>,
-    lines: Vec<usize>,
-    /// Positions of the entries that are in sample, and flagged.
-    in_sample: Vec<usize>,
-    flagged: Vec<usize>,
+    pub metrics: Vec<usize>,
+    /// Point of each entry.
+    pub points: Vec<usize>,
+    /// Line of each entry.
+    pub lines: Vec<usize>,
+    /// Positions of the entries that are in sample.
+    pub in_sample: Vec<usize>,
+    /// Positions of the flagged entries.
+    pub flagged: Vec<usize>,
     /// A column for each metric.
-    values: Vec<Vec<Option<f64>>>,
+    pub values: Vec<Vec<Option<f64>>>,
 }
 
 impl LineScores {
-    /// Reads the scores of as many metrics as fit into `left` bytes; `None` if none fits.
+    /// Reads the scores of `metrics`, positions among the metrics of the board.
     fn read(
         source: &ReportSource,
         board: &ScoreBoard,
         rows: &[usize],
         warnings: &[Warning],
-        left: usize,
-    ) -> Result<Option<LineScores>, Fault> {
-        let instance = |row: usize| board.instances.get(row).copied().unwrap_or(0);
-        let entries: usize = rows.iter().map(|r| source.graph.lines_of(board.table, instance(*r)).len()).sum();
-        let Some(metrics) = affordable(board, entries, left) else { return Ok(None) };
+        metrics: Vec<usize>,
+    ) -> Result<LineScores, Fault> {
+        let instance = |row: usize| board.instance(row);
         let marked = board.scores.marked_lines(&source.graph.plan.tables[board.table].name, warnings);
         let seen = source.graph.seen(board.table)?;
         let mut found = LineScores { values: vec![vec![]; metrics.len()], metrics, ..LineScores::default() };
@@ -232,7 +251,7 @@ impl LineScores {
                 }
             }
         }
-        Ok(Some(found))
+        Ok(found)
     }
 
     fn json(&self) -> String {

@@ -21,7 +21,9 @@ mod model;
 mod page;
 mod published;
 mod quality;
+mod scripts;
 mod search;
+mod series;
 mod signal;
 mod source;
 mod spectra;
@@ -41,10 +43,13 @@ use results::warnings::{self, Warning};
 use schemas::{Fault, InputKind};
 use store::Store;
 
+pub(crate) use answer::baseline;
 use atlas::{Atlas, AtlasTracks, atlases};
-use board::ScoreBoard;
+pub(crate) use board::{MoreScores, ScoreBoard};
 pub use earth::{TrackSelection, kml};
+pub(crate) use explorer::{LineScores, block as score_block, rows as score_rows};
 pub use figure_files::{FigureFile, figure_files, figure_list};
+pub use scripts::{PageScript, SCRIPTS, STYLE};
 use source::ReportSource;
 use subject::{ReportLine, ReportSubject};
 use track::LineTracks;
@@ -80,6 +85,7 @@ pub fn report(graph: &PlanGraph, store: &Store) -> Result<String, Fault> {
     for board in &boards {
         sections.push(explorer::section(&source, board, &warnings, &mut left)?);
     }
+    sections.extend(series::section(&source, &boards, &mut left)?);
     if current {
         sections.extend(search::section(&source)?);
     }

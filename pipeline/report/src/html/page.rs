@@ -11,19 +11,10 @@ use plan::{
 use super::{
     answer::with_unit,
     flow,
+    scripts::{SCRIPTS, STYLE},
     source::{FailureCount, ReportSource},
     warnings::Warning,
 };
-
-/// The scripts of the page, in the order of their use of each other.
-pub const SCRIPTS: [&str; 6] = [
-    include_str!("script.js"),
-    include_str!("web/scores.js"),
-    include_str!("web/draw.js"),
-    include_str!("web/views.js"),
-    include_str!("web/explorer.js"),
-    include_str!("web/zoom.js"),
-];
 
 /// The maximum number of failures listed.
 const MOST: usize = 50;
@@ -43,6 +34,7 @@ pub struct ReportAlerts {
 /// The page.
 pub fn page(source: &ReportSource, alerts: &ReportAlerts, defs: Markup, sections: &[Markup]) -> String {
     let spec = &source.graph.plan.spec;
+    let has_series = sections.iter().any(|s| s.0.contains("class=\"series-index\""));
     let markup = html! {
         (DOCTYPE)
         html lang="en" {
@@ -51,10 +43,11 @@ pub fn page(source: &ReportSource, alerts: &ReportAlerts, defs: Markup, sections
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="color-scheme" content="light dark";
                 meta name="generator" content="magline";
+                link rel="icon" href="data:,";
                 title { (spec.name) " – magline report" }
-                style { (PreEscaped(include_str!("style.css"))) }
+                style { (PreEscaped(STYLE)) }
             }
-            body {
+            body data-pipeline=(spec.name) {
                 (defs)
                 main {
                     (heading(source))
@@ -63,7 +56,7 @@ pub fn page(source: &ReportSource, alerts: &ReportAlerts, defs: Markup, sections
                     @for section in sections { (section) }
                     (plan(source))
                 }
-                @for script in SCRIPTS { script { (PreEscaped(script)) } }
+                @for script in SCRIPTS.iter().filter(|s| has_series || !s.of_series) { script { (PreEscaped(script.text)) } }
             }
         }
     };

@@ -128,7 +128,8 @@ pub fn navigations(
     (others.into_iter().map(one).collect(), more)
 }
 
-fn subject(
+/// The point of a row of scores, with its stages.
+pub fn subject(
     source: &ReportSource,
     (board, metric): (&ScoreBoard, usize),
     id: &str,
@@ -273,7 +274,10 @@ fn score(source: &ReportSource, chosen: &SubjectScore, line: LineId) -> Result<O
 }
 
 /// The lines that have a score at the subject's point, best first.
-fn scored_lines(source: &ReportSource, subject: &ReportSubject) -> Result<Vec<LineId>, Fault> {
+///
+/// # Errors
+/// Fails when the store is damaged.
+pub fn scored_lines(source: &ReportSource, subject: &ReportSubject) -> Result<Vec<LineId>, Fault> {
     let Some(chosen) = &subject.chosen else { return Ok(vec![]) };
     let mut found: Vec<(f64, LineId)> = vec![];
     for line in source.graph.lines_of(chosen.at.0, chosen.at.1) {

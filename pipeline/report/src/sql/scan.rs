@@ -99,6 +99,71 @@ impl PublishedTableProvider {
         let source = ScanSource { objects: objects.clone(), files, groups, stored, logical };
         Ok(PublishedTableProvider { schema, source: Arc::new(source) })
     }
+
+    /// The units of a table with columns that pass through, one row per unit: `flight`, `line`, and `axis NAME` for each
+    /// axis. `None` for a table whose files hold all its columns.
+    pub(crate) fn units(&self) -> Option<&RecordBatch> {
+        self.source.logical.as_ref().map(|l| &l.units)
+    }
+
+    /// Number of row groups of the files.
+    pub(crate) fn groups(&self) -> usize {
+        self.source.groups.len()
+    }
+
+    /// Number of rows of a row group.
+    pub(crate) fn group_rows(&self, group: usize) -> usize {
+        self.source.rows(ScanPiece::Group(group))
+    }
+
+    /// Columns of the logical table.
+    pub(crate) fn columns(&self) -> &SchemaRef {
+        &self.schema
+    }
+
+    /// Number of rows of a unit, 0 if the store no longer contains it.
+    pub(crate) fn unit_rows(&self, unit: usize) -> usize {
+        self.source.rows(ScanPiece::Unit(unit))
+    }
+
+    /// The columns `names` of a unit.
+    ///
+    /// # Errors
+    /// Fails for an unknown column, and when the store is damaged.
+    pub(crate) fn read_unit(&self, unit: usize, names: &[&str]) -> Result<RecordBatch, Fault> {
+        self.source.read(ScanPiece::Unit(unit), &self.projection(names)?)
+    }
+
+    /// The columns `names` of a row group.
+    ///
+    /// # Errors
+    /// Fails for an unknown column, and when a file is damaged.
+    pub(crate) fn read_group(&self, group: usize, names: &[&str]) -> Result<RecordBatch, Fault> {
+        self.source.read(ScanPiece::Group(group), &self.projection(names)?)
+    }
+
+    /// The column `name` of the nearest table upstream of a unit that has it; `None` if no table has it.
+    ///
+    /// # Errors
+    /// Fails when the store is damaged.
+    pub(crate) fn read_upstream(&self, unit: usize, name: &str) -> Result<Option<RecordBatch>, Fault> {
+        let Some(logical) = &self.source.logical else { return Ok(None) };
+        for key in (1..).map_while(|step| logical.key(unit, step)) {
+            if self.source.objects.columns(key)?.field_with_name(name).is_ok() {
+                return self.source.objects.get(key, &[name]).map(Some);
+            }
+        }
+        Ok(None)
+    }
+
+    fn projection(&self, names: &[&str]) -> Result<SchemaRef, Fault> {
+        let field = |name: &&str| {
+            let known = || self.schema.fields().iter().map(|f| f.name().clone()).collect::<Vec<_>>();
+            let found = self.schema.field_with_name(name);
+            found.cloned().map_err(|_| Fault::new(format!("the table has no column `{name}`")).nearest(name, &known()))
+        };
+        Ok(Arc::new(Schema::new(names.iter().map(field).collect::<Result<Vec<Field>, Fault>>()?)))
+    }
 }
 
 impl LogicalUnits {

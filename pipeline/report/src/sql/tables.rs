@@ -120,7 +120,7 @@ fn pinned(root: &Path, pipeline: &str, (number, sum): &(u64, String)) -> Result<
 }
 
 /// Whether a table's folder, or a file in it, is a link to somewhere outside of `root`.
-fn leads_out(folder: &Path, root: &Path) -> bool {
+pub(crate) fn leads_out(folder: &Path, root: &Path) -> bool {
     let inside = |path: &Path| path.canonicalize().is_ok_and(|p| p.starts_with(root));
     let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let link = |f: &std::fs::DirEntry| f.file_type().map_or(true, |kind| kind.is_symlink());
@@ -128,7 +128,7 @@ fn leads_out(folder: &Path, root: &Path) -> bool {
 }
 
 /// The folders in `root` with names that a spec permits.
-fn names(root: &Path) -> Vec<String> {
+pub(crate) fn names(root: &Path) -> Vec<String> {
     let plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     let entries = std::fs::read_dir(root).into_iter().flatten().flatten().filter(|e| e.path().is_dir());
     let mut found: Vec<String> = entries.filter_map(|e| e.file_name().into_string().ok()).collect();

@@ -171,7 +171,8 @@ async function savePng(svg, name) {
 
 /**
  * A plot whose targets are read by pointer and arrow keys; Enter or a click chooses one.
- * @param {{label: string, width: number, height: number, targets: PlotTarget[], choose: (row: number) => void}} of
+ * @param {{label: string, width: number, height: number, targets: PlotTarget[],
+ *   choose: (row: number, second: boolean) => void}} of
  */
 function livePlot({ label, width, height, targets, choose }) {
   const svg = /** @type {SVGSVGElement} */ (shape("svg", { viewBox: `0 0 ${width} ${height}`, tabindex: 0,
@@ -199,10 +200,12 @@ function livePlot({ label, width, height, targets, choose }) {
     }
     if (found >= 0 && found !== at) show(found);
   });
-  svg.addEventListener("click", () => { if (at >= 0 && targets[at].row >= 0) choose(targets[at].row); });
+  svg.addEventListener("click", (event) => {
+    if (at >= 0 && targets[at].row >= 0) choose(targets[at].row, event.shiftKey);
+  });
   svg.addEventListener("keydown", (event) => {
     const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
-    if (event.key === "Enter" && at >= 0 && targets[at].row >= 0) choose(targets[at].row);
+    if (event.key === "Enter" && at >= 0 && targets[at].row >= 0) choose(targets[at].row, event.shiftKey);
     if (step === undefined) return;
     event.preventDefault();
     show((at + step + targets.length) % targets.length);

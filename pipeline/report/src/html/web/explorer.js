@@ -3,8 +3,12 @@
 // The explorer of each score table: controls, table, and the state in the hash of the address.
 
 const VIEWS = { table: "Table", heat: "Heat map", curve: "Curve", parallel: "Parallel", scatter: "Scatter",
-  lines: "Lines" };
+  lines: "Lines", compare: "Compare" };
+/** Best point of each pipeline by the metric that ranks the points. @type {Map<string, SweepPoint>} */
+const BEST_POINTS = new Map();
 const ROW_PX = 30, MANY = 60;
+/** Number of explorers on the page. */
+let explorers = 0;
 
 /** State of one table in the hash. @param {string} table @returns {ExplorerState} */
 function stateOf(table) {
@@ -29,18 +33,63 @@ class Explorer {
   constructor(home, block) {
     this.home = home;
     this.scores = new ScoreSet(block);
-    this.state = stateOf(block.table);
-    this.panel = element("div", { class: "view", role: "tabpanel", id: home.id + "-view" });
+    /** Prefix of the keys of the state. */
+    this.key = home.dataset.table ?? block.table;
+    this.state = stateOf(this.key);
+    this.panel = element("div", { class: "view", role: "tabpanel", id: `explorer-view-${explorers++}` });
     this.count = element("p", { class: "note", role: "status" });
     this.controls = element("div", { class: "controls" });
     this.tabs = element("div", { class: "tabs", role: "tablist", "aria-label": "View" });
     home.append(this.tabs, this.controls, this.count, this.panel);
-    addEventListener("hashchange", () => { this.state = stateOf(block.table); this.fill(); });
+    addEventListener("hashchange", () => { this.state = stateOf(this.key); this.fill(); });
     let wide = 0;
     new ResizeObserver(() => {
       if (Math.abs(home.clientWidth - wide) > 2) { wide = home.clientWidth; this.draw(); }
     }).observe(home);
     this.fill();
+    this.announce();
+  }
+
+  /** Takes newer scores. @param {ScoreBlock} block */
+  update(block) {
+    this.scores = new ScoreSet(block);
+    this.fill();
+    this.announce();
+  }
+
+  /** Axis values of a row. @param {number} row @returns {SweepPoint} */
+  place(row) {
+    const { axes } = this.scores.block;
+    return Object.fromEntries(axes.map((axis, a) => [axis.name, this.scores.word(a, row)]));
+  }
+
+  /** Publishes the best point for the line view. */
+  announce() {
+    const { pipeline, headline, points } = this.scores.block;
+    const row = this.scores.best(headline ?? 0, Array.from({ length: points }, (_, i) => i));
+    if (row < 0 || BEST_POINTS.has(pipeline)) return;
+    BEST_POINTS.set(pipeline, this.place(row));
+    document.dispatchEvent(new CustomEvent("magline:best"));
+  }
+
+  /** Chooses a point, or the second point of a comparison. @param {number} row @param {boolean} [second] */
+  choose(row, second = false) {
+    const { state } = this, text = String(row), key = second && state.point !== undefined ? "other" : "point";
+    const chosen = state[key] === text || (key === "other" && state.point === text) ? undefined : text;
+    if (key === "point" && (chosen === undefined || chosen === state.other)) delete state.other;
+    if (key === "other" && chosen !== undefined) state.view = "compare";
+    this.set(key, chosen);
+    this.show({});
+  }
+
+  /** Shows the chosen points in the line view. @param {{flight?: string, line?: string, focus?: boolean}} more */
+  show(more) {
+    const { point, other } = this.state, { block } = this.scores;
+    const row = point !== undefined && Number(point) < block.points ? Number(point)
+      : this.scores.best(Math.max(0, this.scores.metric(this.full().metric)), this.scores.rows(this.full()));
+    if (row < 0) return;
+    document.dispatchEvent(new CustomEvent("magline:place", { detail: { ...more, pipeline: block.pipeline,
+      point: this.place(row), other: other === undefined ? null : this.place(Number(other)) } }));
   }
 
   /** Adds the defaults of the keys that are not set. @returns {ExplorerState} */
@@ -58,7 +107,7 @@ class Explorer {
   /** @param {string} key @param {string | undefined} value */
   set(key, value) {
     if (value === undefined || value === "") delete this.state[key]; else this.state[key] = value;
-    keepState(this.scores.block.table, this.state);
+    keepState(this.key, this.state);
     this.draw();
   }
 
@@ -90,7 +139,9 @@ class Explorer {
     for (const a of scores.varying) parts.push(this.filter(a));
     this.controls.replaceChildren(...parts, ...more, element("label", { class: "check" },
       [only, "only held out and not flagged"]), element("button", { type: "button", class: "plain",
-      onclick: () => { this.state = {}; keepState(scores.block.table, {}); this.fill(); } }, ["Reset"]));
+      onclick: () => { this.state = {}; keepState(this.key, {}); this.fill(); } }, ["Reset"]),
+      ...(document.getElementById("series") ? [element("button", { type: "button", class: "plain", "data-key": "series",
+        onclick: () => this.show({ focus: true }) }, ["Show series"])] : []));
     const again = focus && this.controls.querySelector(`[data-key="${CSS.escape(focus)}"]`);
     if (again instanceof HTMLElement) again.focus();
     this.draw();
@@ -136,19 +187,23 @@ class Explorer {
     const same = block.axes.filter((axis) => axis.values.length === 1)
       .map((axis) => `${axis.name} = ${visible(axis.values[0])}`);
     const point = Number(state.point);
-    const chosen = state.point !== undefined && point < block.points ? `Chosen: ${scores.point(point)}. ` : "";
+    const second = state.other === undefined ? "" : ` B: ${scores.point(Number(state.other))}. `;
+    const chosen = state.point !== undefined && point < block.points ? `Chosen: ${scores.point(point)}. ${second}` : "";
     this.count.textContent = `${rows.length} of ${block.points} points, ${block.over}. ${chosen}` +
       (same.length ? `Everywhere: ${same.join(", ")}. ` : "") +
       (block.omitted.length ? `Omitted to limit the page's size; this page has ${block.omitted.join("; ")}.` : "");
     const name = `${block.pipeline}_${block.table}_${state.view}`;
     if (state.view === "table") { this.table(rows, metric, name); return; }
-    const views = { heat: heatView, curve: curveView, parallel: parallelView, scatter: scatterView, lines: linesView };
+    const views = { heat: heatView, curve: curveView, parallel: parallelView, scatter: scatterView, lines: linesView,
+      compare: compareView };
     const make = views[/** @type {keyof typeof views} */ (state.view)] ?? linesView;
     const width = Math.max(300, this.home.clientWidth - 30);
-    const made = make({ scores, state, rows, metric, width, choose: (row) => this.set("point", String(row)) });
+    const made = make({ scores, state, rows, metric, width, choose: (row, two) => this.choose(row, two),
+      openLine: (flight, line) => this.show({ flight, line, focus: true }) });
     if (typeof made === "string") { this.panel.replaceChildren(element("p", { class: "note" }, [made])); return; }
     this.panel.replaceChildren(element("figure", { class: "live" }, [made.svg, made.read,
-      element("figcaption", {}, [made.caption]), downloads(made.svg, name, () => made.csv)]));
+      element("figcaption", {}, [made.caption]), ...(made.more ? [made.more] : []),
+      downloads(made.svg, name, () => made.csv)]));
   }
 
   /**
@@ -206,7 +261,10 @@ class Explorer {
       asked = true;
     });
     frame.style.maxHeight = "460px";
-    this.panel.replaceChildren(frame, downloads(null, name, () => scores.csv(sorted)));
+    const bar = downloads(null, name, () => scores.csv(sorted));
+    if (this.home.dataset.src) bar.append(...["csv", "parquet"].map((format) => element("a", { download: true,
+      href: "download?" + new URLSearchParams({ table: this.key, format }) }, [`${visible(block.table)}.${format}`])));
+    this.panel.replaceChildren(frame, bar);
     show();
   }
 
@@ -214,14 +272,20 @@ class Explorer {
   row(row, at, best) {
     const { scores } = this, { block } = scores;
     const marked = block.flagged[row] > 0, chosen = this.state.point === String(row);
-    const choose = element("button", { type: "button", "aria-pressed": String(chosen), title: "Choose this point",
-      onclick: () => this.set("point", chosen ? undefined : String(row)) }, [`${marked ? "! " : ""}${row + 1}`]);
+    const choose = element("button", { type: "button", "aria-pressed": String(chosen),
+      title: "Choose this point; with Shift, the second point of a comparison",
+      onclick: (/** @type {MouseEvent} */ event) => this.choose(row, event.shiftKey) },
+    [`${marked ? "! " : ""}${row + 1}`]);
+    const second = this.state.point !== undefined && !chosen ? [element("button", { type: "button", class: "second",
+      "aria-pressed": String(this.state.other === String(row)), "aria-label": `Compare with point ${row + 1}`,
+      title: "Compare the chosen point with this point", onclick: () => this.choose(row, true) }, ["B"])] : [];
     const cells = block.metrics.map((_, m) => {
       const value = scores.value(m, row), marks = scores.marks(m, row);
       const text = short(value) + (scores.inSample[m].has(row) ? " ~" : "");
       return element("td", { class: best[m] === row ? "n best" : "n", title: marks || null, "data-v": value }, [text]);
     });
-    return element("tr", { "aria-rowindex": at + 2, class: marked ? "bad" : null }, [element("td", {}, [choose]),
+    return element("tr", { "aria-rowindex": at + 2, class: marked ? "bad" : null }, [
+      element("td", {}, [choose, ...second]),
       ...scores.varying.map((a) => element("td", { title: visible(scores.word(a, row)) },
         [element("bdi", {}, [scores.text(a, row)])])), ...cells]);
   }
@@ -240,7 +304,29 @@ function downloads(svg, name, csv) {
   return element("p", { class: "downloads" }, out);
 }
 
+/** Reads the scores of a section from the server. @param {HTMLElement} home @param {string} address */
+async function fetchedExplorer(home, address) {
+  const note = element("p", { class: "note", role: "status" }, ["Scores are read."]);
+  home.append(note);
+  /** @type {Explorer | undefined} */
+  let made;
+  const read = async () => {
+    try {
+      const answer = await fetch(address), found = await answer.json();
+      if (!answer.ok) throw new Error(found.error);
+      note.remove();
+      if (made) made.update(found); else made = new Explorer(home, found);
+    } catch (error) {
+      home.append(note);
+      note.textContent = error instanceof Error ? visible(error.message) : "The scores cannot be read.";
+    }
+  };
+  document.addEventListener("magline:changed", read);
+  await read();
+}
+
 for (const home of document.querySelectorAll("section.explorer")) {
   const text = home.querySelector("script")?.textContent;
-  if (home instanceof HTMLElement && text) new Explorer(home, JSON.parse(text));
+  if (!(home instanceof HTMLElement)) continue;
+  if (text) new Explorer(home, JSON.parse(text)); else if (home.dataset.src) fetchedExplorer(home, home.dataset.src);
 }

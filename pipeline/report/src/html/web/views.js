@@ -3,9 +3,9 @@
 // The plots of the explorer. Each returns a picture, its readout, a caption, and its figures as CSV.
 
 /**
- * @typedef {{svg: SVGSVGElement, read: HTMLElement, caption: string, csv: string}} PlotView
+ * @typedef {{svg: SVGSVGElement, read: HTMLElement, caption: string, csv: string, more?: HTMLElement}} PlotView
  * @typedef {{scores: ScoreSet, state: ExplorerState, rows: number[], metric: number, width: number,
- *   choose: (row: number) => void}} ViewInput
+ *   choose: (row: number, second: boolean) => void, openLine: (flight: string, line: string) => void}} ViewInput
  */
 
 const HEIGHT = 380, LEFT = 76, RIGHT = 16, TOP = 12, BOTTOM = 44;
@@ -167,7 +167,8 @@ function curveView(input) {
   }
   const many = b >= 0 && valuesOf(scores, b, rows).length > 8 ? ` The first 8 values of ${state.y} are drawn.` : "";
   return { svg, read, csv: lines.join("\n") + "\n", caption: "Each dot is the best point over the other axes that " +
-    "the filters keep. The ring is the best point." + edge + many };
+    "the filters keep. " + (ideal < 0 ? "" : `The ring is the best point: ${scores.words(metric,
+      scores.value(metric, ideal))} at ${scores.point(ideal)}.`) + edge + many };
 }
 
 /** @param {ViewInput} input @returns {PlotView | string} */
@@ -198,8 +199,8 @@ function parallelView({ scores, state, rows, metric, width, choose }) {
     targets.push({ x: right, y, row, text: `${words} at ${scores.point(row)}${marks ? ` (${marks})` : ""}` });
   }
   paths.forEach((segments, k) => { if (segments.size) {
-    drawn.append(shape("path", { class: k ? "way" : "way out", d: [...segments].join(""),
-      ...(k ? { stroke: VIRIDIS[k - 1] } : {}) }));
+    drawn.append(shape("path", { class: k ? `way b${k - 1}` : "way out", d: [...segments].join("") }));
+
   } });
   targets.sort((p, q) => p.y - q.y);
   const { svg, read } = livePlot({ label: `Parallel coordinates with ${scores.label(metric)}`, width, height: HEIGHT,
@@ -263,7 +264,7 @@ function scatterView({ scores, state, rows, metric, width, choose }) {
 }
 
 /** @param {ViewInput} input @returns {PlotView | string} */
-function linesView({ scores, state, rows, metric, width }) {
+function linesView({ scores, state, rows, metric, width, openLine }) {
   const point = Number(state.point ?? scores.best(metric, rows));
   const lines = scores.linesOf(metric, point);
   if (!lines.length) return "No scores of single lines for this metric. `magline sql` shows the table of scores.";
@@ -278,12 +279,12 @@ function linesView({ scores, state, rows, metric, width }) {
       shape("circle", { class: "base", cx: x.at(l.base), cy: y, r: 4 }));
     drawn.append(shape("circle", { class: l.marks ? "point out" : "dot", cx: at, cy: y, r: 5 }));
     const base = scores.block.metrics[metric].baseline;
-    return { x: at, y, row: -1, text: `flight ${visible(l.flight)}, line ${visible(l.line)}: ` +
+    return { x: at, y, row: i, text: `flight ${visible(l.flight)}, line ${visible(l.line)}: ` +
       scores.words(metric, l.value) + (l.base === null ? "" : `, ${base} ${short(l.base)}`) +
       (l.marks ? ` (${l.marks})` : "") };
   });
   const { svg, read } = livePlot({ label: `${scores.label(metric)} of each line`, width, height, targets,
-    choose: () => {} });
+    choose: (i) => openLine(lines[i].flight, lines[i].line) });
   for (const tick of x.ticks(Math.max(3, Math.floor((width - left) / 80)))) {
     const at = x.at(tick.at);
     svg.append(shape("line", { class: "grid", x1: at, x2: at, y1: 0, y2: height - BOTTOM + 4 }),
@@ -297,5 +298,5 @@ function linesView({ scores, state, rows, metric, width }) {
   const words = state.point === undefined ? "the best point that the filters keep" : "the chosen point";
   return { svg, read, csv, caption: `The lines of ${words}, worst first: ${scores.point(point) || "one point"}. ` +
     `Worst: flight ${visible(lines[0].flight)}, line ${visible(lines[0].line)}, ` +
-    `${scores.words(metric, lines[0].value)}.` };
+    `${scores.words(metric, lines[0].value)}. A click or Enter opens the series of a line.` };
 }

@@ -53,6 +53,20 @@ class ZoomPlot {
   /** Value at a part of an axis. @param {number[]} axis @param {number} part */
   static value([low, high, log], part) { return log ? low * (high / low) ** part : low + part * (high - low); }
 
+  /** Vertical part of the box with the lines in sight and a margin; the whole box at full range. */
+  seen() {
+    const [left, top, wide, high] = this.box, [from, to] = this.part;
+    let [least, most] = [Infinity, -Infinity];
+    for (const one of this.series()) one.x.forEach((x, i) => {
+      if (x < left + from * wide || x > left + to * wide) return;
+      least = Math.min(least, one.y[i]);
+      most = Math.max(most, one.y[i]);
+    });
+    if (to - from >= 1 || !(most >= least)) return { top, high };
+    const pad = Math.max(0.08 * (most - least), 0.005 * high);
+    return { top: least - pad, high: most - least + 2 * pad };
+  }
+
   /** Frame on the page: left, width. */
   frame() {
     const view = this.svg.viewBox.baseVal;
@@ -62,20 +76,27 @@ class ZoomPlot {
   draw() {
     const [left, top, wide, high] = this.box, [from, to] = this.part;
     const narrow = this.svg.parentElement ? this.svg.parentElement.clientWidth - 28 : this.full[2];
-    const total = narrow < 640 && this.full[2] > 600 ? Math.max(300, narrow) : this.full[2];
+    const total = narrow < this.full[2] ? Math.max(280, narrow) : this.full[2];
     this.svg.classList.toggle("fitted", total !== this.full[2]);
     this.svg.setAttribute("viewBox", `0 0 ${total} ${this.full[3]}`);
     const frame = this.frame();
     this.inner.setAttribute("width", String(frame.width));
     this.svg.querySelector("rect.frame")?.setAttribute("width", String(frame.width));
-    this.inner.setAttribute("viewBox", `${left + from * wide} ${top} ${(to - from) * wide} ${high}`);
+    const seen = this.seen();
+    this.inner.setAttribute("viewBox", `${left + from * wide} ${seen.top} ${(to - from) * wide} ${seen.high}`);
     for (const mark of this.marks) {
       const name = mark.tagName === "circle" ? "cx" : "x";
       const own = mark.getAttribute("data-own") ?? mark.getAttribute(name);
       mark.setAttribute("data-own", own ?? "");
       const part = ((Number(own) - left) / wide - from) / (to - from);
       mark.setAttribute(name, String(left + part * frame.width));
-      mark.toggleAttribute("hidden", part < 0 || part > 1);
+      // The label of a mark stands 8 px above it.
+      const lift = name === "cx" ? 0 : 8, down = name === "cx" ? "cy" : "y";
+      const ownY = Number(mark.getAttribute("data-own-y") ?? mark.getAttribute(down));
+      mark.setAttribute("data-own-y", String(ownY));
+      const partY = (ownY + lift - seen.top) / seen.high;
+      mark.setAttribute(down, String(top + partY * high - lift));
+      mark.toggleAttribute("hidden", part < 0 || part > 1 || partY < 0 || partY > 1);
     }
     const x = [ZoomPlot.value(this.x, from), ZoomPlot.value(this.x, to)];
     const most = Math.max(3, Math.floor(frame.width / 95));
@@ -91,7 +112,9 @@ class ZoomPlot {
       parts.push(shape("line", { class: "grid", x1: px, x2: px, y1: top, y2: bottom }),
         label(Number(px), bottom + 16, tick.label));
     }
-    const [yLow, yHigh, yLog] = this.y;
+    const [, , yLog] = this.y;
+    const yOf = (/** @type {number} */ px) => ZoomPlot.value(this.y, (bottom - px) / high);
+    const [yLow, yHigh] = [yOf(seen.top + seen.high), yOf(seen.top)];
     for (const tick of yLog ? logTicks(yLow, yHigh) : linearTicks(yLow, yHigh, 6)) {
       const part = yLog ? Math.log(tick.at / yLow) / Math.log(yHigh / yLow) : (tick.at - yLow) / (yHigh - yLow);
       const py = bottom - part * high;
@@ -244,7 +267,11 @@ class ZoomPlot {
   groups.forEach((own) => own.forEach((plot) => { plot.together = own; }));
   const fit = () => plots.forEach((plot) => plot.draw());
   let wide = innerWidth;
-  addEventListener("resize", () => { if (innerWidth !== wide) { wide = innerWidth; fit(); } });
+  addEventListener("resize", () => {
+    if (innerWidth === wide) return;
+    wide = innerWidth;
+    fit();
+  });
   for (const tabs of document.querySelectorAll(".panels .tabs")) tabs.addEventListener("click", fit);
   fit();
   // Areas that scroll are reached by keyboard.

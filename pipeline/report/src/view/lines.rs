@@ -1,0 +1,308 @@
+//! Lines of a table and their series.
+
+use std::{collections::HashMap, sync::Arc};
+
+use numerics::earth::geodesy::EarthModel;
+use schemas::Fault;
+use serde_json::{Value, json};
+
+use super::{PublishedPipeline, StoreView, ViewFault, ViewPoint, table::ViewTable};
+use crate::series::{SeriesColumn, SeriesPrecision, SeriesWindow, series};
+
+/// Maximum number of columns of a request.
+const MOST_COLUMNS: usize = 64;
+/// Maximum number of intervals of a request.
+const MOST_PIXELS: usize = 20_000;
+/// Maximum number of values of an answer, so that all open answers fit in memory.
+const MOST_VALUES: usize = 400_000;
+/// Maximum number of samples of a line.
+const MOST_ROWS: usize = 20_000_000;
+
+/// Request of a series.
+#[derive(Clone, Debug, Default)]
+pub struct SeriesRequest {
+    /// The table, as PIPELINE.TABLE.
+    pub table: String,
+    /// The flight.
+    pub flight: String,
+    /// The line.
+    pub line: String,
+    /// The columns.
+    pub columns: Vec<String>,
+    /// The sweep point.
+    pub point: ViewPoint,
+    /// First time, s.
+    pub from: Option<f64>,
+    /// Last time, s.
+    pub to: Option<f64>,
+    /// Number of intervals.
+    pub pixels: Option<usize>,
+}
+
+/// Column that is computed from others, row by row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum DerivedColumn {
+    /// Truth of the position: the index is 0 for latitude, 1 for longitude.
+    Truth(usize),
+    /// Truth minus estimate, north or east.
+    Estimate(usize),
+    /// Truth minus INS, north or east.
+    Ins(usize),
+    /// Compensated field minus truth.
+    Field,
+}
+
+impl DerivedColumn {
+    /// All derived columns: name, unit, description.
+    pub const ALL: [(DerivedColumn, &'static str, &'static str, &'static str); 7] = [
+        (DerivedColumn::Truth(0), "truth_lat", "deg", "true latitude"),
+        (DerivedColumn::Truth(1), "truth_lon", "deg", "true longitude"),
+        (DerivedColumn::Estimate(0), "north_error", "m", "truth minus estimate, north"),
+        (DerivedColumn::Estimate(1), "east_error", "m", "truth minus estimate, east"),
+        (DerivedColumn::Ins(0), "ins_north_error", "m", "truth minus INS alone, north"),
+        (DerivedColumn::Ins(1), "ins_east_error", "m", "truth minus INS alone, east"),
+        (DerivedColumn::Field, "error", "nT", "compensated field minus truth"),
+    ];
+
+    fn named(name: &str) -> Option<&'static (DerivedColumn, &'static str, &'static str, &'static str)> {
+        DerivedColumn::ALL.iter().find(|(_, own, ..)| *own == name)
+    }
+}
+
+/// The derived columns of a table.
+pub fn derived(pipeline: &PublishedPipeline, table: &ViewTable) -> Vec<DerivedColumn> {
+    let columns = table.provider.columns();
+    let field = |name: &str| columns.field_with_name(name).ok();
+    let role = |name: &str| field(name).and_then(|f| f.metadata().get("role").cloned());
+    // The position of a navigation is an estimate; its truth is upstream.
+    let is_estimate = role("lat").as_deref() == Some("derived") && role("lon").as_deref() == Some("derived");
+    let has_truth = is_estimate && truth_unit(table).is_ok_and(|found| found);
+    let has_ins = field("ins_lat").is_some() && field("ins_lon").is_some();
+    let truth = pipeline.notes.truth(short(&table.name));
+    let has_field = field("mag_c").is_some() && field("error").is_none() && truth.is_some_and(|t| field(t).is_some());
+    let fits = |column: &DerivedColumn| match column {
+        DerivedColumn::Truth(_) | DerivedColumn::Estimate(_) => has_truth,
+        DerivedColumn::Ins(_) => has_truth && has_ins,
+        DerivedColumn::Field => has_field,
+    };
+    let own = |name: &&str| field(name).is_some();
+    DerivedColumn::ALL.iter().filter(|(c, name, ..)| fits(c) && !own(&name)).map(|(c, ..)| *c).collect()
+}
+
+/// Whether the first unit has a true position upstream.
+fn truth_unit(table: &ViewTable) -> Result<bool, Fault> {
+    if table.provider.units().is_none_or(|units| units.num_rows() == 0) {
+        return Ok(false);
+    }
+    let is_truth = |name: &str| -> Result<bool, Fault> {
+        let found = table.provider.read_upstream(0, name)?;
+        let role = found.and_then(|batch| batch.schema().field(0).metadata().get("role").cloned());
+        Ok(role.as_deref() == Some("truth"))
+    };
+    Ok(is_truth("lat")? && is_truth("lon")?)
+}
+
+fn short(table: &str) -> &str {
+    table.split_once('.').map_or(table, |(_, name)| name)
+}
+
+impl StoreView {
+    /// The lines of a table at a point: numbers of rows, and first and last times.
+    ///
+    /// # Errors
+    /// Fails for an unknown table or point, and when the store is damaged.
+    pub fn lines(&self, table: &str, point: &ViewPoint) -> Result<Value, ViewFault> {
+        let (pipeline, table) = self.table(table)?;
+        let columns = table.provider.columns();
+        if ["flight", "line"].iter().any(|name| columns.field_with_name(name).is_err()) {
+            return Err(ViewFault::Wrong(Fault::new(format!("`{}` has no lines", table.name))));
+        }
+        let index = table.index()?;
+        let full = first_point(&table, point)?;
+        let mut lines: Vec<(&(String, String), Vec<usize>)> = vec![];
+        let mut at: HashMap<usize, usize> = HashMap::new();
+        for unit in table.units(&full, None)? {
+            let line = table.line_of(index, unit);
+            let next = lines.len();
+            let place = *at.entry(line).or_insert(next);
+            if place == next {
+                lines.push((&index.lines[line], vec![]));
+            }
+            lines[place].1.push(unit);
+        }
+        lines.sort();
+        let mut found = vec![];
+        for ((flight, line), units) in lines {
+            let rows: usize = units.iter().map(|unit| table.rows(index, *unit)).sum();
+            let tt = if table.is_by_sample() && rows <= MOST_ROWS {
+                Some(self.column(pipeline.version.number, &table, &units, "tt")?)
+            } else {
+                None
+            };
+            let end =
+                |of: fn(&[f64]) -> Option<&f64>| tt.as_ref().and_then(|tt| of(tt).copied()).filter(|t| t.is_finite());
+            found.push(json!({
+                "flight": flight, "line": line, "rows": rows, "first": end(<[f64]>::first), "last": end(<[f64]>::last),
+            }));
+        }
+        let point: serde_json::Map<String, Value> = full.into_iter().map(|(k, v)| (k, json!(v))).collect();
+        Ok(json!({ "table": table.name, "point": point, "lines": found }))
+    }
+
+    /// A series as an Arrow IPC stream.
+    ///
+    /// # Errors
+    /// Fails for an unknown table, line, point or column, for limits that are exceeded, and when the store is damaged.
+    pub fn series(&self, request: &SeriesRequest) -> Result<Vec<u8>, ViewFault> {
+        let window = window(request)?;
+        let (pipeline, table) = self.table(&request.table)?;
+        if !table.is_by_sample() {
+            let fault = Fault::new(format!("`{}` has no samples of lines", table.name));
+            return Err(ViewFault::Wrong(fault.help("name a table of kind `samples`, as listed by `api/catalogue`")));
+        }
+        let units = table.units(&request.point, Some((&request.flight, &request.line)))?;
+        let index = table.index()?;
+        let rows: usize = units.iter().map(|unit| table.rows(index, *unit)).sum();
+        if rows > MOST_ROWS {
+            let fault = Fault::new(format!("the line has {rows} samples; at most {MOST_ROWS} are drawn"));
+            return Err(ViewFault::Wrong(fault.help("use `magline export` or `magline sql`")));
+        }
+        let reader = LineReader { view: self, pipeline: &pipeline, table: &table, units: &units };
+        let tt = reader.read("tt")?;
+        let columns = request.columns.iter().map(|name| reader.column(name)).collect::<Result<Vec<_>, _>>()?;
+        let point: serde_json::Map<String, Value> = request.point.iter().map(|(k, v)| (k.clone(), json!(v))).collect();
+        let about = HashMap::from([
+            ("table".to_owned(), table.name.clone()),
+            ("flight".to_owned(), request.flight.clone()),
+            ("line".to_owned(), request.line.clone()),
+            ("point".to_owned(), Value::Object(point).to_string()),
+        ]);
+        Ok(series(&tt, &columns, window, SeriesPrecision::Full, about)?.stream()?)
+    }
+}
+
+/// The point with the first value of each axis that `point` does not name.
+fn first_point(table: &ViewTable, point: &ViewPoint) -> Result<ViewPoint, ViewFault> {
+    let mut full = point.clone();
+    for axis in &table.index()?.axes {
+        if !full.iter().any(|(name, _)| *name == axis.name)
+            && let Some(first) = axis.words.first()
+        {
+            full.push((axis.name.clone(), first.clone()));
+        }
+    }
+    Ok(full)
+}
+
+/// The window of a request.
+fn window(request: &SeriesRequest) -> Result<SeriesWindow, ViewFault> {
+    let wrong = |what: String, help: &str| Err(ViewFault::Wrong(Fault::new(what).help(help)));
+    let (from, to) = (request.from.unwrap_or(f64::NEG_INFINITY), request.to.unwrap_or(f64::INFINITY));
+    let pixels = request.pixels.unwrap_or(2000);
+    if request.columns.is_empty() || request.columns.len() > MOST_COLUMNS {
+        return wrong(format!("{} columns are requested", request.columns.len()), "request 1 to 64 columns");
+    }
+    if from.is_nan() || to.is_nan() || from > to {
+        return wrong(format!("there is no time from {from} to {to} s"), "give `from` below `to`, in s");
+    }
+    if !(1..=MOST_PIXELS).contains(&pixels) || pixels * request.columns.len() > MOST_VALUES {
+        let what = format!("{pixels} pixels of {} columns are requested", request.columns.len());
+        return wrong(what, "request 1 to 20000 pixels, and at most 400000 in all columns together");
+    }
+    Ok(SeriesWindow { from, to, pixels })
+}
+
+/// Reader of the columns of one line.
+struct LineReader<'a> {
+    view: &'a StoreView,
+    pipeline: &'a PublishedPipeline,
+    table: &'a ViewTable,
+    units: &'a [usize],
+}
+
+impl LineReader<'_> {
+    fn read(&self, name: &str) -> Result<Arc<Vec<f64>>, ViewFault> {
+        self.view.column(self.pipeline.version.number, self.table, self.units, name)
+    }
+
+    fn column(&self, name: &str) -> Result<SeriesColumn, ViewFault> {
+        let own = self.table.column(name);
+        if let (Err(ViewFault::Missing(_)), Some((column, _, unit, description))) = (&own, DerivedColumn::named(name))
+            && derived(self.pipeline, self.table).contains(column)
+        {
+            let role = if matches!(column, DerivedColumn::Truth(_)) { "truth" } else { "derived" };
+            return Ok(SeriesColumn {
+                name: name.to_owned(),
+                unit: (*unit).to_owned(),
+                role: role.to_owned(),
+                description: (*description).to_owned(),
+                values: Arc::new(self.derive(*column)?),
+            });
+        }
+        let (field, _) = own?;
+        let about = |key: &str| field.metadata().get(key).cloned().unwrap_or_default();
+        Ok(SeriesColumn {
+            name: name.to_owned(),
+            unit: about("unit"),
+            role: about("role"),
+            description: about("description"),
+            values: self.read(name)?,
+        })
+    }
+
+    fn derive(&self, column: DerivedColumn) -> Result<Vec<f64>, ViewFault> {
+        let errors = |names: [&str; 2], way: usize| -> Result<Vec<f64>, ViewFault> {
+            let (truth, own) = ([self.truth("lat")?, self.truth("lon")?], [self.read(names[0])?, self.read(names[1])?]);
+            let rows = (truth[0].iter().zip(&truth[1])).zip(own[0].iter().zip(own[1].iter()));
+            let offset = |((lat, lon), own): ((&f64, &f64), (&f64, &f64))| {
+                let (north, east) = EarthModel::default().offset_ne_m((*own.0, *own.1), (*lat, *lon), 0.0);
+                if way == 0 { north } else { east }
+            };
+            Ok(rows.map(offset).collect())
+        };
+        match column {
+            DerivedColumn::Truth(way) => self.truth(["lat", "lon"][way.min(1)]),
+            DerivedColumn::Estimate(way) => errors(["lat", "lon"], way),
+            DerivedColumn::Ins(way) => errors(["ins_lat", "ins_lon"], way),
+            DerivedColumn::Field => {
+                let name = self.pipeline.notes.truth(short(&self.table.name)).unwrap_or_default();
+                let (own, truth) = (self.read("mag_c")?, self.read(name)?);
+                Ok(own.iter().zip(truth.iter()).map(|(own, truth)| own - truth).collect())
+            }
+        }
+    }
+
+    /// The column `name` of the table upstream.
+    fn truth(&self, name: &str) -> Result<Vec<f64>, ViewFault> {
+        let mut values = vec![];
+        for unit in self.units {
+            let batch = self.table.provider.read_upstream(*unit, name)?;
+            let batch =
+                batch.ok_or_else(|| Fault::machine(format!("the store no longer contains the true `{name}`")))?;
+            super::table::extend(&mut values, &batch, None)?;
+        }
+        Ok(values)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unit_requests_beyond_the_limits_are_rejected() {
+        let of = |columns: usize, from: f64, to: f64, pixels: usize| {
+            let request = SeriesRequest {
+                columns: vec!["x".to_owned(); columns],
+                from: Some(from),
+                to: Some(to),
+                pixels: Some(pixels),
+                ..SeriesRequest::default()
+            };
+            matches!(window(&request), Err(ViewFault::Wrong(_)))
+        };
+        assert!(!of(1, 0.0, 1.0, 20_000) && !of(64, -1.0, -1.0, 6000));
+        assert!(of(0, 0.0, 1.0, 10) && of(65, 0.0, 1.0, 10) && of(1, 0.0, 1.0, 0) && of(1, 0.0, 1.0, 20_001));
+        assert!(of(1, 1.0, 0.0, 10) && of(1, f64::NAN, 0.0, 10) && of(64, 0.0, 1.0, 20_000));
+    }
+}

@@ -1,0 +1,128 @@
+//! Maps as rasters.
+
+use base64::{Engine, prelude::BASE64_STANDARD};
+use datasets::AnomalyGrid;
+use numerics::maps::map_surface::GeographicGrid;
+use schemas::{Fault, keys::HashKey};
+use serde_json::{Value, json};
+
+use super::{StoreView, ViewFault, ViewPoint};
+
+/// Default and maximum number of columns and rows of a raster.
+const PIXELS: usize = 800;
+const MOST_PIXELS: usize = 2000;
+
+/// Map at most `pixels` wide and high: a cell is the mean of the known nodes in it.
+#[derive(Debug, PartialEq)]
+pub struct MapRaster {
+    /// Number of columns and rows.
+    pub size: (usize, usize),
+    /// Values by rows, from north to south, each from west to east; NaN where unknown.
+    pub values: Vec<f32>,
+    /// Smallest and largest value of the map's nodes; NaN without a known value.
+    pub range: (f64, f64),
+}
+
+impl MapRaster {
+    /// Raster of a map.
+    pub fn new(grid: &GeographicGrid, pixels: usize) -> MapRaster {
+        let (columns, rows) = (grid.lon().len(), grid.lat().len());
+        let (width, height) = (columns.min(pixels), rows.min(pixels));
+        let mut sums = vec![(0.0f64, 0u32); width * height];
+        let mut range = (f64::INFINITY, f64::NEG_INFINITY);
+        for (row, line) in grid.values().chunks(columns).enumerate() {
+            // The grid begins in the south.
+            let y = height - 1 - row * height / rows;
+            for (column, value) in line.iter().enumerate().filter(|(_, v)| v.is_finite()) {
+                let cell = &mut sums[y * width + column * width / columns];
+                *cell = (cell.0 + value, cell.1 + 1);
+                range = (range.0.min(*value), range.1.max(*value));
+            }
+        }
+        let mean = |(sum, count): (f64, u32)| if count == 0 { f32::NAN } else { (sum / f64::from(count)) as f32 };
+        MapRaster { size: (width, height), values: sums.into_iter().map(mean).collect(), range }
+    }
+}
+
+impl StoreView {
+    /// A map of files, or of a stage at a point, as a raster of at most `pixels` columns and rows.
+    ///
+    /// # Errors
+    /// Fails for an unknown table or point, for a table that is not a map, and when the store is damaged.
+    pub fn map(&self, name: &str, point: &ViewPoint, pixels: Option<usize>) -> Result<Value, ViewFault> {
+        let pixels = pixels.unwrap_or(PIXELS);
+        if !(1..=MOST_PIXELS).contains(&pixels) {
+            let fault = Fault::new(format!("{pixels} pixels are requested"));
+            return Err(ViewFault::Wrong(fault.help(format!("request 1 to {MOST_PIXELS} pixels"))));
+        }
+        let (pipeline, own) = name.split_once('.').unwrap_or((name, ""));
+        let known = self.pipeline(pipeline)?;
+        let source = known.notes.sources.iter().find(|s| s.name == own && s.kind == "map");
+        let (batch, unit) = match source {
+            Some(source) => {
+                let key = source.lines.get("map").and_then(|text| HashKey::parse(text));
+                let key = key.ok_or_else(|| Fault::machine(format!("the key of the map `{name}` is missing")))?;
+                let batch = self.objects.whole(key)?;
+                let unit =
+                    batch.schema().field_with_name("anomaly").ok().and_then(|f| f.metadata().get("unit").cloned());
+                (batch, unit)
+            }
+            None => self.made(name, point)?,
+        };
+        let failed =
+            |e: &dyn std::fmt::Display| ViewFault::Wrong(Fault::data(format!("`{name}` cannot be drawn: {e}")));
+        let grid = datasets::geographic(&batch).map_err(|e| failed(&e))?;
+        let grid = GeographicGrid::from_rows(grid.column("lat"), grid.column("lon"), grid.column("anomaly"));
+        let grid = grid.map_err(|e| failed(&e))?;
+        let raster = MapRaster::new(&grid, pixels);
+        let ends = |first: f64, last: f64, step: f64| (first - 0.5 * step, last + 0.5 * step);
+        let (south, north) = ends(grid.lat().first_deg(), grid.lat().last_deg(), grid.lat().step_deg());
+        let (west, east) = ends(grid.lon().first_deg(), grid.lon().last_deg(), grid.lon().step_deg());
+        let bytes: Vec<u8> = raster.values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        Ok(json!({
+            "table": name, "unit": unit.unwrap_or_else(|| "nT".to_owned()),
+            "width": raster.size.0, "height": raster.size.1, "west": west, "east": east, "south": south, "north": north,
+            "least": raster.range.0, "most": raster.range.1, "of": [grid.lon().len(), grid.lat().len()],
+            "thinned": raster.size != (grid.lon().len(), grid.lat().len()), "values": BASE64_STANDARD.encode(bytes),
+        }))
+    }
+
+    /// The rows of a map that a stage made, and the unit of its values.
+    fn made(&self, name: &str, point: &ViewPoint) -> Result<(arrow_array::RecordBatch, Option<String>), ViewFault> {
+        let (_, table) = self.table(name)?;
+        let columns = table.provider.columns();
+        if schemas::map::MADE_COLUMNS.iter().any(|column| columns.field_with_name(column).is_err()) {
+            return Err(ViewFault::Wrong(Fault::new(format!("`{name}` is not a map"))));
+        }
+        let rows = table.rows_at(point, &schemas::map::MADE_COLUMNS)?;
+        let unit = columns.field_with_name("anomaly").ok().and_then(|f| f.metadata().get("unit").cloned());
+        let grid = AnomalyGrid::of_made(&rows).and_then(|map| map.table()).map_err(Fault::from)?;
+        Ok((grid, unit))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn law_a_cell_is_the_mean_of_its_known_nodes() {
+        let lat: Vec<f64> = (0..4).map(f64::from).collect();
+        let lon: Vec<f64> = (0..6).map(f64::from).collect();
+        // The value of a node is 10 times its row plus its column; the row 0 is in the south.
+        let mut values: Vec<f64> = (0..24).map(|k| f64::from(10 * (k / 6) + k % 6)).collect();
+        values[0] = f64::NAN;
+        let grid = GeographicGrid::new(&lat, &lon, &values).unwrap();
+        let whole = MapRaster::new(&grid, 100);
+        assert_eq!((whole.size, whole.values[..6].to_vec()), ((6, 4), vec![30.0, 31.0, 32.0, 33.0, 34.0, 35.0]));
+        assert!(whole.values[18].is_nan() && whole.values[19] == 1.0);
+        let few = MapRaster::new(&grid, 2);
+        assert_eq!((few.size, few.range), ((2, 2), (1.0, 35.0)));
+        // North-west: rows 2 and 3, columns 0 to 2.
+        assert_eq!((few.values[0], few.values[1]), (26.0, 29.0));
+        // South-west without the unknown node: 1, 2, 10, 11, 12.
+        assert_eq!(few.values[2], 7.2);
+    }
+}

@@ -1,0 +1,161 @@
+//! The inputs of the tables of a pipeline, without the parameters of each point.
+
+use std::{
+    collections::{BTreeMap, HashSet},
+    fmt,
+    path::Path,
+};
+
+use schemas::paths;
+use serde::{
+    Deserialize, Deserializer,
+    de::{IgnoredAny, SeqAccess, Visitor},
+};
+
+/// The tables and sources of a pipeline at its last run.
+#[derive(Debug, Default, Deserialize)]
+pub struct PipelineNotes {
+    /// The spec, as the user named it.
+    #[serde(default)]
+    pub spec: String,
+    /// The sources.
+    #[serde(default)]
+    pub sources: Vec<NotedSource>,
+    /// The tables.
+    #[serde(default)]
+    pub tables: Vec<NotedTable>,
+}
+
+/// A table that was read from files.
+#[derive(Debug, Deserialize)]
+pub struct NotedSource {
+    /// Name.
+    pub name: String,
+    /// `flights`, `map` or `model`.
+    pub kind: String,
+    /// Path and hash of each file.
+    pub files: Vec<IgnoredAny>,
+    /// The key of each line, or of the map.
+    pub lines: BTreeMap<String, String>,
+}
+
+/// A table that a stage made.
+#[derive(Debug, Deserialize)]
+pub struct NotedTable {
+    /// Name.
+    pub name: String,
+    /// The stage.
+    pub stage: String,
+    /// The axes.
+    pub axes: Vec<String>,
+    /// The inputs.
+    pub inputs: Vec<String>,
+    /// The points.
+    pub points: NotedPoints,
+    /// Number of lines.
+    pub lines: usize,
+}
+
+/// The points of a table: their number, and the values of each axis.
+#[derive(Debug, Default)]
+pub struct NotedPoints {
+    /// Number of points.
+    pub count: usize,
+    /// Distinct values of each axis, in the order of the points.
+    pub values: BTreeMap<String, Vec<String>>,
+    /// The column of the truth at the first point, if it is a parameter.
+    pub truth: Option<String>,
+}
+
+impl PipelineNotes {
+    /// The notes of `pipeline` in the store at `root`; empty if there are none.
+    pub fn read(root: &Path, pipeline: &str) -> PipelineNotes {
+        let bytes = paths::read_regular(&root.join("plans").join(format!("{pipeline}.json"))).unwrap_or_default();
+        serde_json::from_slice(&bytes).unwrap_or_default()
+    }
+
+    /// The column of the truth of the first scores downstream of a table.
+    pub fn truth(&self, table: &str) -> Option<&str> {
+        let mut scores = self.tables.iter().filter(|t| t.stage == "score" && self.is_upstream(table, &t.name));
+        scores.find_map(|t| t.points.truth.as_deref())
+    }
+
+    /// Whether `table` is `of` or upstream of it.
+    fn is_upstream(&self, table: &str, of: &str) -> bool {
+        let (mut open, mut seen) = (vec![of], HashSet::new());
+        while let Some(name) = open.pop() {
+            if name == table {
+                return true;
+            }
+            if seen.insert(name) {
+                open.extend(self.table(name).into_iter().flat_map(|t| t.inputs.iter().map(String::as_str)));
+            }
+        }
+        false
+    }
+
+    /// The table of a name.
+    pub fn table(&self, name: &str) -> Option<&NotedTable> {
+        self.tables.iter().find(|t| t.name == name)
+    }
+}
+
+impl<'de> Deserialize<'de> for NotedPoints {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_seq(PointsVisitor)
+    }
+}
+
+struct PointsVisitor;
+
+impl<'de> Visitor<'de> for PointsVisitor {
+    type Value = NotedPoints;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("a list of points")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut points: A) -> Result<NotedPoints, A::Error> {
+        let mut found = NotedPoints::default();
+        // The parameters of the first point only; others may be many.
+        if let Some((point, params)) = points.next_element::<(BTreeMap<String, String>, BTreeMap<String, String>)>()? {
+            found.truth = params.get("truth").and_then(|text| serde_json::from_str(text).ok());
+            found.count = 1;
+            found.values = point.into_iter().map(|(axis, value)| (axis, vec![value])).collect();
+        }
+        let of = |(axis, values): (&String, &Vec<String>)| (axis.clone(), values[0].clone());
+        let mut known: HashSet<(String, String)> = found.values.iter().map(of).collect();
+        while let Some((point, _)) = points.next_element::<(BTreeMap<String, String>, IgnoredAny)>()? {
+            found.count += 1;
+            for pair in point {
+                if !known.contains(&pair) {
+                    found.values.entry(pair.0.clone()).or_default().push(pair.1.clone());
+                    known.insert(pair);
+                }
+            }
+        }
+        Ok(found)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn unit_points_are_counted_and_their_values_listed() {
+        let text = r#"{"checksum": "x", "pipeline": "p", "spec": "s.toml", "seed": 1, "sources": [], "tables": [
+            {"name": "t", "stage": "fit", "version": 1, "tidy": true, "axes": ["mag", "lambda"], "inputs": ["a"],
+             "predicate": null, "columns": [], "lines": 3, "cost": null, "points": [
+             [{"mag": "a", "lambda": "0"}, {"truth": "\"mag_1_c\""}], [{"mag": "b", "lambda": "0"}, {}], [{"mag": "a", "lambda": "1"}, {}]]}]}"#;
+        let notes: PipelineNotes = serde_json::from_str(text).unwrap();
+        let points = &notes.table("t").unwrap().points;
+        assert_eq!(points.truth.as_deref(), Some("mag_1_c"));
+        assert_eq!(
+            (points.count, &points.values["mag"], &points.values["lambda"]),
+            (3, &vec!["a".to_owned(), "b".to_owned()], &vec!["0".to_owned(), "1".to_owned()])
+        );
+    }
+}

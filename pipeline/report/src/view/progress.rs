@@ -1,0 +1,261 @@
+//! Progress of a run: units in the store, failures, and the best point so far.
+
+use std::{
+    collections::{BTreeMap, HashSet},
+    fs,
+    path::Path,
+    sync::{Mutex, PoisonError},
+    time::{Duration, Instant, SystemTime},
+};
+
+use plan::{PlanGraph, PlanUnit};
+use results::{
+    history,
+    pooled::{self, PooledMetric},
+    scores::Scores,
+    warnings,
+};
+use schemas::{Fault, keys::HashKey};
+use serde_json::{Value, json};
+use store::{Store, generation};
+
+use super::StoreView;
+use crate::html::{baseline, is_current};
+
+/// Minimum time between two counts of the units.
+const COUNT_EVERY: Duration = Duration::from_secs(1);
+/// Minimum time between two poolings of scores.
+const POOL_EVERY: Duration = Duration::from_secs(5);
+/// Pause after an action, as a multiple of its duration.
+const PAUSE: u32 = 5;
+/// Age of the last renewal at which a lease no longer counts as a run in progress.
+const SILENT: Duration = Duration::from_secs(35);
+/// Maximum number of kinds of failures.
+const MOST_FAILURES: usize = 200;
+
+/// Progress of the runs of one spec.
+pub struct RunProgress<'a> {
+    graph: &'a PlanGraph<'a>,
+    store: &'a Store,
+    state: Mutex<ProgressState>,
+}
+
+#[derive(Default)]
+struct ProgressState {
+    counted: Option<TimedValue<Vec<TableProgress>>>,
+    best: Option<TimedValue<(usize, Vec<Value>)>>,
+    failures: BTreeMap<(String, String), (usize, String)>,
+    /// Failed units whose failure is known.
+    known: HashSet<HashKey>,
+}
+
+/// A value, its time and the duration of its computation.
+struct TimedValue<T> {
+    value: T,
+    at: Instant,
+    took: Duration,
+}
+
+impl<T> TimedValue<T> {
+    fn of(make: impl FnOnce() -> Result<T, Fault>) -> Result<TimedValue<T>, Fault> {
+        let begun = Instant::now();
+        let value = make()?;
+        let at = Instant::now();
+        Ok(TimedValue { value, at, took: at - begun })
+    }
+
+    fn is_fresh(&self, every: Duration) -> bool {
+        self.at.elapsed() < every.max(self.took * PAUSE)
+    }
+}
+
+/// Units of one table.
+struct TableProgress {
+    table: usize,
+    done: usize,
+    failed: usize,
+    total: usize,
+}
+
+impl<'a> RunProgress<'a> {
+    /// The runs of `graph` in `store`.
+    pub fn new(graph: &'a PlanGraph<'a>, store: &'a Store) -> RunProgress<'a> {
+        RunProgress { graph, store, state: Mutex::default() }
+    }
+
+    /// The name of the pipeline.
+    pub fn pipeline(&self) -> &str {
+        &self.graph.plan.spec.name
+    }
+
+    /// The spec, as the user named it.
+    pub fn spec(&self) -> &str {
+        &self.graph.plan.spec.file
+    }
+
+    /// The tables of scores, as PIPELINE.TABLE.
+    pub fn score_tables(&self) -> Vec<String> {
+        let plan = self.graph.plan;
+        pooled::tables(plan).map(|t| format!("{}.{}", plan.spec.name, plan.table_name(t))).collect()
+    }
+
+    /// The state of the run as JSON.
+    ///
+    /// # Errors
+    /// Fails when the store is damaged.
+    pub fn json(&self) -> Result<Value, Fault> {
+        let (graph, store) = (self.graph, self.store);
+        let spec = &graph.plan.spec;
+        let running = is_running(store.root(), &spec.name);
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        if !state.counted.as_ref().is_some_and(|counted| counted.is_fresh(COUNT_EVERY)) {
+            let counted = TimedValue::of(|| {
+                store.refresh();
+                self.count(&mut state)
+            })?;
+            state.counted = Some(counted);
+        }
+        let tables = state.counted.as_ref().map(|c| c.value.as_slice()).unwrap_or_default();
+        let sum = |of: fn(&TableProgress) -> usize| tables.iter().map(of).sum::<usize>();
+        let (done, failed, total) = (sum(|t| t.done), sum(|t| t.failed), sum(|t| t.total));
+        let listed: Vec<Value> = tables.iter().map(|t| self.table(t)).collect();
+        let scored: usize = tables.iter().filter(|t| self.is_scores(t.table)).map(|t| t.done).sum();
+        let fresh = |best: &TimedValue<(usize, Vec<Value>)>| best.value.0 == scored || best.is_fresh(POOL_EVERY);
+        if !state.best.as_ref().is_some_and(fresh) {
+            state.best = Some(TimedValue::of(|| Ok((scored, self.best()?)))?);
+        }
+        let word = match (running, done + failed) {
+            (true, _) => "running",
+            (false, 0) => "none",
+            (false, n) if n == total => "done",
+            (false, _) => "incomplete",
+        };
+        Ok(json!({
+            "pipeline": spec.name, "spec": spec.file, "state": word, "current": is_current(graph, store),
+            "units": { "done": done, "failed": failed, "total": total }, "tables": listed,
+            "failures": failures(&state.failures),
+            "best": state.best.as_ref().map(|b| b.value.1.as_slice()).unwrap_or_default(),
+            "runs": runs(store.root(), &spec.name),
+        }))
+    }
+
+    fn is_scores(&self, table: usize) -> bool {
+        self.graph.plan.tables.get(table).is_some_and(|node| node.entry.name == "score")
+    }
+
+    fn table(&self, progress: &TableProgress) -> Value {
+        let plan = self.graph.plan;
+        json!({
+            "table": format!("{}.{}", plan.spec.name, plan.table_name(progress.table)),
+            "stage": plan.tables[progress.table].entry.name,
+            "done": progress.done, "failed": progress.failed, "total": progress.total,
+        })
+    }
+
+    /// Counts the units of all tables. Adds new failures.
+    fn count(&self, state: &mut ProgressState) -> Result<Vec<TableProgress>, Fault> {
+        let plan = self.graph.plan;
+        let mut found = vec![];
+        for table in 0..plan.tables.len() {
+            let mut progress = TableProgress { table, done: 0, failed: 0, total: self.graph.unit_count(table) };
+            for unit in self.graph.units(table) {
+                let Ok(key) = self.graph.key(unit) else { continue };
+                match self.store.find(key).map(|place| place.rows.is_some()) {
+                    Some(true) => progress.done += 1,
+                    Some(false) => {
+                        progress.failed += 1;
+                        self.failure(state, unit, key);
+                    }
+                    None => {}
+                }
+            }
+            found.push(progress);
+        }
+        Ok(found)
+    }
+
+    fn failure(&self, state: &mut ProgressState, unit: PlanUnit, key: HashKey) {
+        if !state.known.insert(key) {
+            return;
+        }
+        let Ok(Some(fault)) = self.store.failed(key) else { return };
+        let plan = self.graph.plan;
+        let point = plan.instance(unit.table, unit.instance).point();
+        let mut place: Vec<String> = point.iter().map(|(axis, value)| format!("{axis} {value}")).collect();
+        if let Some((flight, line)) = unit.line.and_then(|line| self.graph.lines.get(line)) {
+            place.push(format!("flight {flight}, line {line}"));
+        }
+        let kind = (plan.table_name(unit.table).to_owned(), fault.what);
+        state.failures.entry(kind).or_insert_with(|| (0, place.join(", "))).0 += 1;
+    }
+
+    /// The best point of each table of scores, from the results in the store.
+    fn best(&self) -> Result<Vec<Value>, Fault> {
+        let (graph, store) = (self.graph, self.store);
+        let written = if is_current(graph, store) { pooled::written(graph.plan, store)? } else { None };
+        let marks = if written.is_some() { warnings::written(graph.plan, store)? } else { None };
+        let marks = marks.map_or_else(|| warnings::present(graph, store), Ok)?;
+        let pooled = written.map_or_else(|| pooled::present(graph, store), Ok)?;
+        let one = |t: usize| best(self, t, &pooled, &marks);
+        Ok(pooled::tables(graph.plan).filter_map(one).collect())
+    }
+}
+
+fn best(progress: &RunProgress, t: usize, pooled: &[PooledMetric], marks: &[warnings::Warning]) -> Option<Value> {
+    let plan = progress.graph.plan;
+    let (mut scores, _) = Scores::new(plan, t, pooled);
+    scores.mark(plan.table_name(t), marks);
+    let metric = scores.headline()?;
+    let row = scores.best(metric).or_else(|| scores.ranked(metric).first().copied())?;
+    let declared = scores.metrics[metric];
+    let (key, _) = scores.rows.get(row)?;
+    let point: serde_json::Map<String, Value> = scores.axes.iter().cloned().zip(key.iter().map(|v| json!(v))).collect();
+    let other = baseline(declared.name).and_then(|name| Some((name, scores.value(row, scores.metric(name)?)?)));
+    Some(json!({
+        "table": format!("{}.{}", plan.spec.name, plan.table_name(t)), "metric": declared.name, "unit": declared.unit,
+        "value": scores.value(row, metric), "point": point, "points": scores.rows.len(),
+        "in_sample": scores.is_in_sample(row, metric), "flagged": scores.is_marked(row),
+        "baseline": other.map(|(name, value)| json!({ "metric": name, "value": value })),
+    }))
+}
+
+fn failures(found: &BTreeMap<(String, String), (usize, String)>) -> Vec<Value> {
+    let mut all: Vec<_> = found.iter().collect();
+    all.sort_by(|a, b| b.1.0.cmp(&a.1.0).then(a.0.cmp(b.0)));
+    all.truncate(MOST_FAILURES);
+    let one = |((stage, error), (times, example)): (&(String, String), &(usize, String))| json!({ "stage": stage, "error": error, "times": times, "example": example });
+    all.into_iter().map(one).collect()
+}
+
+/// Whether a run of the pipeline is in progress, by its lease.
+fn is_running(root: &Path, pipeline: &str) -> bool {
+    if generation(root, pipeline).is_some() {
+        return false;
+    }
+    let start = format!("{pipeline}.lease-");
+    let leases = fs::read_dir(root.join("locks")).into_iter().flatten().flatten();
+    let own = leases.filter(|e| e.file_name().to_str().is_some_and(|name| name.starts_with(&start)));
+    let newest = own.filter_map(|e| e.metadata().and_then(|m| m.modified()).ok()).max();
+    // A lease in an object store has no file here.
+    newest.is_none_or(|time| SystemTime::now().duration_since(time).is_ok_and(|age| age < SILENT))
+}
+
+/// The runs of a pipeline, the newest first.
+pub fn runs(root: &Path, pipeline: &str) -> Vec<Value> {
+    let one = |run: history::RunRecord| {
+        let [computed, reused, failed, skipped] = run.units;
+        json!({
+            "number": run.number, "time": run.time, "run": run.run, "version": run.version, "tables": run.tables,
+            "computed": computed, "reused": reused, "failed": failed, "skipped": skipped, "seconds": run.seconds,
+        })
+    };
+    history::past(root, pipeline).into_iter().rev().map(one).collect()
+}
+
+impl StoreView {
+    /// The runs of all pipelines.
+    pub fn runs(&self) -> Value {
+        let one = |name: &String| json!({ "pipeline": name, "runs": runs(&self.root, name) });
+        json!({ "pipelines": self.pipelines().iter().map(one).collect::<Vec<_>>(), "changed": self.changed() })
+    }
+}

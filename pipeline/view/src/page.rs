@@ -1,0 +1,55 @@
+//! The page: empty sections, which its scripts fill from the API.
+
+use maud::{DOCTYPE, html};
+use report::html::SCRIPTS;
+
+use crate::ViewData;
+
+/// The page as HTML.
+pub fn page(data: &ViewData) -> String {
+    let title = data.run.map_or("Store", |run| run.pipeline());
+    let scores = match data.run {
+        Some(run) => run.score_tables(),
+        None => data.store.score_tables(),
+    };
+    let mode = if data.run.is_some() { "spec" } else { "store" };
+    let pipeline = data.run.map(|run| run.pipeline());
+    let source = |table: &str| {
+        let query = url::form_urlencoded::Serializer::new(String::new()).append_pair("table", table).finish();
+        format!("api/scores?{query}")
+    };
+    let markup = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="color-scheme" content="light dark";
+                meta name="generator" content="magline";
+                link rel="icon" href="data:,";
+                title { (title) " – magline view" }
+                link rel="stylesheet" href="web/style.css";
+                @for script in SCRIPTS { script src=(format!("web/{}", script.name)) defer {} }
+            }
+            body data-api="api/" data-mode=(mode) data-pipeline=[pipeline] {
+                main {
+                    header {
+                        h1 { (title) }
+                        @if let Some(run) = data.run { p.lead { "magline view of " code { (run.spec()) } } }
+                    }
+                    noscript { p.note { "This page needs JavaScript. `magline report` writes a page that does not." } }
+                    @if data.run.is_some() { section.live id="live" data-src="api/run" { h2 { "Run" } } }
+                    @for table in &scores {
+                        section.explorer id=(format!("explore-{table}")) data-table=(table) data-src=(source(table)) {
+                            h2 { "Explore: " (table) }
+                        }
+                    }
+                    section.series id="series" { h2 { "Lines" } }
+                    section.maps id="maps" { h2 { "Maps" } }
+                    section.lineage id="lineage" { h2 { "Lineage" } }
+                }
+            }
+        }
+    };
+    markup.into_string()
+}

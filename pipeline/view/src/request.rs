@@ -1,0 +1,177 @@
+//! Requests of the page, from the path and the query of an address.
+
+use report::view::{SeriesRequest, ViewPoint};
+use schemas::Fault;
+use url::form_urlencoded;
+
+/// Maximum length of a name in a request, bytes.
+const LONGEST: usize = 1000;
+
+/// Request that a worker answers.
+#[derive(Clone, Debug)]
+pub enum ViewRequest {
+    /// The page.
+    Page,
+    /// The list of all tables.
+    Catalogue,
+    /// Lines of a table at a point.
+    Lines(String, ViewPoint),
+    /// Series of a line.
+    Series(SeriesRequest),
+    /// Scores of a table.
+    Scores(String),
+    /// Progress of a run, or the list of runs.
+    Run,
+    /// Map at a point, and its maximum width.
+    Map(String, ViewPoint, Option<usize>),
+    /// Lineage of a table.
+    Lineage(String),
+    /// Arguments of this program that write a table in a format.
+    Download(String, DownloadFormat),
+}
+
+/// File format of a download.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DownloadFormat {
+    /// CSV.
+    Csv,
+    /// Parquet.
+    Parquet,
+}
+
+impl DownloadFormat {
+    /// The extension of its files.
+    pub fn extension(self) -> &'static str {
+        match self {
+            DownloadFormat::Csv => "csv",
+            DownloadFormat::Parquet => "parquet",
+        }
+    }
+
+    /// The media type.
+    pub fn media_type(self) -> &'static str {
+        match self {
+            DownloadFormat::Csv => "text/csv; charset=utf-8",
+            DownloadFormat::Parquet => "application/vnd.apache.parquet",
+        }
+    }
+}
+
+/// The parts of a query string.
+#[derive(Debug, Default)]
+pub struct ViewQuery(Vec<(String, String)>);
+
+impl ViewQuery {
+    /// Reads a query string.
+    ///
+    /// # Errors
+    /// Fails for a text that is too long.
+    pub fn read(query: &str) -> Result<ViewQuery, Fault> {
+        let pairs: Vec<(String, String)> = form_urlencoded::parse(query.as_bytes()).into_owned().collect();
+        if pairs.iter().any(|(key, value)| key != "columns" && key.len().max(value.len()) > LONGEST) {
+            return Err(Fault::new(format!("a name of the request has more than {LONGEST} bytes")));
+        }
+        Ok(ViewQuery(pairs))
+    }
+
+    fn find(&self, key: &str) -> Option<&str> {
+        self.0.iter().find(|(k, _)| k == key).map(|(_, v)| v.as_str())
+    }
+
+    fn need(&self, key: &str) -> Result<String, Fault> {
+        let missing =
+            || Fault::new(format!("the request has no `{key}`")).help(format!("add `{key}=…` to the address"));
+        self.find(key).filter(|value| !value.is_empty()).map(str::to_owned).ok_or_else(missing)
+    }
+
+    fn number<T: std::str::FromStr>(&self, key: &str) -> Result<Option<T>, Fault> {
+        let wrong = |text: &str| Fault::new(format!("`{key}={text}` is not a number"));
+        self.find(key).filter(|v| !v.is_empty()).map(|text| text.parse().map_err(|_| wrong(text))).transpose()
+    }
+
+    fn time(&self, key: &str) -> Result<Option<f64>, Fault> {
+        match self.number::<f64>(key)? {
+            Some(time) if !time.is_finite() => Err(Fault::new(format!("`{key}={time}` is not a time, in s"))),
+            time => Ok(time),
+        }
+    }
+
+    fn point(&self) -> ViewPoint {
+        let axis = |(key, value): &(String, String)| Some((key.strip_prefix("axis.")?.to_owned(), value.clone()));
+        self.0.iter().filter_map(axis).collect()
+    }
+
+    fn series(&self) -> Result<SeriesRequest, Fault> {
+        let listed = self.0.iter().filter(|(k, _)| k == "columns").flat_map(|(_, v)| v.split(','));
+        let single = self.0.iter().filter(|(k, _)| k == "column").map(|(_, v)| v.as_str());
+        let columns: Vec<String> = listed.chain(single).filter(|c| !c.is_empty()).map(str::to_owned).collect();
+        Ok(SeriesRequest {
+            table: self.need("table")?,
+            flight: self.need("flight")?,
+            line: self.need("line")?,
+            columns,
+            point: self.point(),
+            from: self.time("from")?,
+            to: self.time("to")?,
+            pixels: self.number("pixels")?,
+        })
+    }
+
+    /// The request below `api/`; `None` for an unknown address.
+    ///
+    /// # Errors
+    /// Fails for missing and wrong values.
+    pub fn request(&self, name: &str) -> Result<Option<ViewRequest>, Fault> {
+        Ok(Some(match name {
+            "catalogue" => ViewRequest::Catalogue,
+            "lines" => ViewRequest::Lines(self.need("table")?, self.point()),
+            "series" => ViewRequest::Series(self.series()?),
+            "scores" => ViewRequest::Scores(self.need("table")?),
+            "run" => ViewRequest::Run,
+            "map" => ViewRequest::Map(self.need("table")?, self.point(), self.number("pixels")?),
+            "lineage" => ViewRequest::Lineage(self.need("table")?),
+            _ => return Ok(None),
+        }))
+    }
+
+    /// Table and format of a download.
+    ///
+    /// # Errors
+    /// Fails for a missing table and an unknown format.
+    pub fn download(&self) -> Result<(String, DownloadFormat), Fault> {
+        let format = match self.find("format").unwrap_or("csv") {
+            "csv" => DownloadFormat::Csv,
+            "parquet" => DownloadFormat::Parquet,
+            other => return Err(Fault::new(format!("there is no format `{other}`")).help("use `csv` or `parquet`")),
+        };
+        Ok((self.need("table")?, format))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn unit_names_are_decoded_and_limited() {
+        let text =
+            "table=a.b&flight=1%200&line=%3Cb%3E%E2%80%AE&columns=x,y&column=p%2Cq&axis.mag=%00&from=1e3&pixels=7";
+        let query = ViewQuery::read(text).unwrap();
+        let Some(ViewRequest::Series(series)) = query.request("series").unwrap() else { panic!("{query:?}") };
+        assert_eq!((series.flight.as_str(), series.line.as_str()), ("1 0", "<b>\u{202e}"));
+        assert_eq!(
+            (series.columns, series.point),
+            (vec!["x".into(), "y".into(), "p,q".into()], vec![("mag".into(), "\0".into())])
+        );
+        assert_eq!((series.from, series.to, series.pixels), (Some(1000.0), None, Some(7)));
+        assert!(ViewQuery::read(&format!("table={}", "x".repeat(1001))).is_err());
+        for wrong in ["from=nan", "from=inf", "pixels=-1", "pixels=1e9", "to=x"] {
+            let query = ViewQuery::read(&format!("table=a.b&flight=1&line=1&columns=x&{wrong}")).unwrap();
+            assert!(query.request("series").is_err(), "{wrong}");
+        }
+        assert!(ViewQuery::read("").unwrap().request("series").is_err());
+        assert!(ViewQuery::read("").unwrap().request("../run").unwrap().is_none());
+    }
+}

@@ -1,0 +1,150 @@
+"""Ten questions of a researcher, answered in `magline view` with at most three clicks each."""
+
+import os
+from pathlib import Path
+
+import pytest
+from conftest import download, line_view, until
+
+MOST = 3
+ANSWERS = []
+
+
+class Clicks:
+    """Counts the actions of a user: a click, a choice from a list."""
+
+    def __init__(self, page):
+        self.page = page
+        self.count = 0
+        self.steps = []
+
+    def click(self, place, step, **more):
+        self.count += 1
+        self.steps.append(step)
+        place.click(**more)
+
+    def select(self, place, step, **more):
+        self.count += 1
+        self.steps.append(step)
+        place.select_option(**more)
+
+
+def explorer(page):
+    return page.locator("section.explorer").first
+
+
+def row(page, at):
+    return explorer(page).locator("tbody tr:not(.gap)").nth(at).locator("button").first
+
+
+def best(page, do):
+    words = page.locator("#live .figures div").first.inner_text()
+    assert "best" in words and "ins_" in words
+    return words.replace("\n", "; ")
+
+
+def best_lambda(page, do):
+    do.click(explorer(page).locator("[data-view=curve]"), "tab Curve")
+    explorer(page).locator(".view circle.best").wait_for()
+    return explorer(page).locator("figcaption").inner_text()
+
+
+def worst_line(page, do):
+    mag = explorer(page).locator('[data-key="is.mag"]')
+    do.select(mag, "magnetometer 4", value="mag_4_uc")
+    do.click(explorer(page).locator("[data-view=lines]"), "tab Lines")
+    words = explorer(page).locator("figcaption").inner_text()
+    line = words.split("Worst: ")[1].split(", line ")[1].split(",")[0]
+    svg = explorer(page).locator(".view svg")
+    do.click(svg.locator("circle.dot, circle.point").first, "the first line", force=True)
+    until(page, "(line) => document.querySelector('#series [role=status]').textContent.includes('line ' + line)", line)
+    return page.locator("#series [role=status]").inner_text()
+
+
+def largest_error(page, do):
+    do.click(page.locator("#series").get_by_role("button", name="Largest value of Position error, north"), "max |y|")
+    until(page, "document.querySelector('#series .track .note:last-child').textContent.includes('truth')")
+    return page.locator("#series .series-key").first.inner_text() + " at " + \
+        page.locator("#series .track .note").last.inner_text()
+
+
+def within_three_sigma(page, do):
+    keys = page.locator("#series .series-key").all_inner_texts()
+    assert any("sd_n" in key for key in keys) and any("north_error" in key for key in keys)
+    return "the panel shows the error and the band of three standard deviations"
+
+
+def attitude(page, do):
+    do.click(page.locator("#series [data-preset=attitude]"), "panels Attitude")
+    until(page, "document.querySelectorAll('#series h3').length > 0 && "
+          "[...document.querySelectorAll('#series h3')].some((h) => h.textContent.startsWith('Heading'))")
+    return ", ".join(page.locator("#series .panel-figure h3").all_inner_texts())
+
+
+def compensation(page, do):
+    do.click(page.locator("#series [data-preset=compensation]"), "panels Compensation")
+    until(page, "[...document.querySelectorAll('#series .series-key')].some((k) => k.textContent.includes('mag_c'))")
+    return ", ".join(page.locator("#series .series-key").all_inner_texts()[:4])
+
+
+def two_points(page, do):
+    do.click(row(page, 0), "first point")
+    do.click(row(page, 3), "fourth point, with Shift", modifiers=["Shift"])
+    caption = explorer(page).locator("figcaption").inner_text()
+    assert "The axes differ in" in caption
+    return caption.split("Bars show")[0]
+
+
+def failures(page, do):
+    do.click(page.locator("#live details summary").first, "the kind of failure")
+    words = page.locator("#live details").first.inner_text()
+    assert "First at" in words
+    return words.replace("\n", " ")
+
+
+def origin(page, do):
+    names = page.locator("[data-key=lineage] option").all_inner_texts()
+    name = next(n for n in names if n.endswith("track"))
+    do.select(page.locator("[data-key=lineage]"), "table track", label=name)
+    until(page, "(name) => document.querySelector('#lineage h3').textContent.includes(name)", name)
+    words = page.locator("#lineage ul.tree").inner_text()
+    assert "navigate" in words
+    return " / ".join(words.split("\n")[:3])
+
+
+QUESTIONS = [
+    ("How good is the best point, against the INS alone?", best),
+    ("Which lambda is best, and is it at the end of its axis?", best_lambda),
+    ("Which line is worst for magnetometer 4, and what happened there?", worst_line),
+    ("Where is the position error largest in this line, in time and on the map?", largest_error),
+    ("Does the position error stay within three standard deviations?", within_three_sigma),
+    ("Does the error follow the attitude?", attitude),
+    ("What does compensation remove, compared with the truth?", compensation),
+    ("What changes between two points, and which is better?", two_points),
+    ("What failed, how often, and why?", failures),
+    ("From which files and stages does the track come?", origin),
+]
+
+
+@pytest.mark.parametrize("question,ask", QUESTIONS, ids=[ask.__name__ for _, ask in QUESTIONS])
+def test_a_question_takes_at_most_three_clicks(visit, view, question, ask):
+    page = visit(view("cabin"))
+    explorer(page).locator("table.virtual").wait_for()
+    line_view(page)
+    page.locator("#live .figures div").first.wait_for()
+    page.locator("#lineage ul.tree").wait_for()
+    do = Clicks(page)
+    answer = ask(page, do)
+    assert do.count <= MOST
+    ANSWERS.append((question, do.count, ", ".join(do.steps) or "none", " ".join(answer.split())))
+
+
+def test_the_table_of_questions_is_complete():
+    """Prints the table, and writes it to the file that `QUESTIONS` names."""
+    lines = ["| question | clicks | which | answer on the page |", "|---|---|---|---|"]
+    escaped = lambda text: text.replace("|", "\\|")
+    lines += [f"| {q} | {n} | {escaped(steps)} | {escaped(answer[:160])} |" for q, n, steps, answer in ANSWERS]
+    print("\n".join(lines))
+    if os.environ.get("QUESTIONS"):
+        Path(os.environ["QUESTIONS"]).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    assert len(ANSWERS) == len(QUESTIONS)

@@ -1,0 +1,190 @@
+"""Writes the specs of the browser tests and their data: `python specs.py FOLDER REPOSITORY`."""
+
+import csv
+import json
+import math
+import random
+import sys
+from pathlib import Path
+
+LINE = "</script><b id='injected'>\"&amp;\u202eevil"
+AXIS = "line <> '</script><b id=injected>\"\u202e'"
+
+HOSTILE = """
+name = "hostile"
+store = "store"
+[tables.flights]
+path = "flights.csv"
+[axes]
+kept = [{axis}, "line <> ''"]
+lambda = [0.0, 0.1]
+[[stages]]
+name = "terms"
+stage = "a_matrix"
+input = "flights"
+vector = "flux_a"
+[[stages]]
+name = "coefficients"
+stage = "fit"
+input = "terms"
+model = "tolles_lawson"
+target = "mag_1_uc"
+lambda = "$lambda"
+where = "$kept"
+[[stages]]
+name = "clean"
+stage = "compensate"
+input = "terms"
+model = "coefficients"
+mag = "mag_1_uc"
+detrend = true
+[[stages]]
+name = "scores"
+stage = "score"
+input = "clean"
+"""
+
+# Two magnetometers, three values of lambda and two survey lines. The stage `astray` fails: its map is of another place.
+CABIN = """
+name = "cabin"
+store = "store"
+[tables.flights]
+path = "cabin.synth.toml"
+[tables.anomaly]
+path = "{map}"
+alt_m = 500.0
+[tables.elsewhere]
+path = "{other}"
+[axes]
+mag = ["mag_3_uc", "mag_4_uc"]
+lambda = [0.0, 0.025, 25.0]
+[[stages]]
+name = "terms"
+stage = "a_matrix"
+input = "flights"
+vector = "flux_a"
+[[stages]]
+name = "coefficients"
+stage = "fit"
+input = "terms"
+where = "line = 'cal'"
+model = "tolles_lawson"
+target = "$mag"
+lambda = "$lambda"
+[[stages]]
+name = "clean"
+stage = "compensate"
+input = "terms"
+where = "line <> 'cal'"
+model = "coefficients"
+mag = "$mag"
+[[stages]]
+name = "track"
+stage = "navigate"
+input = "clean"
+map = "anomaly"
+[[stages]]
+name = "astray"
+stage = "navigate"
+input = "clean"
+map = "elsewhere"
+[[stages]]
+name = "scores"
+stage = "score"
+input = ["clean", "track"]
+truth = "mag_1_c"
+metrics = ["std_error", "std_uncompensated", "improvement_ratio", "drms", "ins_drms", "nees"]
+"""
+
+FLIGHTS = """
+preset = "cessna"
+seed = 1
+[map]
+path = "{map}"
+alt_m = 500.0
+[ins]
+grade = "navigation"
+[[flights]]
+name = "1003"
+[[flights.lines]]
+name = "cal"
+kind = "box"
+alt_m = 3000.0
+start = [-21.99, 140.63]
+[[flights.lines]]
+name = "1003.01"
+kind = "survey"
+alt_m = 500.0
+duration_s = 1200.0
+waypoints = [[-22.10, 140.58], [-21.84, 140.58], [-21.84, 140.78], [-22.10, 140.78]]
+[[flights.lines]]
+name = "1003.02"
+kind = "survey"
+alt_m = 700.0
+duration_s = 900.0
+waypoints = [[-21.84, 140.78], [-22.10, 140.78], [-22.10, 140.58]]
+"""
+
+MILLION = """
+name = "million"
+store = "store"
+[tables.flights]
+path = "million.csv"
+[axes]
+lambda = [0.0, 0.1]
+[[stages]]
+name = "terms"
+stage = "a_matrix"
+input = "flights"
+vector = "flux_a"
+terms = ["permanent"]
+[[stages]]
+name = "coefficients"
+stage = "fit"
+input = "terms"
+model = "tolles_lawson"
+target = "mag_1_uc"
+lambda = "$lambda"
+[[stages]]
+name = "clean"
+stage = "compensate"
+input = "terms"
+model = "coefficients"
+mag = "mag_1_uc"
+detrend = true
+[[stages]]
+name = "scores"
+stage = "score"
+input = "clean"
+"""
+
+
+def write_flights(path, lines, samples):
+    """Writes flights at 10 Hz with a slow manoeuvre and noise."""
+    random.seed(1)
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        out = csv.writer(file)
+        out.writerow(["tt", "flight", "line", "flux_a_x", "flux_a_y", "flux_a_z", "mag_1_uc"])
+        for line in lines:
+            for i in range(samples):
+                t, roll, pitch = i / 10, 0.1 * math.sin(i / 10), 0.1 * math.cos(0.13 * i)
+                field = [20000 * math.cos(roll), 20000 * math.sin(roll) + 300 * pitch, 45000 * math.cos(pitch)]
+                mag = 50000 + 5 * math.sin(2 * t) + random.gauss(0, 0.1)
+                out.writerow([f"{t:.1f}", "f<i>1", line, *(f"{v:.3f}" for v in field), f"{mag:.3f}"])
+
+
+def write(folder, repository):
+    """Writes all specs and their data."""
+    samples = repository / "datasets/samples"
+    survey = samples / "osborne/osborne_anomaly_100m_at_500m.tif"
+    cabin = CABIN.replace("{map}", str(survey)).replace("{other}", str(samples / "simple_magnav/map.h5"))
+    (folder / "cabin.toml").write_text(cabin, encoding="utf-8")
+    (folder / "cabin.synth.toml").write_text(FLIGHTS.replace("{map}", str(survey)), encoding="utf-8")
+    write_flights(folder / "flights.csv", [LINE, "plain"], 300)
+    (folder / "hostile.toml").write_text(HOSTILE.replace("{axis}", json.dumps(AXIS)), encoding="utf-8")
+    write_flights(folder / "million.csv", ["long"], 1_000_000)
+    (folder / "million.toml").write_text(MILLION, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write(Path(sys.argv[1]), Path(sys.argv[2]).resolve())
