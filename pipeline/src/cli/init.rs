@@ -78,6 +78,11 @@ pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> 
         lines: None,
         questions,
     };
+    if writer.navigates && !found.tables.iter().any(|table| table.has("ins_aligned")) {
+        let question = "when was the INS aligned? One hour before each line is assumed. Append the time as the column \
+                        `ins_aligned`, in seconds past midnight UTC of the day of take-off";
+        writer.questions.push(question.to_owned());
+    }
     writer.lines = writer.halves(&stem);
     let parsed = |text: String| {
         let file = spec.display().to_string();

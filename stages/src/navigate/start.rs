@@ -27,8 +27,8 @@ choice! {
         /// rejected.
         Auto = "auto",
         /// A position and velocity fix corrects the INS at the first sample of the line. Tilts and biases of the INS
-        /// have the uncertainty since the alignment if the flight has the column `ins_aligned`, else the initial
-        /// standard deviations.
+        /// have the uncertainty since the alignment, from the column `ins_aligned`. Without this column, an alignment
+        /// one hour before the fix is assumed.
         Fix = "fix",
         /// The initial standard deviations apply at the alignment, at the time in the column `ins_aligned`. The
         /// covariance of the fix is propagated to the first sample of the line, assuming straight and level flight.
@@ -66,6 +66,9 @@ const TRUTH: [&str; 3] = ["lat", "lon", "alt"];
 const TRUE_VELOCITY: [&str; 3] = ["vn", "ve", "vd"];
 /// Longest time from the start of a line to the position and velocity fix of the line, in s.
 const FIX_WITHIN_S: f64 = 2.0;
+/// Assumed time from an unknown alignment to a fix, in s. Within an hour, about two thirds of a Schuler period, the
+/// tilts reach their largest errors.
+const ASSUMED_AGE_S: f64 = 3600.0;
 /// Longest time from an alignment to a line, in s.
 const LONGEST_AGE_S: f64 = 2.0 * 86_400.0;
 
@@ -85,8 +88,8 @@ pub(super) enum InitialCondition {
         fix: StartFix,
         /// Row of the fix.
         row: usize,
-        /// Time from the alignment to the fix, in s; `None` if the alignment is unknown.
-        age_s: Option<f64>,
+        /// Time from the alignment to the fix, in s.
+        age_s: f64,
     },
 }
 
@@ -206,7 +209,14 @@ impl Navigate {
         let fix = || self.fix_columns(shape).map(|name| format!("`{name}`")).join(", ");
         match self.start_from(shape).ok()? {
             StartSource::Alignment => Some(format!("filters start from the alignment at `{ALIGNED}`")),
-            StartSource::Fix => Some(format!("filters start from a fix ({}) at the first sample of each line", fix())),
+            StartSource::Fix if has(shape, &[ALIGNED]) => {
+                Some(format!("filters start from a fix ({}) at the first sample of each line", fix()))
+            }
+            StartSource::Fix => Some(format!(
+                "filters start from a fix ({}) at the first sample of each line; an alignment of the INS one hour before \
+                 is assumed, because the flight has no column `{ALIGNED}`",
+                fix()
+            )),
             StartSource::Given => {
                 Some("filters start with the `init_*` keys at the first sample of each line".to_owned())
             }
@@ -260,7 +270,7 @@ impl Navigate {
         }
         let vel_ned_mps = velocity.is_some().then(|| [values[3], values[4], values[5]]);
         let fix = StartFix { lat_lon_deg: [values[0], values[1]], alt_m: values[2], vel_ned_mps, sigmas };
-        let age_s = has(shape, &[ALIGNED]).then(|| age_s(batch, tt_s[row])).transpose()?;
+        let age_s = if has(shape, &[ALIGNED]) { age_s(batch, tt_s[row])? } else { ASSUMED_AGE_S };
         Ok(InitialCondition::Fixed { fix, row, age_s })
     }
 }
@@ -285,8 +295,8 @@ impl InitialCondition {
             InitialCondition::Given => None,
             InitialCondition::Aligned { age_s } => Some(aligned_covariance(errors, ins, *age_s)),
             InitialCondition::Fixed { fix, row, age_s } => {
-                let aligned = age_s.map(|age_s| aligned_covariance(errors, &ins.from(*row), age_s));
-                Some(fix.covariance(errors, aligned.as_ref()))
+                let aligned = aligned_covariance(errors, &ins.from(*row), *age_s);
+                Some(fix.covariance(errors, Some(&aligned)))
             }
         }
     }
@@ -363,6 +373,9 @@ mod tests {
             run("", &flight).unwrap().numbers("sd_n")[ROWS - 1]
         };
         assert!(spread(3000.0) > 2.0 * spread(0.0), "{} {}", spread(3000.0), spread(0.0));
+        // An unknown alignment is assumed to be an hour old.
+        let unknown = added(receiver().into_iter().chain([grade("tactical")]).collect());
+        assert_eq!(run("", &unknown).unwrap().numbers("sd_n")[ROWS - 1], spread(3600.0));
     }
 
     #[test]

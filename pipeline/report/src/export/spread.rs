@@ -2,16 +2,20 @@
 
 use std::{collections::HashSet, sync::Arc};
 
-use arrow_array::{Array, ArrayRef, FixedSizeListArray, RecordBatch, RecordBatchOptions, UInt64Array, cast::AsArray};
+use arrow_array::{
+    Array, ArrayRef, FixedSizeListArray, ListArray, RecordBatch, RecordBatchOptions, StringArray, UInt64Array,
+    cast::AsArray,
+};
+use arrow_cast::display::{ArrayFormatter, FormatOptions};
 use arrow_schema::{DataType, Field, Schema};
 use arrow_select::take::take;
 use schemas::Fault;
 
 /// The batch with the list `name` replaced by `name_1`, `name_2` and so on. The description of each column names its
-/// entry.
+/// entry. A list of varying length becomes a text.
 ///
 /// # Errors
-/// Fails for a list of variable size or a structure, and for a name that is used twice.
+/// Fails for a structure and for nested lists, and for a name that is used twice.
 pub(super) fn spread(batch: &RecordBatch) -> Result<RecordBatch, Fault> {
     let (mut fields, mut columns) = (vec![], vec![]);
     for (field, column) in batch.schema().fields().iter().zip(batch.columns()) {
@@ -22,6 +26,11 @@ pub(super) fn spread(batch: &RecordBatch) -> Result<RecordBatch, Fault> {
                     fields.push(Arc::new(entry_field(field, item.data_type(), entry)));
                     columns.push(entry_values(list, entry)?);
                 }
+            }
+            DataType::List(item) if !item.data_type().is_nested() => {
+                let text = Field::new(field.name(), DataType::Utf8, true).with_metadata(field.metadata().clone());
+                fields.push(Arc::new(text));
+                columns.push(Arc::new(joined(column.as_list())?));
             }
             nested if nested.is_nested() => {
                 let fault = Fault::new(format!("column `{}` of type {nested} cannot be exported", field.name()));
@@ -41,6 +50,20 @@ pub(super) fn spread(batch: &RecordBatch) -> Result<RecordBatch, Fault> {
     let options = RecordBatchOptions::new().with_row_count(Some(batch.num_rows()));
     let schema = Arc::new(Schema::new(fields));
     RecordBatch::try_new_with_options(schema, columns, &options).map_err(|e| Fault::bug(e.to_string()))
+}
+
+/// Lists of different lengths as texts: the values, separated by semicolons.
+fn joined(list: &ListArray) -> Result<StringArray, Fault> {
+    let options = FormatOptions::new();
+    let text = |row: usize| -> Result<Option<String>, Fault> {
+        if list.is_null(row) {
+            return Ok(None);
+        }
+        let values = list.value(row);
+        let words = ArrayFormatter::try_new(&values, &options).map_err(|e| Fault::bug(e.to_string()))?;
+        Ok(Some((0..values.len()).map(|i| words.value(i).to_string()).collect::<Vec<_>>().join(";")))
+    };
+    (0..list.len()).map(text).collect::<Result<Vec<_>, _>>().map(StringArray::from)
 }
 
 /// The field of the entry at position `entry` of a list.

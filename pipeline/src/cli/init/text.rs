@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use intake::mapping::{Mapping, suggest::quoted};
 use results::text::number;
+use schemas::one_line;
 
 use super::findings::{LineFinding, LogFindings, TableFindings};
 
@@ -95,7 +96,7 @@ impl InitText<'_> {
             quoted(&self.name)
         );
         for question in &self.questions {
-            text += &format!("# ? {}\n", question.escape_debug());
+            text += &format!("# ? {}\n", one_line(question));
         }
         let inputs = self.inputs();
         let Some(main) = inputs.first() else { return text };
@@ -237,7 +238,7 @@ impl InitText<'_> {
 
     /// The findings and choices, for the terminal.
     pub fn summary(&self) -> String {
-        let mut text = format!("{} ({})\n", self.log.escape_debug(), self.found.format);
+        let mut text = format!("{} ({})\n", one_line(&self.log), self.found.format);
         if let Some(name) = self.source.builtin {
             text += &format!("  mapping: {name}, chosen by content\n");
         }
@@ -253,12 +254,12 @@ impl InitText<'_> {
                 "  {name}: {rows} rows, {}, {} Hz\n    {}\n",
                 super::super::counted(table.lines.len(), "line"),
                 number(table.rate_hz()),
-                columns.join(", ").escape_debug()
+                one_line(&columns.join(", "))
             );
             let idle = table.columns.iter().filter(|(_, c)| c.known > 1 && c.high == c.low).map(|(n, _)| n.clone());
             let idle: Vec<String> = idle.filter(|n| n != "year" && n != "doy").collect();
             if !idle.is_empty() {
-                text += &format!("    constant: {}\n", idle.join(", ").escape_debug());
+                text += &format!("    constant: {}\n", one_line(&idle.join(", ")));
             }
             if table.faults > 0 {
                 text += &format!(
@@ -272,7 +273,7 @@ impl InitText<'_> {
             text += &format!("  scalar magnetometers: {}\n", of(&main.scalars));
             text += &format!("  vector magnetometers: {}\n", of(&main.vectors));
             text += &format!("  compensation: {}\n", self.compensation(main));
-            let line = self.calibration(main).map(|((_, line), _)| line.escape_debug().to_string());
+            let line = self.calibration(main).map(|((_, line), _)| one_line(line).into_owned());
             text += &format!("  calibration line: {}\n", line.unwrap_or_else(|| "none with manoeuvres".to_owned()));
             text += &format!("  date: {}\n", if main.has("year") { "found" } else { "not found" });
         }
@@ -280,7 +281,7 @@ impl InitText<'_> {
             text += &format!("  not used: {column}\n");
         }
         for question in &self.questions {
-            text += &format!("  ? {}\n", question.escape_debug());
+            text += &format!("  ? {}\n", one_line(question));
         }
         text
     }

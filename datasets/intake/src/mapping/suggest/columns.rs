@@ -343,6 +343,12 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
     }
     if has(&words, &["alt", "altitude", "height"]) && !has(&words, &["rel", "max", "min", "des", "sp", "var"]) {
         let unit = declared_unit(column, "m");
+        if is_ins {
+            return match unit {
+                Some(unit) => made("ins_alt", &unit, "its unit is in the file; a height of the INS, not truth"),
+                None => left("a height of the INS in m or ft; set its `unit`"),
+            };
+        }
         return match (has(&words, &["ellipsoid", "hae", "wgs"]), has(&words, &["msl", "amsl"]), unit) {
             (true, _, Some(unit)) => made("alt", &unit, "its unit is in the file"),
             (_, true, Some(unit)) => made("msl", &unit, "its unit is in the file"),

@@ -8,6 +8,7 @@ mod sample;
 use std::path::Path;
 
 use datasets::{FlightOptions, ReadError, ReadHints, formats::FlightFormat, open_raw_among, topics_among};
+use schemas::one_line;
 
 use clocks::{ClockGuess, clock_of, epoch_of};
 use columns::{ColumnGuess, guesses};
@@ -23,13 +24,6 @@ pub(super) struct TopicSample {
     pub columns: Vec<ColumnSample>,
     /// The clock of the topic, if recognised.
     pub clock: Option<ClockGuess>,
-}
-
-impl TopicSample {
-    /// The column of a name.
-    pub fn column(&self, name: &str) -> Option<&ColumnSample> {
-        self.columns.iter().find(|c| c.name == name)
-    }
 }
 
 /// A suggested mapping.
@@ -69,7 +63,7 @@ pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -
             }
             Some(_) => {
                 rest.push(format!("{} ({} rows): only omitted columns", shown(&topic.name), topic.rows));
-                rest.extend(found.iter().map(|g| format!("  {}: {}", g.ours.escape_default(), g.why)));
+                rest.extend(found.iter().map(|g| format!("  {}: {}", one_line(&g.ours), g.why)));
             }
             None if useful => rest.push(format!(
                 "{} ({} rows): recognised columns, but no increasing time",
@@ -89,7 +83,7 @@ pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -
          contain\n\
          # the axes, signs and mounting of sensors.\n\n\
          about  = {}\nformat = {}\n",
-        name.escape_default(),
+        one_line(name),
         quoted(&format!("logs like {name}")),
         quoted(format)
     );
@@ -112,7 +106,7 @@ pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -
 }
 
 fn shown(name: &str) -> String {
-    if name.is_empty() { "the table".to_owned() } else { format!("`{}`", name.escape_default()) }
+    if name.is_empty() { "the table".to_owned() } else { format!("`{}`", one_line(name)) }
 }
 
 /// The flight and the line: columns of these names, if all tables have them.
@@ -122,10 +116,19 @@ fn keys(tables: &[(&TopicSample, &ClockGuess, Vec<ColumnGuess>)]) -> String {
         ("flight", "{ of_file = true }   # guess: one flight per file, named like the file"),
         ("line", "\"1\"                  # guess: one line per file"),
     ] {
-        let own = tables.iter().all(|(topic, ..)| topic.column(key).is_some());
-        text += &if own { format!("{key:6} = {{ from = \"{key}\" }}\n") } else { format!("{key:6} = {usual}\n") };
+        let mut names = tables.iter().map(|(topic, ..)| key_column(topic, key));
+        let first = names.next().flatten();
+        text += &match first.filter(|first| names.all(|name| name == Some(*first))) {
+            Some(name) => format!("{key:6} = {{ from = {} }}\n", quoted(name)),
+            None => format!("{key:6} = {usual}\n"),
+        };
     }
     text
+}
+
+/// The column of a key, in upper or lower case.
+fn key_column<'a>(topic: &'a TopicSample, key: &str) -> Option<&'a str> {
+    topic.columns.iter().map(|column| column.name.as_str()).find(|name| name.trim().eq_ignore_ascii_case(key))
 }
 
 fn table(
@@ -155,7 +158,7 @@ fn table(
     }
     let left: Vec<&ColumnGuess> = found.iter().filter(|g| !g.is_used()).collect();
     for guess in left {
-        let line = format!("{}: {}", guess.ours.escape_default(), guess.why);
+        let line = format!("{}: {}", one_line(&guess.ours), guess.why);
         text += &format!("# {line}\n");
         unused.push(line);
     }
@@ -168,10 +171,11 @@ fn table(
     let named = |c: &&ColumnSample| {
         let quoted_name = quoted(&c.name);
         clock.toml.contains(&quoted_name)
+            || schemas::flight::KEYS.iter().any(|key| key_column(topic, key) == Some(c.name.as_str()))
             || found.iter().any(|g| g.toml.contains(&quoted_name) || g.theirs.contains(&c.name))
     };
     let others: Vec<String> =
-        topic.columns.iter().filter(|c| !named(c)).map(|c| c.name.escape_default().to_string()).collect();
+        topic.columns.iter().filter(|c| !named(c)).map(|c| one_line(&c.name).into_owned()).collect();
     if !others.is_empty() {
         let line = format!("not recognised: {}", others.join(", "));
         text += &wrapped(&line);
