@@ -119,7 +119,7 @@ impl MapVector {
         map.check_anomaly()?;
         let GridHeight::Level(level_m) = map.height else {
             let fault = Fault::data("the map is draped, so its field is not known on a level");
-            return Err(fault.help("continue it to a level first with `map_continue` and `to_m`"));
+            return Err(fault.help("continue it to a level first with `map_continue`"));
         };
         let (mut notes, mut warnings) = (vec![], vec![]);
         let middle = map.middle_deg().ok_or_else(|| Fault::data("the middle of the map has no latitude"))?;
