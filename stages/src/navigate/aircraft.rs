@@ -54,6 +54,9 @@ pub(super) struct AircraftTerms<'a> {
     pub(super) sampling: RateDependence,
 }
 
+/// Usual random walk of a calibrated coefficient in one hour, as a fraction of its prior standard deviation.
+const WALK_PER_HOUR: f64 = 0.1;
+
 /// Coefficients of the aircraft field along a line, as states of a filter.
 pub(super) struct AircraftCoefficientStates<'a> {
     pub(super) terms: AircraftTerms<'a>,
@@ -116,17 +119,19 @@ impl AircraftModelKeys {
     }
 
     /// Coefficients of a line's terms with their prior. `walk_per_hour` is the standard deviation of the random walk of
-    /// each coefficient after one hour, divided by its prior standard deviation.
+    /// each coefficient after one hour, divided by its prior standard deviation; unset, it is 0.1 with calibrations and 0
+    /// without.
     ///
     /// # Errors
     /// When the model has none of the terms, or a term has no equivalent at the rate of the line.
     pub(super) fn states<'a>(
         &self,
         flown: &'a FilterInput,
-        walk_per_hour: f64,
+        walk_per_hour: Option<f64>,
     ) -> Result<AircraftCoefficientStates<'a>, Fault> {
         let terms = self.terms(flown)?;
         let prior = self.prior(&terms, flown.models)?;
+        let walk_per_hour = walk_per_hour.unwrap_or(if flown.models.is_empty() { 0.0 } else { WALK_PER_HOUR });
         let walk_density = prior.sigma().iter().map(|sigma| (walk_per_hour * sigma).powi(2) / 3600.0).collect();
         Ok(AircraftCoefficientStates { terms, prior, walk_density })
     }

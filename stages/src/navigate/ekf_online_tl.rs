@@ -35,8 +35,8 @@ filter! {
     /// Source: Gnadt 2022, section 5.5, without (5.39).
     EkfOnlineTl = "ekf_online_tl", version 2, groups [aiding: Aiding, aircraft: AircraftModelKeys, further: AuxiliaryMeasurements], example "walk_per_hour = 0.1";
     /// Random walk of a coefficient: its standard deviation after one hour, divided by its prior standard deviation.
-    /// With 0 the coefficients are constants.
-    walk_per_hour: f64, unit "1", default 0.1, rule Rule::NotNegative;
+    /// With 0 the coefficients are constants. The wide prior of a cold start is no measure of the changes in flight.
+    walk_per_hour: Option<f64>, unit "1", absent "0.1 with `model`, else 0.0", rule Rule::NotNegative;
     /// Standard deviation of a bias of each axis of `vector`, from which the terms are computed. If set, the bias is
     /// estimated.
     flux_bias_sigma_nt: Option<f64>, unit "nT", absent "`vector` is exact", rule Rule::Positive;
@@ -83,7 +83,7 @@ impl NavigationFilter for EkfOnlineTl {
         true
     }
 
-    fn aircraft(&self) -> Option<(&AircraftModelKeys, f64)> {
+    fn aircraft(&self) -> Option<(&AircraftModelKeys, Option<f64>)> {
         Some((&self.aircraft, self.walk_per_hour))
     }
 

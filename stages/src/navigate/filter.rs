@@ -86,8 +86,8 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
     }
 
     /// Keys of the aircraft field whose coefficients are states of the filter, and the random walk of each coefficient
-    /// in one hour as a fraction of its prior standard deviation.
-    fn aircraft(&self) -> Option<(&AircraftModelKeys, f64)> {
+    /// in one hour as a fraction of its prior standard deviation, if it is set.
+    fn aircraft(&self) -> Option<(&AircraftModelKeys, Option<f64>)> {
         None
     }
 

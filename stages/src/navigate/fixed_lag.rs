@@ -78,8 +78,8 @@ impl NavigationFilter for FixedLag {
         true
     }
 
-    fn aircraft(&self) -> Option<(&AircraftModelKeys, f64)> {
-        Some((&self.aircraft, self.walk_per_hour))
+    fn aircraft(&self) -> Option<(&AircraftModelKeys, Option<f64>)> {
+        Some((&self.aircraft, Some(self.walk_per_hour)))
     }
 
     fn takes_direction(&self) -> bool {
@@ -108,7 +108,7 @@ impl NavigationFilter for FixedLag {
         one_with_models(flown)?;
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line_with(self.discretisation)? };
         let AircraftCoefficientStates { terms, prior, walk_density } =
-            self.aircraft.states(flown, self.walk_per_hour)?;
+            self.aircraft.states(flown, Some(self.walk_per_hour))?;
         let coefficients = AircraftCoefficients {
             regressors: &terms.values,
             mean: &prior.mean,
