@@ -21,6 +21,23 @@ ACTIVATIONS = {
 }
 
 
+def aircraft_field(a, coefficients, more, coupling, scale, bt_scale):
+    """The scalar field of the aircraft from its vector, in the scale of the target. `more` is added to the vector."""
+    cosines, square = a[:, :3], (a[:, :3] ** 2).sum(1, keepdims=True)
+    field = cosines * (a[:, [3]] + a[:, [6]] + a[:, [8]]) / square
+    xx, xy, xz, yy, yz, zz = coefficients[3:9]
+    induced = np.array([[xx, xy / 2, xz / 2], [xy / 2, yy, yz / 2], [xz / 2, yz / 2, zz]])
+    v = coefficients[:3] + field @ induced + more
+    if len(coefficients) == 18:
+        change = np.einsum("ri,rij->rj", cosines, a[:, 9:].reshape(-1, 3, 3)) / square
+        v = v + change @ coefficients[9:].reshape(3, 3).T
+    if coupling == "projection":
+        return (cosines * v).sum(1)
+    # Relative to the scale of the target, |B| - |B - v|.
+    b = field * bt_scale / scale
+    return np.linalg.norm(b, axis=1) - np.linalg.norm(b - v, axis=1)
+
+
 def predict(model, row):
     """The field of each sample. `model` holds the terms; `row(name)` returns a column."""
     numbers, words = {}, {}
@@ -39,11 +56,11 @@ def predict(model, row):
     fields = []
     for member in range(int(numbers["members"])):
         own = "" if member == 0 else f"member{member + 1}."
-        x, layers = z, several("hidden") + 1
+        x, layers = z.reshape(len(a) or len(z), -1), several("hidden") + 1
         for layer in range(1, layers + 1):
             units = several(f"{own}b{layer}")
             w = [[numbers[f"{own}w{layer}[{u + 1},{i + 1}]"] for u in range(units)] for i in range(x.shape[1])]
-            x = x @ np.array(w) + listed(f"{own}b{layer}")
+            x = x @ np.array(w).reshape(-1, units) + listed(f"{own}b{layer}")
             x = activation(x) if layer < layers else x
         linear = listed(f"{own}linear")
         match form:
@@ -55,6 +72,10 @@ def predict(model, row):
                 y = x[:, 0] + a @ linear
             case "m2d":
                 y = (a * (x + linear)).sum(1)
+            case "m3tl" | "m3s" | "m3v":
+                vector, constant = (x, numbers[f"{own}constant"]) if form == "m3v" else (0, x[:, 0])
+                scales = numbers["target_scale"], numbers["bt_scale_nt"]
+                y = aircraft_field(a, linear, vector, words["coupling"], *scales) + constant
         fields.append(numbers["target_mean"] + numbers["target_scale"] * y)
     return np.mean(fields, axis=0)
 

@@ -4,6 +4,7 @@
 //! other terms. A table without that term is a linear model: a sum of coefficients times terms.
 
 mod boosted_trees;
+mod columns;
 mod external;
 mod network;
 mod random_features;
@@ -12,11 +13,12 @@ mod windowed;
 
 use learning::{
     inputs::InputScaling,
-    network::{NetworkShape, WindowedNetworkShape},
+    network::{NetworkShape, VectorFrame, WindowedNetworkShape},
 };
 use schemas::{Fault, choice};
 
 pub use boosted_trees::BoostedTrees;
+pub use columns::NetworkColumns;
 pub use external::{ExternalModel, ExternalModelReader, ForeignModel, set_external_reader};
 pub use network::NetworkEnsemble;
 pub use random_features::RandomFourierModel;
@@ -76,6 +78,8 @@ pub struct NetworkParts<'a> {
     pub scaling: &'a InputScaling,
     /// Names of the linear terms.
     pub linear: &'a [String],
+    /// Vector form of the linear terms, if any.
+    pub frame: Option<VectorFrame>,
     /// Layers of the network.
     pub layers: NetworkLayers<'a>,
     /// Parameters of each member.

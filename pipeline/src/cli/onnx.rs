@@ -72,12 +72,14 @@ pub fn run(args: &OnnxArgs) -> Result<(), ExitReason> {
     }
     let Some(LearnedModel::Network(network)) = LearnedModel::read(&terms.names, &terms.values)? else {
         let fault = Fault::new(format!("{} has no dense network", args.table));
-        return Err(fault.help("only the models `m1`, `m2a` to `m2d`, `tlnn` and `etlnn` can be exported").into());
+        return Err(fault.help("only networks of single samples can be exported: `m1`, `m2a` to `m2d`, `m3tl` to `m3vc`, `tlnn` and `etlnn`").into());
     };
     let bytes = network.to_onnx()?;
     std::fs::write(&args.output, &bytes)
         .map_err(|e| Fault::machine(format!("cannot write {}: {e}", args.output.display())))?;
-    err!("input `x`: {}", network.inputs().join(", "));
+    if !network.inputs().is_empty() {
+        err!("input `x`: {}", network.inputs().join(", "));
+    }
     if !network.linear().is_empty() {
         err!("input `a`: {}", network.linear().join(", "));
     }

@@ -9,7 +9,8 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 
 use learning::network::{
-    ActivationFunction, NetworkForm, NetworkSamples, NetworkShape, NetworkTraining, TrainingState, train,
+    ActivationFunction, FieldCoupling, NetworkForm, NetworkSamples, NetworkShape, NetworkTraining, TrainingState,
+    VectorFrame, train,
 };
 use numerics::random::NormalGenerator;
 
@@ -30,10 +31,16 @@ fn main() -> Result<(), Failure> {
         "{ROWS} samples of {INPUTS} inputs, batches of 2048; the fastest of {} epochs: clock, processors",
         EPOCHS - 1
     );
-    let cases: [(NetworkForm, &[usize]); 6] = [
+    // Rows of the vector forms, from Tolles-Lawson terms of a field of 50,000 nT in random directions.
+    let terms: Vec<f64> = a.chunks_exact(TERMS).flat_map(terms).collect();
+    let frame = VectorFrame { coupling: FieldCoupling::Magnitude, bt_scale_nt: 50_000.0, target_scale_nt: 100.0 };
+    let vectors = frame.rows(&terms, TERMS);
+    let cases: [(NetworkForm, &[usize]); 8] = [
         (NetworkForm::Plain, &[8]),
         (NetworkForm::TrainedLinear, &[8]),
         (NetworkForm::Weights, &[8]),
+        (NetworkForm::VectorScalar, &[8]),
+        (NetworkForm::VectorNetwork, &[8]),
         (NetworkForm::Plain, &[16, 8]),
         (NetworkForm::Plain, &[64, 32]),
         (NetworkForm::Plain, &[16, 16, 16]),
@@ -47,12 +54,27 @@ fn main() -> Result<(), Failure> {
             activation: ActivationFunction::Swish,
             form,
         };
-        let samples = NetworkSamples { x: &x, a: if linear == 0 { &[] } else { &a }, y: &y };
+        let a: &[f64] = match form {
+            NetworkForm::Plain => &[],
+            form if form.is_vector() => &vectors,
+            _ => &a,
+        };
+        let samples = NetworkSamples { x: &x, a, y: &y };
         let one = timed(&shape, &samples, 1)?;
         let two = timed(&shape, &samples, 2)?;
         assert_eq!(one, two, "the bits depend on the number of threads");
     }
     Ok(())
+}
+
+/// Tolles-Lawson terms of a random direction and a random change of the field.
+fn terms(random: &[f64]) -> Vec<f64> {
+    let size = random[..3].iter().map(|x| x * x).sum::<f64>().sqrt();
+    let u: Vec<f64> = random[..3].iter().map(|x| x / size).collect();
+    let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+    let induced = pairs.into_iter().map(|(i, j)| u[i] * u[j]);
+    let eddy = (0..3).flat_map(|i| random[3..6].iter().map(move |change| (i, 0.01 * change)));
+    u.iter().copied().chain(induced).chain(eddy.map(|(i, change)| u[i] * change)).collect()
 }
 
 /// Trains with `threads` threads and returns the parameters.

@@ -50,7 +50,9 @@
 //! ```
 
 mod activation;
+mod attention;
 mod convolution;
+mod curriculum;
 mod ensemble;
 mod gathering;
 mod kernels;
@@ -65,6 +67,7 @@ mod state;
 mod terms;
 mod together;
 mod training;
+mod vector;
 mod windowed;
 
 pub use activation::ActivationFunction;
@@ -80,6 +83,7 @@ pub use training::{
     LearningRateSchedule, NetworkOptimiser, NetworkSamples, NetworkTraining, SparseGroupLasso, TrainingEpoch,
     TrainingError, TrainingResult,
 };
+pub use vector::{FieldCoupling, TERMS_WITHOUT_EDDY, VECTOR_TERMS, VectorFrame};
 pub use windowed::{MemoryLayers, SampleRuns, WindowedNetworkShape};
 
 #[cfg(test)]
@@ -88,5 +92,7 @@ mod onnx_tests;
 mod tests;
 #[cfg(test)]
 mod together_tests;
+#[cfg(test)]
+mod vector_tests;
 #[cfg(test)]
 mod windowed_tests;

@@ -104,7 +104,9 @@ impl FitAggregator {
         let point = &self.points[place];
         let network = point.model.network().filter(|_| matches!(self.starts[place], Ok(None)));
         NetworkInputsKey {
-            network: network.map(|network| (network.keys.inputs.as_deref(), network.keys.validation.as_slice())),
+            network: network.map(|network| {
+                (network.has_inputs(), network.keys.inputs.as_deref(), network.keys.validation.as_slice())
+            }),
             whiten: point.settings.whiten.map(f64::to_bits),
         }
     }
@@ -113,7 +115,7 @@ impl FitAggregator {
     fn shared_inputs(&self, samples: &FitSamples, group: &[usize]) -> Option<SharedInputs> {
         let first = &self.points[*group.first().filter(|_| group.len() > 1)?];
         let network = first.model.network().filter(|_| self.inputs_key(group[0]).network.is_some())?;
-        Some(NetworkInputs::from_samples(network.keys, samples, first.settings.whiten, None))
+        Some(NetworkInputs::from_samples(&network, samples, first.settings.whiten, None))
     }
 
     /// Points of a group in order, grouped by the order in which the training visits the samples.
@@ -164,8 +166,8 @@ impl FitAggregator {
 /// Settings, other than the samples, that determine the inputs of a network.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct NetworkInputsKey<'a> {
-    /// Keys `inputs` and `validation`. `None` for other models, and for a network with a warm start, which has its own
+    /// Whether there are inputs, and the keys `inputs` and `validation`. `None` for other models, and for a network with a warm start, which has its own
     /// scales.
-    network: Option<(Option<&'a [String]>, &'a [String])>,
+    network: Option<(bool, Option<&'a [String]>, &'a [String])>,
     whiten: Option<u64>,
 }

@@ -156,7 +156,7 @@ pub trait FitModel: Send + Sync {
 
     /// Reason why a key of the model has no effect. `None` if the key has an effect.
     fn idle(&self, key: &str) -> Option<Fault> {
-        self.network()?.keys.idle(key)
+        self.network()?.idle(key)
     }
 
     /// Cost of a sample in relative units; see `Stage::effort` of the crate `schemas`.

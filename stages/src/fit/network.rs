@@ -7,6 +7,7 @@ mod linear_part;
 mod model;
 mod prepared;
 mod training;
+mod vector_keys;
 mod warm_start;
 mod window;
 
@@ -16,4 +17,5 @@ pub use linear_part::LinearPart;
 pub use model::NetworkModel;
 pub use prepared::TrainingTask;
 pub use training::learn_together;
+pub use vector_keys::{CurriculumKeys, VectorKeys};
 pub use window::{WindowKeys, WindowLayers};

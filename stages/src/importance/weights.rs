@@ -299,7 +299,12 @@ fn first_layer(
     };
     let outputs = match shape.form {
         NetworkForm::Weights | NetworkForm::WeightsAroundFixed => shape.linear,
-        NetworkForm::Plain | NetworkForm::FixedLinear | NetworkForm::TrainedLinear => 1,
+        NetworkForm::VectorNetwork => 3,
+        NetworkForm::Plain
+        | NetworkForm::FixedLinear
+        | NetworkForm::TrainedLinear
+        | NetworkForm::VectorOnly
+        | NetworkForm::VectorScalar => 1,
     };
     let units = shape.hidden.first().copied().unwrap_or(outputs);
     let own = inputs.len();

@@ -311,9 +311,9 @@ mod tests {
         let scaling = InputScaling { mean: vec![1.0, -2.0], scale: vec![2.0, 0.5], components: None };
         let activation = network::ActivationFunction::Swish;
         let shape = NetworkShape { inputs: 2, linear: 0, hidden: vec![3], activation, form: NetworkForm::Plain };
+        let columns = trained::NetworkColumns::new(named(&["b", "a"]), vec![], None);
         let members = (0..members).map(|m| shape.initial(m as u64, &[])).collect();
-        let made =
-            trained::NetworkEnsemble::new(named(&["b", "a"]), scaling, vec![], shape, members, (40.0, 7.0)).unwrap();
+        let made = trained::NetworkEnsemble::new(columns, scaling, shape, members, (40.0, 7.0)).unwrap();
         let terms = LearnedModel::Network(made.clone()).terms();
         let (terms, values_nt): (Vec<String>, Vec<f64>) = terms.into_iter().map(|t| (t.name, t.value)).unzip();
         let sigmas_nt = vec![f64::NAN; terms.len()];

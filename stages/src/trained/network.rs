@@ -9,6 +9,15 @@
 //! | `m2a` | a . N(z), with one output of N per linear term |
 //! | `m2b`, `m2c` | N(z) + a . `linear` |
 //! | `m2d` | a . (N(z) + `linear`) |
+//! | `m3tl` | f(v) + `b1[1]` |
+//! | `m3s` | f(v) + N(z) |
+//! | `m3v` | f(v + N(z)) + `constant`, with three outputs of N |
+//!
+//! The vector v = p + M B/s + E dB/s has the 9 or 18 coefficients `linear`: p = `linear[1]` to `[3]`, the symmetric M
+//! with the diagonal `[4]`, `[7]`, `[9]` and half of `[5]`, `[6]`, `[8]` beside it, and E row by row. With s =
+//! `bt_scale_nt`, B/s = x (xx + yy + zz) / |x|^2 and dB_j/s = sum of x_i ij_dot over i / |x|^2 follow from the terms,
+//! where x are the terms x, y, z. The `coupling` `projection` is f(v) = x . v. The `coupling` `magnitude` is
+//! f(v) = (2 u . v - k v . v) / (1 + |u - k v|) with u = B/|B| and k = `target_scale` / |B|.
 //!
 //! N applies, layer by layer, the activation to `w` z + `b`; the last layer has no activation. `w1[3,17]` is the weight
 //! of unit 3 of the first layer for its input 17, `b1[3]` the bias. Several members are averaged.
@@ -21,12 +30,14 @@ use numerics::regression::statistics;
 use schemas::Fault;
 
 use super::{
-    FieldPrediction, NetworkLayers, NetworkParts,
+    FieldPrediction, NetworkColumns, NetworkLayers, NetworkParts,
     terms::{TermLookup, TermValue, broken, list, member_of, named_list, term},
 };
 
 /// Rows per prediction.
 const ROWS: usize = 4096;
+/// Step of the central difference with respect to a term of a vector form.
+const VECTOR_STEP: f64 = 1e-5;
 
 /// The parts of a network with one hidden layer.
 pub struct OneLayerNetwork<'a> {
@@ -49,20 +60,14 @@ pub struct OneLayerNetwork<'a> {
 /// Network, or the mean of several networks of one shape.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NetworkEnsemble {
-    /// The names of the inputs.
-    inputs: Vec<String>,
+    columns: NetworkColumns,
     /// Scaling of the inputs.
     scaling: InputScaling,
-    /// The names of the linear terms.
-    linear: Vec<String>,
     shape: NetworkShape,
     /// The parameters of each member.
     members: Vec<Vec<f64>>,
     /// Mean and scale of the target, nT.
     target: (f64, f64),
-    /// Inputs and further linear terms, and the positions of the linear terms among them.
-    columns: Vec<String>,
-    linear_at: Vec<usize>,
 }
 
 impl NetworkEnsemble {
@@ -71,54 +76,49 @@ impl NetworkEnsemble {
     /// # Errors
     /// If the parts do not match.
     pub fn new(
-        inputs: Vec<String>,
+        columns: NetworkColumns,
         scaling: InputScaling,
-        linear: Vec<String>,
         shape: NetworkShape,
         members: Vec<Vec<f64>>,
         target: (f64, f64),
     ) -> Result<Self, Fault> {
-        let fits = scaling.mean.len() == inputs.len()
-            && scaling.scale.len() == inputs.len()
+        let inputs = columns.inputs.len();
+        let fits = scaling.mean.len() == inputs
+            && scaling.scale.len() == inputs
             && shape.inputs == scaling.width()
-            && shape.linear == linear.len()
+            && shape.linear == columns.linear.len()
+            && shape.form.is_vector() == columns.frame.is_some()
+            && (!shape.form.is_vector() || shape.check().is_ok())
             && !members.is_empty()
             && members.iter().all(|m| m.len() == shape.parameters());
         if !fits {
             return Err(broken("its parts have different sizes".to_owned()));
         }
-        let mut columns = inputs.clone();
-        let mut place = |name: &String| {
-            columns.iter().position(|c| c == name).unwrap_or_else(|| {
-                columns.push(name.clone());
-                columns.len() - 1
-            })
-        };
-        let linear_at = linear.iter().map(&mut place).collect();
-        Ok(Self { inputs, scaling, linear, shape, members, target, columns, linear_at })
+        Ok(Self { columns, scaling, shape, members, target })
     }
 
     /// The columns of a row.
     pub fn columns(&self) -> &[String] {
-        &self.columns
+        &self.columns.all
     }
 
     /// The names of the inputs.
     pub fn inputs(&self) -> &[String] {
-        &self.inputs
+        &self.columns.inputs
     }
 
     /// The names of the linear terms.
     pub fn linear(&self) -> &[String] {
-        &self.linear
+        &self.columns.linear
     }
 
     /// See [`LearnedModel::parts`](super::LearnedModel::parts).
     pub fn parts(&self) -> NetworkParts<'_> {
         NetworkParts {
-            inputs: &self.inputs,
+            inputs: self.inputs(),
             scaling: &self.scaling,
-            linear: &self.linear,
+            linear: self.linear(),
+            frame: self.columns.frame,
             layers: NetworkLayers::Dense(&self.shape),
             members: &self.members,
             scale_nt: self.target.1,
@@ -136,16 +136,14 @@ impl NetworkEnsemble {
             return Err(Fault::data(what).help("fit the model with `members = 1`"));
         };
         let (target_mean, target_scale) = self.target;
-        let scales = NetworkScales { inputs: &self.scaling, linear: None, target_mean, target_scale };
+        let frame = self.columns.frame;
+        let scales = NetworkScales { inputs: &self.scaling, linear: None, frame, target_mean, target_scale };
         self.shape.to_onnx(member, &scales).map_err(|e| Fault::bug(e.to_string()))
     }
 
     /// The scaled inputs and the linear terms of rows.
     fn split(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let rows = || x.chunks_exact(self.columns.len().max(1));
-        let own = self.inputs.len();
-        let inputs: Vec<f64> = rows().flat_map(|row| row.iter().take(own).copied()).collect();
-        let linear = rows().flat_map(|row| self.linear_at.iter().filter_map(|&i| row.get(i).copied())).collect();
+        let (inputs, linear) = self.columns.split(x);
         (self.scaling.apply(&inputs), linear)
     }
 
@@ -154,11 +152,12 @@ impl NetworkEnsemble {
         let (mean, scale) = self.target;
         let mut field_nt = vec![];
         let mut sigma_nt = (self.members.len() > 1).then(Vec::new);
-        for rows in x.chunks(ROWS * self.columns.len().max(1)) {
+        for rows in x.chunks(ROWS * self.columns().len().max(1)) {
             let (z, a) = self.split(rows);
+            let a = self.columns.rows(a);
             let all: Vec<Vec<f64>> = self.members.iter().map(|m| self.shape.predict(m, &z, &a)).collect();
             let of_row = |row: usize| all.iter().filter_map(|m| m.get(row)).map(|y| mean + scale * y).collect();
-            for row in 0..rows.len() / self.columns.len().max(1) {
+            for row in 0..rows.len() / self.columns().len().max(1) {
                 let values: Vec<f64> = of_row(row);
                 field_nt.push(statistics::mean(&values).value);
                 sigma_nt.iter_mut().for_each(|s| s.push(statistics::std(&values).value));
@@ -184,11 +183,11 @@ impl NetworkEnsemble {
         if self.scaling.components.is_some() {
             return fault("uses principal components");
         }
-        let (w, rest) = member.split_at(hidden * self.inputs.len());
+        let (w, rest) = member.split_at(hidden * self.inputs().len());
         let (b, rest) = rest.split_at(hidden);
         let (v, last) = rest.split_at(hidden);
         Ok(OneLayerNetwork {
-            names: &self.inputs,
+            names: self.inputs(),
             mean: &self.scaling.mean,
             scale: &self.scaling.scale,
             activation: self.shape.activation,
@@ -204,12 +203,13 @@ impl NetworkEnsemble {
     /// has the sum of both derivatives.
     pub fn gradient(&self, x: &[f64]) -> Vec<f64> {
         let (z, a) = self.split(x);
-        let (width, own) = (self.columns.len(), self.inputs.len());
+        let (width, own) = (self.columns().len(), self.inputs().len());
+        let rows = self.columns.rows(a.clone());
         let (_, scale) = self.target;
         let share = scale / self.members.len() as f64;
         let mut out = vec![0.0; x.len()];
         for member in &self.members {
-            let by_z = self.shape.gradient_of_inputs(member, &z, &a);
+            let by_z = self.shape.gradient_of_inputs(member, &z, &rows);
             for (row, by_z) in out.chunks_exact_mut(width).zip(by_z.chunks_exact(self.shape.inputs.max(1))) {
                 for (i, by_x) in row.iter_mut().take(own).enumerate() {
                     let by_z: f64 = match &self.scaling.components {
@@ -219,13 +219,23 @@ impl NetworkEnsemble {
                     *by_x += share * by_z / self.scaling.scale[i];
                 }
             }
-            // Every form is linear in each linear term.
-            let without = self.shape.predict(member, &z, &vec![0.0; a.len()]);
-            for (term, &at) in self.linear_at.iter().enumerate() {
-                let unit: Vec<f64> = (0..a.len()).map(|i| f64::from(u8::from(i % self.linear.len() == term))).collect();
-                let with = self.shape.predict(member, &z, &unit);
+            // Every form but the vector forms is linear in each linear term.
+            let vector = self.columns.frame.is_some();
+            let step = if vector { VECTOR_STEP } else { 1.0 };
+            let moved = |term: usize, by: f64| {
+                let terms = self.linear().len();
+                let own = |(i, a): (usize, &f64)| {
+                    let by = if i % terms == term { by } else { 0.0 };
+                    if vector { a + by } else { by }
+                };
+                let a: Vec<f64> = a.iter().enumerate().map(own).collect();
+                self.shape.predict(member, &z, &self.columns.rows(a))
+            };
+            for (term, &at) in self.columns.linear_at.iter().enumerate() {
+                let (with, without) = (moved(term, step), moved(term, if vector { -step } else { 0.0 }));
+                let distance = if vector { 2.0 * step } else { 1.0 };
                 for (row, (with, without)) in out.chunks_exact_mut(width).zip(with.iter().zip(&without)) {
-                    row[at] += share * (with - without);
+                    row[at] += share * (with - without) / distance;
                 }
             }
         }
@@ -239,10 +249,10 @@ impl NetworkEnsemble {
         let mut out =
             vec![term(format!("form {}", form.word()), 1.0), term(format!("activation {}", activation.word()), 1.0)];
         out.extend(list("hidden", &hidden));
-        out.extend(named_list("input_mean", &self.inputs, &self.scaling.mean));
+        out.extend(named_list("input_mean", self.inputs(), &self.scaling.mean));
         out.extend(list("input_scale", &self.scaling.scale));
         if let Some(components) = &self.scaling.components {
-            let own = self.inputs.len().max(1);
+            let own = self.inputs().len().max(1);
             let weights = components.weights.chunks_exact(own).enumerate();
             out.extend(weights.flat_map(|(k, row)| {
                 row.iter().enumerate().map(move |(i, w)| term(format!("component[{},{}]", k + 1, i + 1), *w))
@@ -250,7 +260,7 @@ impl NetworkEnsemble {
             out.push(term("components", components.count as f64));
             out.push(term("components_explain", components.explained));
         }
-        out.extend(named_list("linear_term", &self.linear, &vec![1.0; self.linear.len()]));
+        out.extend(self.columns.linear_terms());
         out.push(term("target_mean", self.target.0));
         out.push(term("target_scale", self.target.1));
         out.push(term("members", self.members.len() as f64));
@@ -266,11 +276,12 @@ impl NetworkEnsemble {
     /// # Errors
     /// If the table is incomplete.
     pub fn read(terms: &TermLookup) -> Result<Self, Fault> {
-        let (form, activation) = (terms.choice("form")?, terms.choice("activation")?);
+        let (form, activation): (NetworkForm, _) = (terms.choice("form")?, terms.choice("activation")?);
         let (_, hidden) = terms.list("hidden")?;
         let (inputs, mean) = terms.list("input_mean")?;
         let (_, scale) = terms.list("input_scale")?;
-        let (linear, _) = terms.list("linear_term")?;
+        let columns = NetworkColumns::read(terms, inputs, form.is_vector())?;
+        let inputs = &columns.inputs;
         let components = match terms.count("components") {
             Err(_) => None,
             Ok(count) => {
@@ -284,7 +295,8 @@ impl NetworkEnsemble {
         }
         let scaling = InputScaling { mean, scale, components };
         let hidden = hidden.iter().map(|units| *units as usize).collect();
-        let shape = NetworkShape { inputs: scaling.width(), linear: linear.len(), hidden, activation, form };
+        let linear = columns.linear.len();
+        let shape = NetworkShape { inputs: scaling.width(), linear, hidden, activation, form };
         let names = shape.names();
         let member = |m: usize| {
             let all = names.iter().map(|name| terms.value(&format!("{}{name}", member_of(m))));
@@ -292,17 +304,22 @@ impl NetworkEnsemble {
         };
         let members = (0..terms.count("members")?).map(member).collect::<Result<Vec<_>, Fault>>()?;
         let target = (terms.value("target_mean")?, terms.value("target_scale")?);
-        NetworkEnsemble::new(inputs, scaling, linear, shape, members, target)
+        NetworkEnsemble::new(columns, scaling, shape, members, target)
     }
 }
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use learning::network::{FieldCoupling, VECTOR_TERMS, VectorFrame};
+
     use super::super::LearnedModel;
     use super::*;
 
-    const FORMS: [NetworkForm; 5] = [
+    const FORMS: [NetworkForm; 8] = [
+        NetworkForm::VectorOnly,
+        NetworkForm::VectorScalar,
+        NetworkForm::VectorNetwork,
         NetworkForm::Plain,
         NetworkForm::Weights,
         NetworkForm::FixedLinear,
@@ -312,17 +329,49 @@ mod tests {
 
     fn network(form: NetworkForm, members: usize) -> NetworkEnsemble {
         let names = |names: &[&str]| names.iter().map(ToString::to_string).collect::<Vec<_>>();
-        let linear = if form == NetworkForm::Plain { vec![] } else { names(&["b", "bias"]) };
-        let scaling = InputScaling { mean: vec![1.0, -2.0], scale: vec![2.0, 0.5], components: None };
+        let linear = match form {
+            NetworkForm::Plain => vec![],
+            form if form.is_vector() => names(&VECTOR_TERMS),
+            _ => names(&["b", "bias"]),
+        };
+        let frame = form.is_vector().then_some(VectorFrame {
+            coupling: FieldCoupling::Magnitude,
+            bt_scale_nt: 50_000.0,
+            target_scale_nt: 7.0,
+        });
+        let without = form == NetworkForm::VectorOnly;
+        let inputs = if without { vec![] } else { names(&["a", "b"]) };
+        let own = |values: [f64; 2]| values[..inputs.len()].to_vec();
+        let scaling = InputScaling { mean: own([1.0, -2.0]), scale: own([2.0, 0.5]), components: None };
         let shape = NetworkShape {
-            inputs: 2,
+            inputs: inputs.len(),
             linear: linear.len(),
-            hidden: vec![3, 2],
+            hidden: if without { vec![] } else { vec![3, 2] },
             activation: ActivationFunction::Swish,
             form,
         };
         let members = (0..members).map(|m| shape.initial(m as u64, &vec![0.3; linear.len()])).collect();
-        NetworkEnsemble::new(names(&["a", "b"]), scaling, linear, shape, members, (40.0, 7.0)).unwrap()
+        let columns = NetworkColumns::new(inputs, linear, frame);
+        NetworkEnsemble::new(columns, scaling, shape, members, (40.0, 7.0)).unwrap()
+    }
+
+    /// Rows of the columns of a network: inputs, then terms of the fields of three attitudes.
+    fn rows(network: &NetworkEnsemble) -> Vec<f64> {
+        let width = network.columns().len();
+        if network.columns.frame.is_none() {
+            return ROWS.chunks(3).flat_map(|r| r[..width].to_vec()).collect();
+        }
+        let wave = |i: usize| (1.3 * i as f64).sin();
+        let row = |k: usize| {
+            let u = [0.6, -0.64, 0.48].map(|u: f64| u + 0.1 * wave(k));
+            let field = u.map(|u| 1.1 * u);
+            let change = [0.02 * wave(k + 1), -0.03, 0.01 * wave(k + 4)];
+            let mut terms = u.to_vec();
+            terms.extend((0..3).flat_map(|i| (i..3).map(move |j| u[i] * field[j])));
+            terms.extend((0..3).flat_map(|i| change.map(|d| u[i] * d)));
+            [&ROWS[3 * k..][..width - 18], &terms].concat()
+        };
+        (0..3).flat_map(row).collect()
     }
 
     const ROWS: [f64; 9] = [0.3, -1.0, 1.0, 4.0, 0.5, 1.0, -2.0, 3.0, 1.0];
@@ -353,7 +402,7 @@ mod tests {
         for form in FORMS {
             let network = network(form, 2);
             let width = network.columns().len();
-            let rows: Vec<f64> = ROWS.chunks(3).flat_map(|r| r[..width].to_vec()).collect();
+            let rows = rows(&network);
             let gradient = network.gradient(&rows);
             for at in 0..rows.len() {
                 let moved = |by: f64| {

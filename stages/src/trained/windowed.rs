@@ -3,7 +3,8 @@
 //! The inputs are scaled as in [`network`](super::network): z = (x - `input_mean`) / `input_scale`. `memory` computes
 //! features of `window` samples at `rate_hz`, of which the last is the predicted sample. A dense network with `hidden`
 //! layers computes the field from them: `target_mean` + `target_scale` N. If a run of samples is shorter than the
-//! window, its first sample replaces the missing earlier ones. The weights have the names of their PyTorch layout:
+//! window, its first sample replaces the missing earlier ones. With the linear terms of a vector form, the prediction
+//! is that of the form `m3s` of [`network`](super::network). The weights have the names of their PyTorch layout:
 //! [`learning::network::WindowedNetworkShape`].
 
 use learning::{
@@ -14,7 +15,7 @@ use numerics::regression::statistics;
 use schemas::Fault;
 
 use super::{
-    FieldPrediction, NetworkLayers, NetworkParts,
+    FieldPrediction, NetworkColumns, NetworkLayers, NetworkParts,
     terms::{TermLookup, TermValue, broken, list, member_of, named_list, term},
 };
 
@@ -24,7 +25,7 @@ const RATE_TOLERANCE: f64 = 0.01;
 /// Network over a window of samples, or the mean of several of one shape.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WindowedNetwork {
-    inputs: Vec<String>,
+    columns: NetworkColumns,
     scaling: InputScaling,
     core: WindowedNetworkShape,
     members: Vec<Vec<f64>>,
@@ -41,7 +42,7 @@ impl WindowedNetwork {
     /// # Errors
     /// If the parts do not match.
     pub fn new(
-        inputs: Vec<String>,
+        columns: NetworkColumns,
         scaling: InputScaling,
         core: WindowedNetworkShape,
         members: Vec<Vec<f64>>,
@@ -49,30 +50,34 @@ impl WindowedNetwork {
         rate_hz: f64,
     ) -> Result<Self, Fault> {
         core.check().map_err(|e| broken(e.to_string()))?;
+        let inputs = columns.inputs.len();
         let fits = scaling.components.is_none()
-            && scaling.mean.len() == inputs.len()
-            && scaling.scale.len() == inputs.len()
-            && core.inputs == inputs.len()
+            && scaling.mean.len() == inputs
+            && scaling.scale.len() == inputs
+            && core.inputs == inputs
+            && core.head.linear == columns.linear.len()
+            && core.head.form.is_vector() == columns.frame.is_some()
             && rate_hz > 0.0
             && !members.is_empty()
             && members.iter().all(|m| m.len() == core.parameters());
         if !fits {
             return Err(broken("its parts have different sizes".to_owned()));
         }
-        Ok(Self { inputs, scaling, core, members, target, rate_hz })
+        Ok(Self { columns, scaling, core, members, target, rate_hz })
     }
 
     /// The columns of a row.
     pub fn columns(&self) -> &[String] {
-        &self.inputs
+        &self.columns.all
     }
 
     /// See [`LearnedModel::parts`](super::LearnedModel::parts).
     pub fn parts(&self) -> NetworkParts<'_> {
         NetworkParts {
-            inputs: &self.inputs,
+            inputs: &self.columns.inputs,
             scaling: &self.scaling,
-            linear: &[],
+            linear: &self.columns.linear,
+            frame: self.columns.frame,
             layers: NetworkLayers::Windowed(&self.core, self.rate_hz),
             members: &self.members,
             scale_nt: self.target.1,
@@ -97,9 +102,10 @@ impl WindowedNetwork {
     /// Prediction for rows in runs of these lengths.
     pub fn predict(&self, x: &[f64], runs: &[usize]) -> FieldPrediction {
         let (mean, scale) = self.target;
-        let z = self.scaling.apply(x);
-        let all: Vec<Vec<f64>> = self.members.iter().map(|m| self.core.predict(m, &z, &[], runs)).collect();
-        let rows = x.len() / self.inputs.len().max(1);
+        let (inputs, linear) = self.columns.split(x);
+        let (z, a) = (self.scaling.apply(&inputs), self.columns.rows(linear));
+        let all: Vec<Vec<f64>> = self.members.iter().map(|m| self.core.predict(m, &z, &a, runs)).collect();
+        let rows = x.len() / self.columns().len().max(1);
         let of_row = |row: usize| all.iter().filter_map(|m| m.get(row)).map(|y| mean + scale * y).collect::<Vec<f64>>();
         let values: Vec<Vec<f64>> = (0..rows).map(of_row).collect();
         let sigma_nt = (self.members.len() > 1).then(|| values.iter().map(|v| statistics::std(v).value).collect());
@@ -108,7 +114,7 @@ impl WindowedNetwork {
 
     /// The terms of its table.
     pub fn terms(&self) -> Vec<TermValue> {
-        let WindowedNetworkShape { memory, window, units, head, .. } = &self.core;
+        let WindowedNetworkShape { memory, window, units, heads, head, .. } = &self.core;
         let hidden: Vec<f64> = head.hidden.iter().map(|units| *units as f64).collect();
         let mut out = vec![
             term(format!("memory {}", memory.word()), 1.0),
@@ -117,9 +123,13 @@ impl WindowedNetwork {
             term("units", *units as f64),
             term("rate_hz", self.rate_hz),
         ];
+        if *memory == MemoryLayers::Transformer {
+            out.push(term("heads", *heads as f64));
+        }
         out.extend(list("hidden", &hidden));
-        out.extend(named_list("input_mean", &self.inputs, &self.scaling.mean));
+        out.extend(named_list("input_mean", &self.columns.inputs, &self.scaling.mean));
         out.extend(list("input_scale", &self.scaling.scale));
+        out.extend(self.columns.linear_terms());
         out.push(term("target_mean", self.target.0));
         out.push(term("target_scale", self.target.1));
         out.push(term("members", self.members.len() as f64));
@@ -145,8 +155,15 @@ impl WindowedNetwork {
         }
         let (window, units) = (terms.count("window")?, terms.count("units")?);
         let hidden = hidden.iter().map(|units| *units as usize).collect();
-        let head = NetworkShape { inputs: units, linear: 0, hidden, activation, form: NetworkForm::Plain };
-        let core = WindowedNetworkShape { memory, inputs: inputs.len(), window, units, head };
+        let vector = terms.word("coupling").is_ok();
+        let form = if vector { NetworkForm::VectorScalar } else { NetworkForm::Plain };
+        let columns = NetworkColumns::read(terms, inputs, vector)?;
+        let (inputs, linear) = (&columns.inputs, columns.linear.len());
+        let transformer = memory == MemoryLayers::Transformer;
+        let heads = if transformer { terms.count("heads")? } else { 1 };
+        let features = if transformer { units.saturating_mul(window) } else { units };
+        let head = NetworkShape { inputs: features, linear, hidden, activation, form };
+        let core = WindowedNetworkShape { memory, inputs: inputs.len(), window, heads, units, head };
         core.check().map_err(|e| broken(e.to_string()))?;
         let names = core.names();
         let member = |m: usize| {
@@ -156,7 +173,7 @@ impl WindowedNetwork {
         let members = (0..terms.count("members")?).map(member).collect::<Result<Vec<_>, Fault>>()?;
         let target = (terms.value("target_mean")?, terms.value("target_scale")?);
         let scaling = InputScaling { mean, scale, components: None };
-        WindowedNetwork::new(inputs, scaling, core, members, target, terms.value("rate_hz")?)
+        WindowedNetwork::new(columns, scaling, core, members, target, terms.value("rate_hz")?)
     }
 }
 
@@ -176,10 +193,11 @@ mod tests {
             activation: ActivationFunction::Tanh,
             form: NetworkForm::Plain,
         };
-        let core = WindowedNetworkShape { memory, inputs: 2, window: 4, units: 3, head };
+        let core = WindowedNetworkShape { memory, inputs: 2, window: 4, heads: 1, units: 3, head };
         let members = (0..2).map(|m| core.initial(m, &[])).collect();
         let scaling = InputScaling { mean: vec![1.0, -2.0], scale: vec![2.0, 0.5], components: None };
-        WindowedNetwork::new(vec!["a".into(), "b".into()], scaling, core, members, (40.0, 7.0), 5.0).unwrap()
+        let columns = NetworkColumns::new(vec!["a".into(), "b".into()], vec![], None);
+        WindowedNetwork::new(columns, scaling, core, members, (40.0, 7.0), 5.0).unwrap()
     }
 
     #[test]

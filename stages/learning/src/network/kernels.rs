@@ -62,6 +62,12 @@ impl WeightPanels {
         self.each(|row, unit, x| *x = if row == 0 { biases[unit] } else { weights[unit * inputs + row - 1] });
     }
 
+    /// Sets rows of sums to the biases, for a layer without inputs. Such a layer has at most one panel.
+    fn fill_biases(&self, out: &mut [f64]) {
+        let stride = padded(self.units);
+        out.chunks_exact_mut(stride.max(1)).for_each(|out| out.copy_from_slice(&self.values[..stride]));
+    }
+
     /// Sets the transposed weights of a layer, with its inputs as units, for backpropagation; without biases.
     pub fn set_transposed(&mut self, weights: &[f64]) {
         let units = self.units;
@@ -80,6 +86,9 @@ impl WeightPanels {
 
 /// out = x Wᵀ + b for rows of `x`, `stride` apart; rows of `out` are padded to whole panels.
 pub(super) fn affine(x: &[f64], stride: usize, layer: &WeightPanels, out: &mut [f64]) {
+    if stride == 0 {
+        return layer.fill_biases(out);
+    }
     pulp::Arch::new().dispatch(AffineKernel { x, stride, layer, out });
 }
 

@@ -7,11 +7,12 @@ use rayon::prelude::*;
 
 use numerics::random::SplitMix64;
 
+use super::curriculum::TrainingPhase;
 use super::gathering::gather;
 use super::passes::{BLOCK, BlockWorkspace, Dropout, NetworkLinearTerms, PackedNetwork, dot};
 use super::shape::{NetworkForm, derived_seed, unit_uniform};
 use super::training::{NetworkSamples, NetworkTraining, SparseGroupLasso};
-use super::windowed::{FeatureExtractor, NetworkArchitecture};
+use super::windowed::{FeatureExtractor, MemoryLayers, NetworkArchitecture};
 
 /// Number of blocks whose gradients are in memory together.
 const ROUND: usize = 64;
@@ -57,6 +58,8 @@ pub(super) struct TrainingObjective<'a> {
     products: Option<Vec<f64>>,
     network: PackedNetwork<'a>,
     of_body: Vec<f64>,
+    /// Phase of the current epoch.
+    pub phase: Option<TrainingPhase>,
     idle: Mutex<Vec<ObjectiveWorkspace>>,
 }
 
@@ -160,6 +163,7 @@ impl GradientPass {
         }
         let mean = |(part, (loss, physics)): (&mut GradientRequest<'_, '_>, (f64, f64))| {
             let TrainingObjective { training, model, .. } = part.objective;
+            training.pull_back(*model, part.gradient);
             let loss = loss / count as f64;
             let lasso = training.sparse_group_lasso;
             let penalty = lasso.map_or(0.0, |lasso| lasso.add(*model, part.parameters, part.gradient));
@@ -186,6 +190,7 @@ impl<'a> TrainingObjective<'a> {
             products: None,
             network: PackedNetwork::new(model.head),
             of_body: vec![],
+            phase: None,
             idle: Mutex::default(),
         }
     }
@@ -214,6 +219,7 @@ impl<'a> TrainingObjective<'a> {
     }
 
     fn set(&mut self, parameters: &[f64]) {
+        let parameters = self.training.plain(self.model, self.phase, parameters);
         let (of_body, of_head) = parameters.split_at(self.model.head_start());
         self.network.set(of_head);
         self.of_body.clear();
@@ -275,7 +281,9 @@ impl<'a> TrainingObjective<'a> {
                 body.set(&self.of_body);
                 body.forward(x, rows_of_block, features);
                 factors.clear();
-                if let Some(Dropout { probability, seed }) = *dropout {
+                // The features of a whole window are inputs, not units.
+                let units = self.model.windowed.is_some_and(|windowed| windowed.memory != MemoryLayers::Window);
+                if let Some(Dropout { probability, seed }) = dropout.filter(|_| units) {
                     let mut bits = SplitMix64::new(derived_seed(seed, &[u64::MAX]));
                     let mut factor = || {
                         if unit_uniform(bits.draw()) < probability { 0.0 } else { 1.0 / (1.0 - probability) }

@@ -7,6 +7,9 @@ use crate::inputs::InputScaling;
 
 use super::activation::ActivationFunction;
 use super::shape::{NetworkForm, NetworkShape};
+use super::vector::VectorFrame;
+
+mod vector_field;
 
 /// Scales of the inputs, the linear terms and the target of a network.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,6 +19,8 @@ pub struct NetworkScales<'a> {
     /// Offsets that are added to the linear terms, and factors by which the sums are multiplied; one offset and one
     /// factor per term. `None` if the terms are unscaled.
     pub linear: Option<(&'a [f64], &'a [f64])>,
+    /// For a vector form: coupling of the aircraft field to the scalar.
+    pub frame: Option<VectorFrame>,
     /// The mean of the target, in nT.
     pub target_mean: f64,
     /// The scale of the target, in nT.
@@ -35,6 +40,9 @@ pub enum OnnxError {
         /// Required number.
         expected: usize,
     },
+    /// A vector form lacks its frame.
+    #[error("a model 3 requires the coupling of its vector field")]
+    NoFrame,
     /// A parameter or a scale is NaN or infinite.
     #[error("{what} is not finite")]
     NotFinite {
@@ -78,10 +86,13 @@ impl NetworkShape {
             return Err(OnnxError::NotFinite { what });
         }
         let mut graph = OnnxGraph::default();
-        let x = graph.scaled_inputs(scales.inputs);
-        let mut values = x;
+        let has_inputs = self.inputs > 0;
         let layers = self.layers();
-        for (number, layer) in layers.iter().enumerate() {
+        let mut values = match layers.last() {
+            Some(layer) if !has_inputs => graph.constant(&[1], layer.biases(parameters)),
+            _ => graph.scaled_inputs(scales.inputs),
+        };
+        for (number, layer) in layers.iter().enumerate().filter(|_| has_inputs) {
             let weights = graph.constant(&[layer.units, layer.inputs], layer.weights(parameters));
             let biases = graph.constant(&[layer.units], layer.biases(parameters));
             values = graph.dense(&values, &weights, &biases);
@@ -89,11 +100,21 @@ impl NetworkShape {
                 values = graph.activation(self.activation, &values);
             }
         }
-        if self.form != NetworkForm::Plain {
+        if self.form.is_vector() {
+            let frame = scales.frame.as_ref().ok_or(OnnxError::NoFrame)?;
+            let b = &parameters[self.linear_start()..];
+            let vectors = self.form == NetworkForm::VectorNetwork;
+            let field = graph.vector_field(&b[..self.linear], frame, vectors.then_some(values.as_str()));
+            let more = if vectors { graph.constant(&[1], &b[self.linear..]) } else { values };
+            values = graph.node("Add", &[&field, &more], &[]);
+        } else if self.form != NetworkForm::Plain {
             let a = graph.scaled_terms(scales.linear);
             let b = &parameters[self.linear_start()..];
             values = match self.form {
-                NetworkForm::Plain => values,
+                NetworkForm::Plain
+                | NetworkForm::VectorOnly
+                | NetworkForm::VectorScalar
+                | NetworkForm::VectorNetwork => values,
                 NetworkForm::Weights => graph.products(&a, &values),
                 NetworkForm::FixedLinear | NetworkForm::TrainedLinear => {
                     let b = graph.constant(&[self.linear, 1], b);
@@ -111,7 +132,7 @@ impl NetworkShape {
         let mean = graph.constant(&[1], &[scales.target_mean]);
         let scaled = graph.node("Mul", &[&values, &scale], &[]);
         graph.named_node("Add", &[&scaled, &mean], "y", &[]);
-        let mut given = vec![("x", columns)];
+        let mut given = if has_inputs { vec![("x", columns)] } else { vec![] };
         if self.form != NetworkForm::Plain {
             given.push(("a", self.linear));
         }

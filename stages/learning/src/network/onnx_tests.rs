@@ -41,7 +41,7 @@ fn cases() -> Vec<Case> {
     let of = |(name, shape, inputs, scaled): (&'static str, NetworkShape, InputScaling, bool)| {
         let parameters: Vec<f64> = (0..shape.parameters()).map(|i| 0.5 * (0.9 * i as f64).sin()).collect();
         let linear = scaled.then_some((OFFSET.as_slice(), FACTOR.as_slice()));
-        let scales = NetworkScales { inputs: &inputs, linear, target_mean: 12.0, target_scale: 30.0 };
+        let scales = NetworkScales { inputs: &inputs, linear, frame: None, target_mean: 12.0, target_scale: 30.0 };
         let bytes = shape.to_onnx(&parameters, &scales).unwrap();
         Case { name, shape, parameters, inputs, scaled, bytes }
     };
@@ -90,7 +90,7 @@ fn unit_mismatched_or_non_finite_parameters_are_not_exported() {
         activation: ActivationFunction::Relu,
         form: NetworkForm::TrainedLinear,
     };
-    let good = NetworkScales { inputs: &inputs, linear: None, target_mean: 0.0, target_scale: 1.0 };
+    let good = NetworkScales { inputs: &inputs, linear: None, frame: None, target_mean: 0.0, target_scale: 1.0 };
     let parameters = shape.initial(1, &[0.1, 0.2, 0.3]);
     assert!(shape.to_onnx(&parameters, &good).is_ok());
     assert!(shape.to_onnx(&parameters[1..], &good).is_err());

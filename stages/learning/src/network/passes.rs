@@ -6,6 +6,7 @@ use numerics::random::SplitMix64;
 
 use super::kernels::{WeightPanels, add_outer, affine, padded};
 use super::shape::{NetworkForm, NetworkShape, unit_uniform};
+use super::vector::{ROW, VectorCoefficients, VectorGradient};
 
 /// Rows per block. Sums within a block are over rows in order, and sums over blocks are in order, so that results do
 /// not depend on the number of threads.
@@ -17,8 +18,10 @@ pub(super) struct PackedNetwork<'a> {
     forward: Vec<WeightPanels>,
     /// The transposed weights; for the first layer only if derivatives with respect to the inputs are needed.
     backward: Vec<WeightPanels>,
-    /// The coefficients of the linear terms, if the form has them.
+    /// The coefficients of the linear terms and the constant, if the form has them.
     b: Vec<f64>,
+    /// The coefficients as matrices, for the vector forms.
+    vector: VectorCoefficients,
 }
 
 impl<'a> PackedNetwork<'a> {
@@ -27,7 +30,8 @@ impl<'a> PackedNetwork<'a> {
         Self {
             forward: layers.iter().map(|layer| WeightPanels::new(layer.inputs, layer.units)).collect(),
             backward: layers.iter().map(|layer| WeightPanels::new(layer.units, layer.inputs)).collect(),
-            b: vec![0.0; if shape.form.holds_linear() { shape.linear } else { 0 }],
+            b: vec![0.0; shape.parameters() - shape.linear_start()],
+            vector: VectorCoefficients::default(),
             shape,
         }
     }
@@ -40,6 +44,9 @@ impl<'a> PackedNetwork<'a> {
             self.backward[number].set_transposed(weights);
         }
         self.b.copy_from_slice(&parameters[self.shape.linear_start()..]);
+        if self.shape.form.is_vector() {
+            self.vector = VectorCoefficients::new(&self.b[..self.shape.linear]);
+        }
     }
 }
 
@@ -55,6 +62,8 @@ pub(super) struct BlockWorkspace {
     pub predicted: Vec<f64>,
     gradient: Vec<WeightPanels>,
     gradient_b: Vec<f64>,
+    /// For the vector forms: the gradient of each prediction with respect to the vector field.
+    directions: Vec<[f64; 3]>,
 }
 
 /// Linear terms of a block of rows.
@@ -95,6 +104,7 @@ impl BlockWorkspace {
             predicted: Vec::with_capacity(BLOCK),
             gradient: layers.iter().map(|layer| WeightPanels::new(layer.inputs, layer.units)).collect(),
             gradient_b: vec![0.0; shape.linear],
+            directions: vec![],
         }
     }
 
@@ -108,7 +118,7 @@ impl BlockWorkspace {
         dropout: Option<Dropout>,
     ) {
         let shape = network.shape;
-        let rows = x.len() / shape.inputs;
+        let rows = shape.rows(x, a.rows());
         let mut bits = dropout.map(|dropout| (dropout, SplitMix64::new(dropout.seed)));
         for (number, layer) in network.forward.iter().enumerate() {
             let (before, behind) = self.layers.split_at_mut(number);
@@ -156,8 +166,23 @@ impl BlockWorkspace {
         }
         // Without linear terms there are no products.
         let terms = |row: usize| &a.rows()[row * shape.linear..][..shape.linear];
+        if shape.form.is_vector() {
+            self.directions.clear();
+            for (output, row) in outputs.zip(a.rows().as_chunks::<ROW>().0) {
+                let (more, constant) = match shape.form {
+                    NetworkForm::VectorNetwork => ([output[0], output[1], output[2]], network.b[shape.linear]),
+                    _ => ([0.0; 3], output[0]),
+                };
+                let (field, direction) = network.vector.field(row, more);
+                self.predicted.push(field + constant);
+                self.directions.push(direction);
+            }
+            return;
+        }
         match shape.form {
-            NetworkForm::Plain => self.predicted.extend(outputs.map(|output| output[0])),
+            NetworkForm::Plain | NetworkForm::VectorOnly | NetworkForm::VectorScalar | NetworkForm::VectorNetwork => {
+                self.predicted.extend(outputs.map(|output| output[0]))
+            }
             NetworkForm::Weights => {
                 self.predicted.extend(outputs.enumerate().map(|(row, output)| dot(terms(row), output)));
             }
@@ -182,6 +207,8 @@ impl BlockWorkspace {
             if shape.form.weighs() {
                 let terms = &a[row * shape.linear..][..shape.linear];
                 delta.iter_mut().zip(terms).for_each(|(delta, term)| *delta = by * term);
+            } else if shape.form == NetworkForm::VectorNetwork {
+                delta.iter_mut().zip(self.directions[row]).for_each(|(delta, direction)| *delta = by * direction);
             } else {
                 delta[0] = *by;
             }
@@ -243,6 +270,15 @@ impl BlockWorkspace {
             }
             b.copy_from_slice(&self.gradient_b);
         }
+        if shape.form.is_vector() {
+            let mut sum = VectorGradient::default();
+            let rows = a.as_chunks::<ROW>().0.iter().zip(&self.directions).zip(by_prediction);
+            rows.for_each(|((row, direction), by)| sum.add(row, *direction, *by));
+            sum.write(&mut b[..shape.linear]);
+            if let Some(constant) = b.get_mut(shape.linear) {
+                *constant = by_prediction.iter().sum();
+            }
+        }
     }
 
     /// The derivatives of each prediction with respect to the inputs of its row. Requires [`forward`](Self::forward)
@@ -277,13 +313,14 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
 impl NetworkShape {
     /// The number of rows, if parameters, inputs and linear terms match.
     fn rows_of(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Option<usize> {
-        let rows = x.len().checked_div(self.inputs)?;
-        let terms = if self.form == NetworkForm::Plain && a.is_empty() { 0 } else { rows * self.linear };
+        let rows = self.rows(x, a);
+        let terms = if self.form == NetworkForm::Plain && a.is_empty() { 0 } else { rows * self.row_of_terms() };
         let fits = parameters.len() == self.parameters() && x.len() == rows * self.inputs && a.len() == terms;
         (fits && self.check().is_ok()).then_some(rows)
     }
 
-    /// Predictions for rows of scaled inputs and of linear terms (empty without), in the scale of the target. All are
+    /// Predictions for rows of scaled inputs and of linear terms (empty without), in the scale of the target. The
+    /// vector forms require rows of [`VectorFrame::rows`](super::VectorFrame::rows) instead of linear terms. All are
     /// NaN if parameters or terms do not match the shape. A row with a NaN input is NaN.
     pub fn predict(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
         self.by_blocks(parameters, x, a, 1, |network, buffers, x, a, out| {
@@ -297,7 +334,7 @@ impl NetworkShape {
     pub fn gradient_of_inputs(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
         self.by_blocks(parameters, x, a, self.inputs, |network, buffers, x, a, out| {
             buffers.forward(network, x, NetworkLinearTerms::Rows(a), true, None);
-            buffers.by_inputs(network, a, x.len() / network.shape.inputs, out);
+            buffers.by_inputs(network, a, network.shape.rows(x, a), out);
         })
     }
 
@@ -310,12 +347,15 @@ impl NetworkShape {
         work: impl Fn(&PackedNetwork<'_>, &mut BlockWorkspace, &[f64], &[f64], &mut [f64]) + Sync,
     ) -> Vec<f64> {
         let Some(rows) = self.rows_of(parameters, x, a) else {
-            return vec![f64::NAN; x.len() / self.inputs.max(1) * width];
+            return vec![f64::NAN; self.rows(x, a) * width];
         };
+        if width == 0 {
+            return vec![];
+        }
         let mut network = PackedNetwork::new(self);
         network.set(parameters);
         let mut out = vec![0.0; rows * width];
-        let linear = if a.is_empty() { 0 } else { self.linear };
+        let linear = if a.is_empty() { 0 } else { self.row_of_terms() };
         out.par_chunks_mut(BLOCK * width).enumerate().for_each_init(
             || BlockWorkspace::new(self),
             |buffers, (block, out)| {

@@ -5,6 +5,7 @@ use params::choice;
 
 use super::activation::ActivationFunction;
 use super::training::TrainingError;
+use super::vector::{ROW, TERMS_WITHOUT_EDDY, VECTOR_TERMS};
 
 choice! {
     /// Combination of a network N and linear terms a that predicts the target. [Gnadt 2022, sections 4.2-4.6]
@@ -21,6 +22,13 @@ choice! {
         TrainedLinear = "m2c",
         /// a·(N(x) + b) with b given and fixed: model 2d.
         WeightsAroundFixed = "m2d",
+        /// f(v) + c with the vector field v of trained Tolles-Lawson coefficients, its scalar f, and a trained
+        /// constant: model 3tl. It has no inputs. [`VectorFrame`](super::VectorFrame) defines f.
+        VectorOnly = "m3tl",
+        /// f(v) + N(x): models 3s, 3sc, 3w and 3tf.
+        VectorScalar = "m3s",
+        /// f(v + N(x)) + c, whose network has three outputs: models 3v and 3vc.
+        VectorNetwork = "m3v",
     }
 }
 
@@ -32,19 +40,21 @@ impl NetworkForm {
 
     /// Whether the vector of parameters ends with the linear coefficients b.
     pub(super) fn holds_linear(self) -> bool {
-        matches!(self, Self::FixedLinear | Self::TrainedLinear | Self::WeightsAroundFixed)
+        matches!(self, Self::FixedLinear | Self::TrainedLinear | Self::WeightsAroundFixed) || self.is_vector()
     }
 }
 
 /// A network of dense layers with additional linear terms.
 ///
 /// Its parameters are one vector. Layer by layer it holds the weights, row-major (unit, input), then the biases of the
-/// units; the output layer is the last. The coefficients b of the linear terms follow, if the form has them.
+/// units; the output layer is the last. The coefficients b of the linear terms follow, if the form has them, and the
+/// constant of [`NetworkForm::VectorNetwork`]. The constant of [`NetworkForm::VectorOnly`] is the bias of its output.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NetworkShape {
     /// The number of inputs.
     pub inputs: usize,
-    /// The number of linear terms. [`NetworkForm::Plain`] ignores them in the prediction.
+    /// The number of linear terms. [`NetworkForm::Plain`] ignores them in the prediction. The vector forms have 18, or
+    /// 9 without eddy terms.
     pub linear: usize,
     /// The number of units of each hidden layer. Without hidden layers the network is linear.
     pub hidden: Vec<usize>,
@@ -85,7 +95,25 @@ impl DenseLayer {
 impl NetworkShape {
     /// The number of outputs of the network itself.
     pub(super) fn outputs(&self) -> usize {
-        if self.form.weighs() { self.linear } else { 1 }
+        match self.form {
+            NetworkForm::Weights | NetworkForm::WeightsAroundFixed => self.linear,
+            NetworkForm::VectorNetwork => 3,
+            NetworkForm::Plain
+            | NetworkForm::FixedLinear
+            | NetworkForm::TrainedLinear
+            | NetworkForm::VectorOnly
+            | NetworkForm::VectorScalar => 1,
+        }
+    }
+
+    /// Number of values of a row of linear terms.
+    pub(super) fn row_of_terms(&self) -> usize {
+        if self.form.is_vector() { ROW } else { self.linear }
+    }
+
+    /// Number of rows of these inputs, or of these terms if there are no inputs.
+    pub(super) fn rows(&self, x: &[f64], a: &[f64]) -> usize {
+        if self.form == NetworkForm::VectorOnly { a.len() / ROW } else { x.len() / self.inputs.max(1) }
     }
 
     pub(super) fn layers(&self) -> Vec<DenseLayer> {
@@ -107,14 +135,19 @@ impl NetworkShape {
         self.layers().iter().map(|layer| layer.units * (layer.inputs + 1)).sum()
     }
 
-    /// Position of the bias of the last output.
+    /// Position of the parameter that is added to the prediction: the bias of the last output, or the constant.
     pub(super) fn last_bias(&self) -> usize {
-        self.linear_start() - 1
+        if self.has_constant() { self.parameters() - 1 } else { self.linear_start() - 1 }
+    }
+
+    fn has_constant(&self) -> bool {
+        self.form == NetworkForm::VectorNetwork
     }
 
     /// The number of parameters.
     pub fn parameters(&self) -> usize {
-        self.linear_start() + if self.form.holds_linear() { self.linear } else { 0 }
+        let linear = if self.form.holds_linear() { self.linear } else { 0 };
+        self.linear_start() + linear + usize::from(self.has_constant())
     }
 
     /// The name of each parameter, counted from 1. `w1[3,17]` is the weight of unit 3 of the first layer for its input
@@ -128,6 +161,9 @@ impl NetworkShape {
         }
         if self.form.holds_linear() {
             names.extend((1..=self.linear).map(|term| format!("linear[{term}]")));
+        }
+        if self.has_constant() {
+            names.push("constant".to_owned());
         }
         names
     }
@@ -143,8 +179,11 @@ impl NetworkShape {
             let draw = |weight: &mut f64| *weight = most * (2.0 * unit_uniform(bits.draw()) - 1.0);
             layer.split_mut(&mut parameters).0.iter_mut().for_each(draw);
         }
-        let given = linear.iter().copied().chain(std::iter::repeat(f64::NAN));
-        parameters[self.linear_start()..].iter_mut().zip(given).for_each(|(b, given)| *b = given);
+        if self.form.holds_linear() {
+            let given = linear.iter().copied().chain(std::iter::repeat(f64::NAN));
+            let b = &mut parameters[self.linear_start()..][..self.linear];
+            b.iter_mut().zip(given).for_each(|(b, given)| *b = given);
+        }
         parameters
     }
 
@@ -154,7 +193,12 @@ impl NetworkShape {
     /// Fails without inputs, for a layer without units, and without linear terms if the form requires them.
     pub fn check(&self) -> Result<(), TrainingError> {
         let setting = |what, given: f64| Err(TrainingError::Setting { what, wanted: "at least 1", given });
-        if self.inputs == 0 {
+        let without_network = self.form == NetworkForm::VectorOnly;
+        if without_network && (self.inputs > 0 || !self.hidden.is_empty()) {
+            let what = "the number of inputs and hidden layers of `m3tl`";
+            return Err(TrainingError::Setting { what, wanted: "0", given: (self.inputs + self.hidden.len()) as f64 });
+        }
+        if self.inputs == 0 && !without_network {
             return setting("the number of inputs", 0.0);
         }
         if self.hidden.contains(&0) {
@@ -162,6 +206,10 @@ impl NetworkShape {
         }
         if self.linear == 0 && self.form != NetworkForm::Plain {
             return setting("the number of linear terms of this form of network", 0.0);
+        }
+        if self.form.is_vector() && ![TERMS_WITHOUT_EDDY, VECTOR_TERMS.len()].contains(&self.linear) {
+            let what = "the number of linear terms of a model 3";
+            return Err(TrainingError::Setting { what, wanted: "9 or 18", given: self.linear as f64 });
         }
         Ok(())
     }

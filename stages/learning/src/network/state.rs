@@ -55,12 +55,12 @@ impl TrainingState {
     /// Start of a training from the parameters of [`NetworkShape::initial`] or of a trained model. The physics term
     /// uses the coefficients of the linear terms among these parameters.
     pub fn new(shape: &NetworkShape, parameters: Vec<f64>) -> Self {
-        Self::beginning(parameters, shape.linear_start())
+        Self::beginning(parameters, shape.linear_start(), shape.linear)
     }
 
-    /// The start from parameters whose linear coefficients begin at `linear`.
-    pub(super) fn beginning(parameters: Vec<f64>, linear: usize) -> Self {
-        let tolles_lawson = parameters.get(linear..).unwrap_or_default().to_vec();
+    /// The start from parameters with up to `count` linear coefficients, which begin at `linear`.
+    pub(super) fn beginning(parameters: Vec<f64>, linear: usize, count: usize) -> Self {
+        let tolles_lawson = parameters.iter().copied().skip(linear).take(count).collect();
         Self {
             epoch: 0,
             first_moments: vec![0.0; parameters.len()],

@@ -16,6 +16,10 @@ const CHUNK: usize = 4096;
 /// M, which have variance 1 and, with `whiten`, are uncorrelated. The coefficients b = M c become c, and the output's
 /// bias absorbs mean·b. M is invertible, so both networks give the same predictions, up to rounding.
 ///
+/// The vector forms train the coefficients c too, but compute the field from vectors and b = M c. The constant of the
+/// prediction is then the trained constant − mean·(b − b₀), with the initial coefficients b₀. The gradient with respect
+/// to c follows by the chain rule.
+///
 /// Terms that the network weights ([`NetworkForm::Weights`], [`NetworkForm::WeightsAroundFixed`]) are not scaled: each
 /// has its own output, and scaling would amplify terms that hardly vary. The other forms do not train coefficients of
 /// terms.
@@ -53,7 +57,10 @@ impl TermScaling {
             NetworkForm::Plain | NetworkForm::FixedLinear | NetworkForm::Weights | NetworkForm::WeightsAroundFixed => {
                 return Ok(Self { offset: 0.0, maps: None });
             }
-            NetworkForm::TrainedLinear => {}
+            NetworkForm::TrainedLinear
+            | NetworkForm::VectorOnly
+            | NetworkForm::VectorScalar
+            | NetworkForm::VectorNetwork => {}
         }
         if width == 0 || !a.len().is_multiple_of(width) || a.is_empty() {
             return Err(InputScalingError::Shape { given: a.len(), width });
@@ -136,6 +143,21 @@ impl TermScaling {
             *bias += self.offset - at_mean;
         }
         out
+    }
+
+    /// Converts the gradient with respect to the parameters of a network with unscaled terms to the gradient with
+    /// respect to the parameters of the network with scaled terms.
+    pub(super) fn pull_back(&self, shape: &NetworkShape, gradient: &mut [f64]) {
+        let Some(maps) = &self.maps else { return };
+        let by_constant = gradient[shape.last_bias()];
+        let (first, width) = (shape.linear_start(), maps.mean.len());
+        let by_b: Vec<f64> =
+            gradient[first..][..width].iter().zip(&maps.mean).map(|(by, mean)| by - mean * by_constant).collect();
+        let by_c = &mut gradient[first..][..width];
+        by_c.fill(0.0);
+        for (by, to) in by_b.iter().zip(maps.to.chunks_exact(width.max(1))) {
+            by_c.iter_mut().zip(to).for_each(|(sum, to)| *sum += by * to);
+        }
     }
 }
 

@@ -1,9 +1,10 @@
 //! Training of one or several networks together by Adam and L-BFGS.
 
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 
 use numerics::random::SplitMix64;
 
+use super::curriculum::TrainingPhase;
 use super::loss::NetworkLoss;
 use super::objective::{BatchRows, GradientPass, GradientRequest, TrainingObjective};
 use super::shape::{DenseLayer, NetworkForm, NetworkRandomStream, NetworkShape, derived_seed};
@@ -95,6 +96,8 @@ pub struct TrainingJob<'a> {
     samples: NetworkSamples<'a>,
     validation: Option<SamplesWithRunStarts<'a>>,
     layers: Vec<DenseLayer>,
+    /// For a curriculum: whether each sample belongs to the first phases.
+    near: Option<Vec<bool>>,
     objective: TrainingObjective<'a>,
     state: TrainingState,
     gradient: Vec<f64>,
@@ -150,11 +153,12 @@ impl<'a> TrainingJob<'a> {
         samples.check(model, TRAIN, !plain || training.physics > 0.0)?;
         validation.as_ref().map_or(Ok(()), |(samples, _)| samples.check(model, VALIDATE, !plain))?;
         training.check(model, &state, validation.is_some())?;
+        let near = training.near_the_mean(&samples, &state.tolles_lawson)?;
         let mut objective = TrainingObjective::new(model, training, samples, first, &state.tolles_lawson);
         objective.hold_fixed(&state.parameters);
         let ended = training.ends(&state).then_some(Ok(()));
         let (layers, gradient) = (model.layers(), vec![0.0; state.parameters.len()]);
-        Ok(Self { model, training, samples, validation, layers, objective, state, gradient, each, ended })
+        Ok(Self { model, training, samples, validation, layers, near, objective, state, gradient, each, ended })
     }
 
     /// Request for the mean loss over a batch and the gradient of the mean loss.
@@ -163,6 +167,7 @@ impl<'a> TrainingJob<'a> {
         let numbers = [NetworkRandomStream::Dropout as u64, state.epoch as u64, batch as u64];
         let dropout = (training.dropout > 0.0).then(|| derived_seed(training.seed, &numbers));
         let (objective, gradient) = (&mut self.objective, &mut self.gradient);
+        objective.phase = training.phase(state.epoch);
         GradientRequest { objective, parameters: &state.parameters, dropout, gradient }
     }
 
@@ -176,15 +181,40 @@ impl<'a> TrainingJob<'a> {
             let NetworkTraining { seed, batch, .. } = *job.training;
             (job.model.windowed.is_none(), job.by_adam(), job.samples.y.len(), seed, batch, job.state.epoch)
         };
-        let gathers = self.model.windowed.is_none() && self.by_adam();
+        let gathers = self.model.windowed.is_none() && self.by_adam() && self.near.is_none() && other.near.is_none();
         gathers && alike(self) == alike(other) && std::ptr::eq(self.samples.x, other.samples.x)
+    }
+
+    /// Starts Adam again at the start of a phase of the curriculum.
+    fn enter_phase(&mut self) {
+        let epoch = self.state.epoch;
+        if epoch > 0 && self.training.phase(epoch) != self.training.phase(epoch - 1) {
+            self.state.first_moments.fill(0.0);
+            self.state.second_moments.fill(0.0);
+            self.state.powers = [1.0; 2];
+        }
+    }
+
+    /// Order of the samples of the next epoch of Adam.
+    fn order(&self) -> Vec<u32> {
+        let mut order = order(self.samples.y.len(), self.training.seed, self.state.epoch);
+        if let Some(near) = self.near.as_ref().filter(|_| !TrainingPhase::has_network(self.phase())) {
+            order.retain(|row| near[*row as usize]);
+        }
+        order
+    }
+
+    fn phase(&self) -> Option<TrainingPhase> {
+        self.training.phase(self.state.epoch)
     }
 
     /// Completes an epoch: computes the losses and records them in the state.
     fn conclude(&mut self, train_loss: f64, learning_rate: f64) {
+        let phase = self.phase();
         let (training, state) = (self.training, &mut self.state);
         state.epoch += 1;
-        let of = |samples| mean_loss(self.model, training.loss, &state.parameters, samples);
+        let plain = training.plain(self.model, phase, &state.parameters);
+        let of = |samples| mean_loss(self.model, training.loss, &plain, samples);
         let validation_loss = self.validation.as_ref().map_or(f64::NAN, of);
         let finite = train_loss.is_finite()
             && (self.validation.is_none() || validation_loss.is_finite())
@@ -193,7 +223,8 @@ impl<'a> TrainingJob<'a> {
             self.ended = Some(Err(TrainingError::Diverged { epoch: state.epoch, learning_rate }));
             return;
         }
-        if self.validation.is_some() {
+        drop(plain);
+        if self.validation.is_some() && TrainingPhase::has_network(phase) {
             judge(training, validation_loss, state);
         }
         let epoch = TrainingEpoch { train_loss, validation_loss, learning_rate };
@@ -267,9 +298,10 @@ pub(super) fn order(samples: usize, seed: u64, epoch: usize) -> Vec<u32> {
 
 /// Joint epoch of Adam of several trainings. Returns the mean loss of each training over its samples.
 fn adam_epoch(jobs: &mut [&mut TrainingJob<'_>], rates: &[f64], pass: &mut GradientPass) -> Vec<f64> {
+    jobs.iter_mut().for_each(|job| job.enter_phase());
     let Some(first) = jobs.first() else { return vec![] };
-    let rows = first.samples.y.len();
-    let order = order(rows, first.training.seed, first.state.epoch);
+    let order = first.order();
+    let rows = order.len();
     let batches = rows.div_ceil(first.training.batch);
     let mut sums = vec![0.0; jobs.len()];
     for batch in 0..batches {
@@ -279,7 +311,8 @@ fn adam_epoch(jobs: &mut [&mut TrainingJob<'_>], rates: &[f64], pass: &mut Gradi
         for (((job, mean), sum), rate) in jobs.iter_mut().zip(means).zip(&mut sums).zip(rates) {
             *sum += mean.loss * (end - first) as f64;
             if mean.objective.is_finite() {
-                adam_step(&job.layers, job.training, *rate, &job.gradient, &mut job.state);
+                let trained = job.training.trained(job.model, job.phase());
+                adam_step(&job.layers, job.training, *rate, &job.gradient, &trained, &mut job.state);
             } else {
                 *sum = f64::NAN;
             }
@@ -301,6 +334,7 @@ fn adam_step(
     training: &NetworkTraining,
     learning_rate: f64,
     gradient: &[f64],
+    trained: &[Range<usize>],
     state: &mut TrainingState,
 ) {
     let NetworkOptimiser { beta_1, beta_2, epsilon, .. } = training.optimiser;
@@ -308,22 +342,27 @@ fn adam_step(
     let [first, second] = state.powers.map(|power| 1.0 - power);
     if training.weight_decay > 0.0 {
         let factor = 1.0 - learning_rate * training.weight_decay;
-        for layer in layers {
+        let decays = |layer: &&DenseLayer| trained.iter().any(|range| range.contains(&layer.start));
+        for layer in layers.iter().filter(decays) {
             state.parameters[layer.range()].iter_mut().for_each(|weight| *weight *= factor);
         }
     }
     let (step, root) = (learning_rate / first, second.sqrt());
-    let moments = state.first_moments.iter_mut().zip(&mut state.second_moments);
-    for ((parameter, g), (mean, square)) in state.parameters.iter_mut().zip(gradient).zip(moments) {
-        *mean = beta_1 * *mean + (1.0 - beta_1) * g;
-        *square = beta_2 * *square + (1.0 - beta_2) * g * g;
-        *parameter -= step * *mean / (square.sqrt() / root + epsilon);
+    for range in trained.iter().cloned() {
+        let moments = state.first_moments[range.clone()].iter_mut().zip(&mut state.second_moments[range.clone()]);
+        let parameters = state.parameters[range.clone()].iter_mut().zip(&gradient[range]);
+        for ((parameter, g), (mean, square)) in parameters.zip(moments) {
+            *mean = beta_1 * *mean + (1.0 - beta_1) * g;
+            *square = beta_2 * *square + (1.0 - beta_2) * g * g;
+            *parameter -= step * *mean / (square.sqrt() / root + epsilon);
+        }
     }
 }
 
 /// A step of L-BFGS. Returns the mean loss after the epoch.
 fn lbfgs_epoch(job: &mut TrainingJob<'_>) -> f64 {
     let TrainingJob { training, state, objective, gradient, .. } = job;
+    objective.phase = None;
     let memory = training.optimiser.lbfgs_memory;
     state.lbfgs.step(&mut state.parameters, memory, &mut |parameters, gradient| {
         objective.at(parameters, BatchRows::All, None, gradient).objective

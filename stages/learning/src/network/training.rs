@@ -2,9 +2,11 @@
 
 use rayon::prelude::*;
 
+use super::curriculum::LEAST_EPOCHS;
 use super::loss::NetworkLoss;
-use super::shape::NetworkShape;
+use super::shape::{NetworkForm, NetworkShape};
 use super::state::TrainingState;
+use super::terms::TermScaling;
 use super::windowed::NetworkArchitecture;
 
 /// Rows for training or validation, in the scale of the network.
@@ -12,7 +14,8 @@ use super::windowed::NetworkArchitecture;
 pub struct NetworkSamples<'a> {
     /// The inputs, row-major.
     pub x: &'a [f64],
-    /// The linear terms, row-major; empty if there are none.
+    /// The linear terms, row-major; empty if there are none. The vector forms require the rows of
+    /// [`VectorFrame::rows`](super::VectorFrame::rows) instead.
     pub a: &'a [f64],
     /// The target.
     pub y: &'a [f64],
@@ -21,7 +24,7 @@ pub struct NetworkSamples<'a> {
 impl NetworkSamples<'_> {
     /// The number of linear terms of a row.
     pub(super) fn terms(&self, shape: &NetworkShape) -> usize {
-        if self.a.is_empty() { 0 } else { shape.linear }
+        if self.a.is_empty() { 0 } else { shape.row_of_terms() }
     }
 
     pub(super) fn check(
@@ -30,7 +33,7 @@ impl NetworkSamples<'_> {
         what: &'static str,
         needs_terms: bool,
     ) -> Result<(), TrainingError> {
-        let (inputs, linear) = (model.inputs(), model.head.linear);
+        let (inputs, linear) = (model.inputs(), model.head.row_of_terms());
         let rows = self.y.len();
         if rows == 0 {
             return Err(TrainingError::NoSamples { what });
@@ -149,6 +152,11 @@ pub struct NetworkTraining {
     /// The weight of the mean squared distance of the predictions from Tolles-Lawson, a·b with
     /// [`TrainingState::tolles_lawson`].
     pub physics: f64,
+    /// For a vector form: scaling of the coefficients, in whose terms the coefficients are trained.
+    pub conditioning: Option<TermScaling>,
+    /// For a vector form with a network: trains in the phases of a curriculum, with the number of standard deviations
+    /// of the samples of the first phases.
+    pub curriculum: Option<f64>,
     /// Number of epochs without a new minimum of the validation loss after which training ends.
     pub patience: Option<usize>,
     /// Seed of the order of the samples and of dropout.
@@ -168,6 +176,8 @@ impl Default for NetworkTraining {
             dropout: 0.0,
             sparse_group_lasso: None,
             physics: 0.0,
+            conditioning: None,
+            curriculum: None,
             patience: None,
             seed: 0,
         }
@@ -311,6 +321,18 @@ impl NetworkTraining {
             ),
             ("alpha of the sparse group lasso", "between 0 and 1", lasso.alpha, (0.0..=1.0).contains(&lasso.alpha)),
             ("the weight of the physics term", "a number of at least 0", self.physics, at_least_0(self.physics)),
+            (
+                "the number of standard deviations of the curriculum",
+                "a number above 0",
+                self.curriculum.unwrap_or(1.0),
+                above_0(self.curriculum.unwrap_or(1.0)),
+            ),
+            (
+                "the number of epochs of a curriculum",
+                "at least 10",
+                self.epochs as f64,
+                self.curriculum.is_none() || self.epochs >= LEAST_EPOCHS,
+            ),
         ];
         if let Some((what, wanted, given, _)) = settings.into_iter().find(|(.., good)| !good) {
             return Err(TrainingError::Setting { what, wanted, given });
@@ -331,6 +353,18 @@ impl NetworkTraining {
         expect(if state.best.is_empty() { parameters } else { state.best.len() }, parameters)?;
         let pairs = state.lbfgs.pairs.iter().flat_map(|(moved, change)| [moved.len(), change.len()]);
         pairs.into_iter().try_for_each(|given| expect(given, parameters))?;
+        let vector = model.head.form.is_vector();
+        if vector && self.physics > 0.0 {
+            let what = "the weight of the physics term of a model 3";
+            return Err(TrainingError::Setting { what, wanted: "0", given: self.physics });
+        }
+        if self.curriculum.is_some() {
+            if !vector || model.head.form == NetworkForm::VectorOnly {
+                let what = "the number of standard deviations of the curriculum of a network without vector terms";
+                return Err(TrainingError::Setting { what, wanted: "unset", given: self.curriculum.unwrap_or(0.0) });
+            }
+            expect(state.tolles_lawson.iter().filter(|x| x.is_finite()).count(), model.head.linear)?;
+        }
         if self.physics > 0.0 {
             if model.head.linear == 0 {
                 let what = "the number of linear terms, which the physics term requires,";
@@ -358,7 +392,8 @@ impl NetworkTraining {
     }
 
     pub(super) fn ends(&self, state: &TrainingState) -> bool {
-        let waited = |patience: usize| state.epoch - state.best_epoch.min(state.epoch) >= patience.max(1);
+        let since = state.best_epoch.max(self.epochs_without_network());
+        let waited = |patience: usize| state.epoch - since.min(state.epoch) >= patience.max(1);
         let given_up = state.epoch > 0 && self.patience.is_some_and(waited);
         let all = state.epoch >= self.epochs.saturating_add(self.optimiser.lbfgs_epochs);
         all || given_up || state.lbfgs.ended

@@ -5,12 +5,16 @@ use rayon::prelude::*;
 
 use numerics::random::SplitMix64;
 
+use super::attention::{EncoderPart, EncoderSizes, TransformerEncoder};
 use super::convolution::ConvolutionLayers;
 use super::passes::{BLOCK, BlockWorkspace, NetworkLinearTerms, PackedNetwork};
 use super::recurrent::{RecurrentCell, RecurrentLayer};
 use super::shape::{DenseLayer, NetworkRandomStream, NetworkShape, derived_seed, unit_uniform};
 use super::state::TrainingState;
 use super::training::{NetworkSamples, TrainingError};
+
+/// Largest initial position of a transformer.
+const MOST_POSITION: f64 = 0.02;
 
 choice! {
     /// Layers that compute features of a window.
@@ -21,6 +25,10 @@ choice! {
         Gru = "gru",
         /// Long short-term memory, sample by sample.
         Lstm = "lstm",
+        /// All inputs of the window are the features, in time order. There are no parameters.
+        Window = "window",
+        /// A transformer encoder with one layer of multi-head self-attention.
+        Transformer = "transformer",
         /// Causal convolutions of two samples 1, 2, 4, … samples apart, layer by layer.
         Tcn = "tcn",
     }
@@ -34,7 +42,9 @@ choice! {
 /// dense network. For `gru` and `lstm`, the recurrent layer holds the input weights, row-major (gate and unit, input),
 /// the recurrent weights, row-major (gate and unit, unit), and the input and recurrent biases. Gates are r, z, n and i,
 /// f, g, o, as in PyTorch. For `tcn`, the parameters are, layer by layer, the weights, row-major (unit, sample, input)
-/// with the earlier sample first, then the biases.
+/// with the earlier sample first, then the biases. For `transformer`, they are the weights and biases of the embedding,
+/// the positions (sample, unit), the matrices of queries, keys, values and results, the factors and offsets of the
+/// first normalisation, the dense layer, and the second normalisation. `window` has no parameters.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WindowedNetworkShape {
     /// Layers that compute features of the window.
@@ -43,9 +53,12 @@ pub struct WindowedNetworkShape {
     pub inputs: usize,
     /// The number of samples; a power of two of at least 2 for `tcn`.
     pub window: usize,
-    /// Number of units of the memory, equal to the number of features.
+    /// Number of heads of `transformer`, a divisor of the units; 1 for the others.
+    pub heads: usize,
+    /// Number of units of the memory, equal to the number of features. For `window`, the number of inputs of the
+    /// window. For `transformer`, the number of units of a sample; the features are the units of all samples.
     pub units: usize,
-    /// The dense network; it has `units` inputs.
+    /// The dense network; its inputs are the features.
     pub head: NetworkShape,
 }
 
@@ -94,19 +107,45 @@ pub(super) trait FeatureExtractor: Send {
     fn backward(&mut self, x: &[f64], rows: usize, d_features: &[f64], gradient: &mut [f64]);
 }
 
+/// All inputs of a window as features.
+struct WholeWindow;
+
+impl FeatureExtractor for WholeWindow {
+    fn set(&mut self, _: &[f64]) {}
+
+    fn forward(&mut self, x: &[f64], _: usize, features: &mut [f64]) {
+        features.copy_from_slice(x);
+    }
+
+    fn backward(&mut self, _: &[f64], _: usize, _: &[f64], _: &mut [f64]) {}
+}
+
 impl WindowedNetworkShape {
     fn cell(&self) -> Option<RecurrentCell> {
         match self.memory {
             MemoryLayers::Gru => Some(RecurrentCell::Gru),
             MemoryLayers::Lstm => Some(RecurrentCell::Lstm),
-            MemoryLayers::Tcn => None,
+            MemoryLayers::Tcn | MemoryLayers::Window | MemoryLayers::Transformer => None,
         }
     }
 
+    fn encoder(&self) -> EncoderSizes {
+        EncoderSizes { inputs: self.inputs, units: self.units, window: self.window, heads: self.heads }
+    }
+
+    /// Number of features.
+    fn features(&self) -> usize {
+        if self.memory == MemoryLayers::Transformer { self.units * self.window } else { self.units }
+    }
+
     pub(super) fn body(&self) -> Box<dyn FeatureExtractor> {
-        match self.cell() {
-            Some(cell) => Box::new(RecurrentLayer::new(cell, self.inputs, self.units, self.window)),
-            None => Box::new(ConvolutionLayers::new(self.head.activation, self.inputs, self.units, self.window)),
+        match (self.cell(), self.memory) {
+            (Some(cell), _) => Box::new(RecurrentLayer::new(cell, self.inputs, self.units, self.window)),
+            (None, MemoryLayers::Window) => Box::new(WholeWindow),
+            (None, MemoryLayers::Transformer) => {
+                Box::new(TransformerEncoder::new(self.head.activation, self.encoder()))
+            }
+            (None, _) => Box::new(ConvolutionLayers::new(self.head.activation, self.inputs, self.units, self.window)),
         }
     }
 
@@ -117,6 +156,16 @@ impl WindowedNetworkShape {
                 let sums = cell.gates() * self.units;
                 let units = DenseLayer { inputs: self.units, units: sums, start: sums * self.inputs };
                 vec![DenseLayer { inputs: self.inputs, units: sums, start: 0 }, units]
+            }
+            None if self.memory == MemoryLayers::Window => vec![],
+            None if self.memory == MemoryLayers::Transformer => {
+                let mut start = 0;
+                let layer = |(_, units, inputs, weights): EncoderPart| {
+                    let layer = DenseLayer { inputs, units, start };
+                    start += inputs * units;
+                    weights.then_some(layer)
+                };
+                self.encoder().parts().into_iter().filter_map(layer).collect()
             }
             None => {
                 let mut start = 0;
@@ -134,6 +183,7 @@ impl WindowedNetworkShape {
     pub(super) fn head_start(&self) -> usize {
         match self.cell() {
             Some(cell) => RecurrentLayer::parameters(cell, self.inputs, self.units),
+            None if self.memory == MemoryLayers::Transformer => self.encoder().parameters(),
             None => self.layers().iter().map(|layer| layer.units * (layer.inputs + 1)).sum(),
         }
     }
@@ -161,6 +211,13 @@ impl WindowedNetworkShape {
             for name in ["bx", "bh"] {
                 names.extend((1..=sums).map(|sum| format!("{name}[{sum}]")));
             }
+        } else if self.memory == MemoryLayers::Transformer {
+            for (name, rows, columns, _) in self.encoder().parts() {
+                match columns {
+                    1 => names.extend((1..=rows).map(|row| format!("{name}[{row}]"))),
+                    _ => names.extend(matrix(name, rows, columns)),
+                }
+            }
         } else {
             for (number, layer) in (1..).zip(self.layers()) {
                 let half = layer.inputs / 2;
@@ -179,8 +236,9 @@ impl WindowedNetworkShape {
     }
 
     /// Initial parameters from a seed. The parameters of `gru` and `lstm` are uniform between ±1/√units, as in PyTorch.
-    /// The parameters of `tcn` are drawn as for dense layers. The parameters of the dense network are drawn as in
-    /// [`NetworkShape::initial`].
+    /// The parameters of `tcn` are drawn as for dense layers, as are the matrices of `transformer`. Its positions are
+    /// uniform between ±0.02, as in MagNav.jl, and its normalisations start as factor 1 and offset 0. The parameters of
+    /// the dense network are drawn as in [`NetworkShape::initial`].
     pub fn initial(&self, seed: u64, linear: &[f64]) -> Vec<f64> {
         let mut bits = SplitMix64::new(derived_seed(seed, &[NetworkRandomStream::Memory as u64]));
         let mut within = |most: f64| most * (2.0 * unit_uniform(bits.draw()) - 1.0);
@@ -188,6 +246,21 @@ impl WindowedNetworkShape {
         if self.cell().is_some() {
             let most = (self.units as f64).sqrt().recip();
             parameters.iter_mut().for_each(|x| *x = within(most));
+        } else if self.memory == MemoryLayers::Transformer {
+            let mut start = 0;
+            for (name, rows, columns, weights) in self.encoder().parts() {
+                let part = &mut parameters[start..start + rows * columns];
+                start += rows * columns;
+                match name {
+                    _ if weights => {
+                        let most = (6.0 / (rows + columns) as f64).sqrt();
+                        part.iter_mut().for_each(|x| *x = within(most));
+                    }
+                    "p" => part.iter_mut().for_each(|x| *x = within(MOST_POSITION)),
+                    "g1" | "g2" => part.fill(1.0),
+                    _ => {}
+                }
+            }
         } else {
             for layer in self.layers() {
                 let most = (6.0 / (layer.inputs + layer.units) as f64).sqrt();
@@ -201,7 +274,7 @@ impl WindowedNetworkShape {
     /// The start of a training from parameters, as in [`TrainingState::new`].
     pub fn start(&self, parameters: Vec<f64>) -> TrainingState {
         let linear = self.head_start() + self.head.linear_start();
-        TrainingState::beginning(parameters, linear)
+        TrainingState::beginning(parameters, linear, self.head.linear)
     }
 
     /// Checks that the network can be trained.
@@ -210,17 +283,21 @@ impl WindowedNetworkShape {
     /// Fails in the cases of [`NetworkShape::check`], for a window or units of 0, a window of `tcn` that is not a power
     /// of two, and a dense network whose inputs do not match the features.
     pub fn check(&self) -> Result<(), TrainingError> {
+        let heads = self.heads > 0 && self.units.is_multiple_of(self.heads);
+        let whole = self.memory != MemoryLayers::Window || self.units == self.inputs * self.window;
         let powers = self.memory != MemoryLayers::Tcn || (self.window >= 2 && self.window.is_power_of_two());
         let settings = [
             ("the number of inputs", "at least 1", self.inputs, self.inputs > 0),
             ("the number of units", "at least 1", self.units, self.units > 0),
             ("the window", "at least 1 sample", self.window, self.window > 0),
+            ("the number of heads", "a divisor of the units", self.heads, heads),
+            ("the number of units of a whole window", "inputs times samples", self.units, whole),
             ("the window of convolutions", "a power of two of samples, at least 2", self.window, powers),
             (
                 "the number of inputs of the dense network",
-                "the number of units",
+                "the number of features",
                 self.head.inputs,
-                self.head.inputs == self.units,
+                self.head.inputs == self.features(),
             ),
         ];
         match settings.into_iter().find(|(.., good)| !good) {
@@ -270,8 +347,8 @@ impl WindowedNetworkShape {
     }
 
     pub(super) fn predict_rows(&self, parameters: &[f64], x: &[f64], a: &[f64], first: &[u32]) -> Vec<f64> {
-        let linear = if a.is_empty() { 0 } else { self.head.linear };
-        let needed = if self.head.form == super::NetworkForm::Plain { linear } else { self.head.linear };
+        let linear = if a.is_empty() { 0 } else { self.head.row_of_terms() };
+        let needed = if self.head.form == super::NetworkForm::Plain { linear } else { self.head.row_of_terms() };
         if parameters.len() != self.parameters() || a.len() != first.len() * needed {
             return vec![f64::NAN; first.len()];
         }
@@ -288,7 +365,7 @@ impl WindowedNetworkShape {
             |(body, buffers, windows, features), (block, out)| {
                 let start = block * BLOCK;
                 windows.clear();
-                features.resize(out.len() * self.units, 0.0);
+                features.resize(out.len() * self.features(), 0.0);
                 self.gather(x, first, start..start + out.len(), windows);
                 body.forward(windows, out.len(), features);
                 let terms = NetworkLinearTerms::Rows(&a[start * linear..][..out.len() * linear]);

@@ -5,11 +5,17 @@ use super::tests::{Table, columns, go_on, near};
 use super::windowed::NetworkArchitecture;
 use super::*;
 
-const MEMORIES: [MemoryLayers; 3] = [MemoryLayers::Gru, MemoryLayers::Lstm, MemoryLayers::Tcn];
+const MEMORIES: [MemoryLayers; 5] =
+    [MemoryLayers::Gru, MemoryLayers::Lstm, MemoryLayers::Tcn, MemoryLayers::Window, MemoryLayers::Transformer];
 
 fn network(memory: MemoryLayers, form: NetworkForm, inputs: usize, linear: usize) -> WindowedNetworkShape {
-    let head = NetworkShape { inputs: 3, linear, hidden: vec![4], activation: ActivationFunction::Tanh, form };
-    WindowedNetworkShape { memory, inputs, window: 4, units: 3, head }
+    let (units, heads, features) = match memory {
+        MemoryLayers::Window => (4 * inputs, 1, 4 * inputs),
+        MemoryLayers::Transformer => (4, 2, 16),
+        MemoryLayers::Gru | MemoryLayers::Lstm | MemoryLayers::Tcn => (3, 1, 3),
+    };
+    let head = NetworkShape { inputs: features, linear, hidden: vec![4], activation: ActivationFunction::Tanh, form };
+    WindowedNetworkShape { memory, inputs, window: 4, heads, units, head }
 }
 
 fn waves(count: usize, case: usize) -> Vec<f64> {
@@ -22,7 +28,7 @@ fn ref_windowed_predictions_and_steps_agree_with_pytorch() {
     let expected = columns(include_str!("../../reference/network/windowed.csv"));
     let runs = SampleRuns { samples: table.samples(), lengths: &[20, 3, 22] };
     let training = NetworkTraining { epochs: 5, batch: 14, learning_rate: 0.02, seed: 3, ..NetworkTraining::default() };
-    for memory in MEMORIES {
+    for memory in [MemoryLayers::Gru, MemoryLayers::Lstm, MemoryLayers::Tcn] {
         for form in [NetworkForm::Plain, NetworkForm::TrainedLinear] {
             let network = network(memory, form, 5, 3);
             let start = waves(network.parameters(), 2);
@@ -121,8 +127,14 @@ fn unit_a_memory_learns_history_and_a_dense_network_does_not() {
     let without = last(train(&dense, start, &training, &samples, None, &mut go_on).unwrap());
     assert!(without > 0.95, "{without}");
     for memory in MEMORIES {
-        let head = NetworkShape { inputs: 6, ..dense.clone() };
-        let network = WindowedNetworkShape { memory, inputs: 1, window: 4, units: 6, head };
+        let shape = network(memory, NetworkForm::Plain, 1, 0);
+        let (units, features) = match memory {
+            MemoryLayers::Window => (4, 4),
+            MemoryLayers::Transformer => (4, 16),
+            MemoryLayers::Gru | MemoryLayers::Lstm | MemoryLayers::Tcn => (6, 6),
+        };
+        let head = NetworkShape { inputs: features, ..dense.clone() };
+        let network = WindowedNetworkShape { units, head, ..shape };
         let start = network.start(network.initial(1, &[]));
         let runs = SampleRuns { samples, lengths: &[3000] };
         let with = last(train_windowed(&network, start, &training, &runs, None, &mut go_on).unwrap());
@@ -180,7 +192,7 @@ fn unit_mismatched_windows_are_rejected() {
     refused(
         &WindowedNetworkShape { units: 5, ..gru.clone() },
         &[50],
-        "the number of inputs of the dense network must be the number of units",
+        "the number of inputs of the dense network must be the number of features",
     );
     refused(&WindowedNetworkShape { memory: MemoryLayers::Tcn, window: 6, ..gru }, &[50], "a power of two");
 }

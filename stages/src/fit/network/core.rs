@@ -60,19 +60,31 @@ impl NetworkCore {
         }
     }
 
-    /// Parameters of a network of scaled terms. Networks over a window have no such terms.
+    /// Parameters of a network of scaled terms.
     pub fn scaled(&self, terms: &TermScaling, parameters: &[f64]) -> Vec<f64> {
-        match self {
-            NetworkCore::Dense(shape) => terms.scaled(shape, parameters),
-            NetworkCore::Windowed(_) => parameters.to_vec(),
-        }
+        let (before, head) = parameters.split_at(self.head_start());
+        [before, &terms.scaled(self.head(), head)].concat()
     }
 
     /// Parameters of a network of unscaled terms.
     pub fn original(&self, terms: &TermScaling, parameters: &[f64]) -> Vec<f64> {
+        let (before, head) = parameters.split_at(self.head_start());
+        [before, &terms.original(self.head(), head)].concat()
+    }
+
+    /// Dense layers, with the linear terms.
+    pub fn head(&self) -> &NetworkShape {
         match self {
-            NetworkCore::Dense(shape) => terms.original(shape, parameters),
-            NetworkCore::Windowed(_) => parameters.to_vec(),
+            NetworkCore::Dense(shape) => shape,
+            NetworkCore::Windowed(windowed) => &windowed.head,
+        }
+    }
+
+    /// Number of parameters before those of the dense layers.
+    fn head_start(&self) -> usize {
+        match self {
+            NetworkCore::Dense(_) => 0,
+            NetworkCore::Windowed(windowed) => windowed.parameters() - windowed.head.parameters(),
         }
     }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use learning::inputs::{InputScaling, InputScalingError};
 use schemas::Fault;
 
-use super::{NetworkKeys, warm_start::WarmStart};
+use super::{NetworkModel, warm_start::WarmStart};
 use crate::fit::samples::FitSamples;
 
 /// Inputs of a network, which networks with the same keys share.
@@ -32,12 +32,17 @@ impl NetworkInputs {
     /// If the keys select no input, every input is constant, `whiten` requests too many components, or the
     /// warm start has other inputs.
     pub fn from_samples(
-        keys: &NetworkKeys,
+        model: &NetworkModel<'_>,
         samples: &FitSamples,
         whiten: Option<f64>,
         warm: Option<&WarmStart>,
     ) -> SharedInputs {
+        let keys = model.keys;
         let lines = samples.split(&keys.validation)?;
+        if !model.has_inputs() {
+            let scaling = InputScaling { mean: vec![], scale: vec![], components: None };
+            return Ok(Arc::new(Self { at: vec![], constant: vec![], scaling, lines, rows: (vec![], vec![]) }));
+        }
         let mut at = samples.places(keys.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
         let (scaling, constant, x) = match warm {
             None => scaling(samples, &lines.0, &mut at, whiten)?,

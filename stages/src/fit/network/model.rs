@@ -3,7 +3,10 @@
 use learning::network::NetworkForm;
 use schemas::Fault;
 
-use super::{LinearPart, NetworkKeys, WindowLayers};
+use super::{LinearPart, NetworkKeys, VectorKeys, WindowLayers};
+
+/// Smallest number of epochs with which every phase of a curriculum has an epoch.
+const CURRICULUM_EPOCHS: usize = 10;
 
 /// A model that is a network: its keys, and the linear model combined with it.
 #[derive(Clone, Copy)]
@@ -20,6 +23,10 @@ pub struct NetworkModel<'a> {
     pub all_features: bool,
     /// Weight of the distance from the linear model in the loss.
     pub physics: f64,
+    /// Vector form of the linear model. `None` for models other than `m3tl` to `m3tf`.
+    pub vector: Option<&'a VectorKeys>,
+    /// Training in the phases of a curriculum, with the number of standard deviations of the first phases.
+    pub curriculum: Option<f64>,
     /// Layers over a window of samples before the network. `None` for a network of single samples.
     pub window: Option<WindowLayers>,
 }
@@ -27,13 +34,42 @@ pub struct NetworkModel<'a> {
 impl<'a> NetworkModel<'a> {
     /// Network of single samples with eight hidden units and no linear model.
     pub fn new(keys: &'a NetworkKeys, form: NetworkForm) -> Self {
-        Self { keys, form, hidden: &[8], linear: None, all_features: false, physics: 0.0, window: None }
+        Self {
+            keys,
+            form,
+            hidden: &[8],
+            linear: None,
+            all_features: false,
+            physics: 0.0,
+            vector: None,
+            curriculum: None,
+            window: None,
+        }
+    }
+
+    /// A model 3: network with the vector form of Tolles-Lawson.
+    pub fn vector(keys: &'a NetworkKeys, form: NetworkForm, part: &'a LinearPart, vector: &'a VectorKeys) -> Self {
+        Self { linear: Some(part), vector: Some(vector), ..Self::new(keys, form) }
+    }
+
+    /// Returns whether there is a network with inputs.
+    pub fn has_inputs(&self) -> bool {
+        self.form != NetworkForm::VectorOnly
+    }
+
+    /// Reason why a key has no effect.
+    pub fn idle(&self, key: &str) -> Option<Fault> {
+        self.keys.idle(key).or_else(|| self.vector?.idle(key))
     }
 
     /// Faults of incompatible keys.
     pub fn faults(&self) -> Vec<Fault> {
         let mut faults = self.keys.faults();
         faults.extend(self.window.iter().flat_map(WindowLayers::faults));
+        if self.curriculum.is_some() && self.keys.epochs < CURRICULUM_EPOCHS {
+            let what = format!("a curriculum requires at least {CURRICULUM_EPOCHS} `epochs`, one in each phase");
+            faults.push(Fault::new(what).of_param("epochs"));
+        }
         faults
     }
 

@@ -54,7 +54,7 @@ impl<'a> TrainingInputs<'a> {
         let warm = task.start.map(|model| WarmStart::from_model(model, task.model.form)).transpose()?;
         let inputs = match task.inputs.filter(|_| warm.is_none()) {
             Some(shared) => shared.clone()?,
-            None => NetworkInputs::from_samples(task.model.keys, samples, task.settings.whiten, warm.as_ref())?,
+            None => NetworkInputs::from_samples(&task.model, samples, task.settings.whiten, warm.as_ref())?,
         };
         Ok(Self { task, warm, inputs })
     }
@@ -64,16 +64,18 @@ impl<'a> TrainingInputs<'a> {
         let (model, scaling) = (&self.task.model, &self.inputs.scaling);
         let usual = || self.warm.as_ref().map_or_else(|| model.hidden.to_vec(), WarmStart::hidden);
         let head = NetworkShape {
-            inputs: model.window.map_or_else(|| scaling.width(), |window| window.units),
+            inputs: model.window.map_or_else(|| scaling.width(), |window| window.features(scaling.width())),
             linear,
-            hidden: model.keys.hidden.clone().unwrap_or_else(usual),
+            hidden: if model.has_inputs() { model.keys.hidden.clone().unwrap_or_else(usual) } else { vec![] },
             activation: model.keys.activation,
             form: model.form,
         };
         match model.window {
             None => NetworkCore::Dense(head),
-            Some(WindowLayers { memory, window, units }) => {
-                NetworkCore::Windowed(WindowedNetworkShape { memory, inputs: scaling.width(), window, units, head })
+            Some(layers) => {
+                let WindowLayers { memory, window, heads, .. } = layers;
+                let (inputs, units) = (scaling.width(), layers.units(scaling.width()));
+                NetworkCore::Windowed(WindowedNetworkShape { memory, inputs, window, heads, units, head })
             }
         }
     }
@@ -87,7 +89,8 @@ pub struct TrainingSetup<'a> {
     pub core: NetworkCore,
     /// Initial parameters of each member.
     pub members: Vec<Vec<f64>>,
-    /// Coefficients of the linear model, for scaled terms and in the scale of the target.
+    /// Coefficients of the linear model in the scale of the target: of the scaled terms, or of the original terms for a
+    /// vector form.
     pub linear: Vec<f64>,
     /// Training rows.
     pub rows: ScaledRows<'a>,
@@ -111,25 +114,40 @@ impl<'a> TrainingSetup<'a> {
         let NetworkInputs { at, lines: (train_on, validate_on), rows: (train, validate), .. } = inputs.as_ref();
         let (linear_at, coefficients) = match model.linear {
             Some(part) => {
-                let mut places = part.places(samples, model.all_features)?;
+                let mut places = match model.vector {
+                    Some(_) => part.vector_places(samples)?,
+                    None => part.places(samples, model.all_features)?,
+                };
                 if let Some(warm) = warm {
                     warm.order_terms(samples, &mut places)?;
+                    warm.check_frame(model.vector)?;
                 }
                 let fitted = part.fit(samples, train_on, &places)?;
                 (places, fitted)
             }
             None => (vec![], vec![]),
         };
-        let mut target = target(samples, train_on, &linear_at, &coefficients, model.form)?;
+        if let Some(keys) = model.vector {
+            keys.check(&samples.columns(&linear_at, train_on), linear_at.len())?;
+        }
+        let mut target = target(samples, train_on, &linear_at, &coefficients, model)?;
         if let Some(warm) = warm {
             target.1 = warm.scale_nt();
         }
         let in_scale: Vec<f64> = coefficients.iter().map(|b| b / target.1).collect();
-        let terms = term_scaling(samples, train_on, &linear_at, &in_scale, model.form, settings.whiten)?;
+        // The first phases of a curriculum train groups of coefficients, which whitening would mix.
+        let whiten = settings.whiten.filter(|_| model.curriculum.is_none());
+        let terms = term_scaling(samples, train_on, &linear_at, &in_scale, model.form, whiten)?;
+        let frame = model.vector.map(|keys| keys.frame(target.1));
+        let rows_of = |lines: &[usize]| {
+            let a = samples.columns(&linear_at, lines);
+            frame.map_or_else(|| terms.apply(a.clone()), |frame| frame.rows(&a, linear_at.len()))
+        };
+        let offset = if frame.is_some() { 0.0 } else { terms.offset() };
         let scaled = |lines: &[usize], x, (mean, scale): (f64, f64)| ScaledRows {
             x,
-            a: terms.apply(samples.columns(&linear_at, lines)),
-            y: samples.target(lines).iter().map(|y| (y - mean) / scale - terms.offset()).collect(),
+            a: rows_of(lines),
+            y: samples.target(lines).iter().map(|y| (y - mean) / scale - offset).collect(),
             runs: samples.runs(lines),
         };
         let core = ready.core(linear_at.len());
@@ -139,9 +157,9 @@ impl<'a> TrainingSetup<'a> {
             Some(warm) => {
                 warm.check(model.keys, &core, samples)?;
                 let members = warm.members(model.form, &in_scale);
-                let members: Vec<Vec<f64>> = members.iter().map(|m| core.scaled(&terms, m)).collect();
+                let scaled: Vec<Vec<f64>> = members.iter().map(|m| core.scaled(&terms, m)).collect();
                 // The constant of another aircraft does not apply to this aircraft.
-                let left = members.iter().flat_map(|m| {
+                let left = if frame.is_some() { &members } else { &scaled }.iter().flat_map(|m| {
                     let made = core.predict(m, &rows);
                     rows.y.iter().zip(made).map(|(y, made)| y - made).collect::<Vec<f64>>()
                 });
@@ -151,13 +169,19 @@ impl<'a> TrainingSetup<'a> {
                 }
                 target.0 = mean * target.1;
                 rows.y.iter_mut().for_each(|y| *y -= mean);
-                members
+                scaled
             }
             None => (0..model.keys.members).map(|m| core.initial(member_seed(model.keys, m), &linear)).collect(),
         };
         let far = warm.as_ref().map(|warm| warm.far(samples, at, train_on)).unwrap_or_default();
         let validation = (!validate_on.is_empty()).then(|| scaled(validate_on, validate, target));
+        let linear = if frame.is_some() { in_scale } else { linear };
         Ok(Self { task, core, members, linear, rows, validation, inputs, terms, linear_at, target, far })
+    }
+
+    /// Scaling of the coefficients that training applies, for a vector form.
+    pub fn conditioning(&self) -> Option<TermScaling> {
+        self.task.model.vector.map(|_| self.terms.clone())
     }
 
     /// Scale of the target, nT.
@@ -173,23 +197,18 @@ impl<'a> TrainingSetup<'a> {
         let names = |at: &[usize]| at.iter().map(|&i| samples.names[i].clone()).collect::<Vec<_>>();
         let parameters = trained.iter().map(|t| self.core.original(&self.terms, &t.parameters)).collect();
         let NetworkInputs { at, constant, scaling, .. } = self.inputs;
-        let (inputs, scaling) = (names(at), scaling.clone());
+        let (inputs, scaling, linear) = (names(at), scaling.clone(), names(&self.linear_at));
+        let frame = self.task.model.vector.map(|keys| keys.frame(self.target.1));
         let model = match self.core {
             NetworkCore::Dense(shape) => {
-                let linear = names(&self.linear_at);
-                LearnedModel::Network(trained::NetworkEnsemble::new(
-                    inputs,
-                    scaling,
-                    linear,
-                    shape,
-                    parameters,
-                    self.target,
-                )?)
+                let parts = trained::NetworkColumns::new(inputs, linear, frame);
+                LearnedModel::Network(trained::NetworkEnsemble::new(parts, scaling, shape, parameters, self.target)?)
             }
             NetworkCore::Windowed(windowed) => {
                 let rate_hz = samples.rate_hz()?;
+                let parts = trained::NetworkColumns::new(inputs, linear, frame);
                 let network =
-                    trained::WindowedNetwork::new(inputs, scaling, windowed, parameters, self.target, rate_hz)?;
+                    trained::WindowedNetwork::new(parts, scaling, windowed, parameters, self.target, rate_hz)?;
                 LearnedModel::Windowed(network)
             }
         };
@@ -230,10 +249,15 @@ fn target(
     lines: &[usize],
     linear_at: &[usize],
     coefficients: &[f64],
-    form: NetworkForm,
+    model: &NetworkModel<'_>,
 ) -> Result<(f64, f64), Fault> {
     let mut y = samples.target(lines);
-    match form {
+    match model.form {
+        NetworkForm::VectorOnly | NetworkForm::VectorScalar | NetworkForm::VectorNetwork => {
+            let fields =
+                model.vector.map(|keys| keys.frame(1.0).fields(&samples.columns(linear_at, lines), coefficients));
+            y.iter_mut().zip(fields.iter().flatten()).for_each(|(y, field)| *y -= field);
+        }
         NetworkForm::Plain | NetworkForm::Weights => {}
         NetworkForm::FixedLinear | NetworkForm::TrainedLinear | NetworkForm::WeightsAroundFixed => {
             let a = samples.columns(linear_at, lines);

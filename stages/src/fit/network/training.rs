@@ -121,8 +121,12 @@ struct MemberTraining<'a> {
 impl<'a> MemberTraining<'a> {
     fn new(number: usize, network: &'a EnsembleTraining<'a>) -> Option<Self> {
         let model = &network.prepared.task.model;
-        let training =
-            NetworkTraining { physics: model.physics, ..model.keys.training(member_seed(model.keys, number)) };
+        let training = NetworkTraining {
+            physics: model.physics,
+            conditioning: network.prepared.conditioning(),
+            curriculum: model.curriculum,
+            ..model.keys.training(member_seed(model.keys, number))
+        };
         let state = network.start(number)?;
         let from = (state.epoch, Instant::now());
         Some(Self { network, number, training, state, from, kept: None, stopped: None })

@@ -2,11 +2,11 @@
 
 use learning::{
     inputs::InputScaling,
-    network::{NetworkForm, NetworkShape},
+    network::{NetworkForm, NetworkShape, VectorFrame},
 };
 use schemas::Fault;
 
-use super::{NetworkKeys, core::NetworkCore};
+use super::{NetworkKeys, VectorKeys, core::NetworkCore};
 use crate::{
     fit::samples::FitSamples,
     trained::{LearnedModel, NetworkLayers, NetworkParts},
@@ -40,6 +40,20 @@ impl<'a> WarmStart<'a> {
             return Ok(start);
         }
         Err(start.fault(&format!("has `model` {}, but this fit has {}", start.head().form.word(), form.word())))
+    }
+
+    /// Checks that the vector form of the initial network is that of this fit.
+    ///
+    /// # Errors
+    /// If the coupling, or the scale of the terms, differs.
+    pub fn check_frame(&self, keys: Option<&VectorKeys>) -> Result<(), Fault> {
+        let (Some(own), Some(keys)) = (self.parts.frame, keys) else { return Ok(()) };
+        let here = keys.frame(own.target_scale_nt);
+        if own == here {
+            return Ok(());
+        }
+        let text = |frame: VectorFrame| format!("{} with `bt_scale_nt` {}", frame.coupling.word(), frame.bt_scale_nt);
+        Err(self.fault(&format!("has `coupling` {}, but this fit has {}", text(own), text(here))))
     }
 
     /// Fault of a warm start that does not match this fit.
@@ -133,6 +147,9 @@ impl<'a> WarmStart<'a> {
                 if own.memory != here.memory {
                     return other("model", &own.memory.word(), &here.memory.word());
                 }
+                if own.heads != here.heads {
+                    return other("heads", &own.heads, &here.heads);
+                }
                 if (own.window, own.units) != (here.window, here.units) {
                     let what =
                         |w: &learning::network::WindowedNetworkShape| format!("{} with {} units", w.window, w.units);
@@ -175,7 +192,12 @@ impl<'a> WarmStart<'a> {
                 NetworkForm::FixedLinear | NetworkForm::WeightsAroundFixed => {
                     member.iter_mut().skip(first).zip(linear).for_each(|(own, new)| *own = *new);
                 }
-                NetworkForm::Plain | NetworkForm::Weights | NetworkForm::TrainedLinear => {}
+                NetworkForm::Plain
+                | NetworkForm::Weights
+                | NetworkForm::TrainedLinear
+                | NetworkForm::VectorOnly
+                | NetworkForm::VectorScalar
+                | NetworkForm::VectorNetwork => {}
             }
             member
         };

@@ -19,18 +19,34 @@ pub struct WindowLayers {
     pub memory: MemoryLayers,
     /// Number of samples.
     pub window: usize,
-    /// Number of features.
+    /// Number of units: of a sample for a transformer, otherwise equal to the number of features.
     pub units: usize,
+    /// Number of heads of a transformer; 1 for other layers.
+    pub heads: usize,
 }
 
 impl WindowKeys {
     /// Window with its type of layers.
     pub fn with(&self, memory: MemoryLayers) -> WindowLayers {
-        WindowLayers { memory, window: self.window, units: self.units }
+        WindowLayers { memory, window: self.window, units: self.units, heads: 1 }
     }
 }
 
 impl WindowLayers {
+    /// Number of units, for this number of inputs.
+    pub fn units(&self, inputs: usize) -> usize {
+        if self.memory == MemoryLayers::Window { inputs * self.window } else { self.units }
+    }
+
+    /// Number of features computed from the window, for this number of inputs.
+    pub fn features(&self, inputs: usize) -> usize {
+        match self.memory {
+            MemoryLayers::Window => inputs * self.window,
+            MemoryLayers::Transformer => self.units * self.window,
+            MemoryLayers::Gru | MemoryLayers::Lstm | MemoryLayers::Tcn => self.units,
+        }
+    }
+
     /// Cost of a sample relative to a network of single samples.
     pub fn effort(&self) -> f64 {
         (self.window * self.units) as f64
@@ -40,6 +56,14 @@ impl WindowLayers {
     pub fn faults(&self) -> Vec<Fault> {
         let what = format!("`window` of convolutions must be a power of two, not {}", self.window);
         let wrong = self.memory == MemoryLayers::Tcn && !self.window.is_power_of_two();
-        wrong.then(|| Fault::new(what).of_param("window")).into_iter().collect()
+        let mut faults: Vec<Fault> = wrong.then(|| Fault::new(what).of_param("window")).into_iter().collect();
+        if self.units % self.heads.max(1) != 0 {
+            let what = format!(
+                "`units` must be a multiple of `heads`, but {} is not a multiple of {}",
+                self.units, self.heads
+            );
+            faults.push(Fault::new(what).of_param("heads"));
+        }
+        faults
     }
 }

@@ -1,0 +1,41 @@
+//! The model `m3s`, trained with a curriculum.
+
+use learning::network::NetworkForm;
+
+use super::{
+    model::{FitModel, model},
+    network::{CurriculumKeys, LinearPart, NetworkKeys, NetworkModel, VectorKeys},
+};
+
+model! {
+    /// The model `m3s`, trained in five phases: Tolles-Lawson first, on samples without large effects of other sources.
+    ///
+    /// | fraction of `epochs` | trained | prediction | samples |
+    /// |---|---|---|---|
+    /// | 0 to 0.1 | permanent coefficients | f(v) | near the mean |
+    /// | 0.1 to 0.2 | permanent and induced | f(v) | near the mean |
+    /// | 0.2 to 0.3 | all coefficients | f(v) | near the mean |
+    /// | 0.3 to 0.6 | network | f(v) + N(x) | all |
+    /// | 0.6 to 1 | coefficients and network | f(v) + N(x) | all |
+    ///
+    /// The error of the ridge fit differs from its mean by at most `curriculum_sigma` standard deviations for samples
+    /// near the mean. The constant is trained in every phase. Adam starts again in each phase. `validation` selects an
+    /// epoch after the first 30 %. `whiten` applies to the inputs only.
+    ///
+    /// MagNav.jl compares validation losses of all phases. If the smallest is in the first 30 %, its result contains
+    /// the untrained network.
+    ///
+    /// Source: MagNav.jl 1.3.3, `nn_comp_3_train` and `get_curriculum_ind`, model `m3sc`.
+    M3sc = "m3sc", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
+    groups [network: NetworkKeys, part: LinearPart, vector: VectorKeys, curriculum: CurriculumKeys],
+    example "epochs = 10";
+}
+
+impl FitModel for M3sc {
+    fn network(&self) -> Option<NetworkModel<'_>> {
+        Some(NetworkModel {
+            curriculum: Some(self.curriculum.curriculum_sigma),
+            ..NetworkModel::vector(&self.network, NetworkForm::VectorScalar, &self.part, &self.vector)
+        })
+    }
+}

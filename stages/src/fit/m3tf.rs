@@ -1,0 +1,43 @@
+//! Tolles-Lawson in vector form, with a scalar correction by a transformer over a window.
+
+use learning::network::{MemoryLayers, NetworkForm};
+use schemas::Rule;
+
+use super::{
+    model::{FitModel, model},
+    network::{LinearPart, NetworkKeys, NetworkModel, VectorKeys, WindowLayers},
+};
+
+model! {
+    /// The model `m3s` with a transformer over a window that ends at the predicted sample: f(v) + N(x of the window).
+    /// With d = `units` and x the inputs of a sample, the samples are embedded as e = sqrt(d) (W x + b) + P, with a
+    /// trained position P of each sample in the window. Each head computes softmax(Q K' / sqrt(d / `heads`)) V from the
+    /// queries Q, keys K and values V of its part of e. One layer follows: n = LN(e + Wo A) with the results A of all
+    /// heads, and z = LN(n + activation(Wf n + bf)), with layer normalisations LN. The dense layers of `hidden`, none
+    /// by default, and a linear output have z of all samples as inputs.
+    ///
+    /// The window has no samples after the predicted one, so the model is causal. `dropout` applies to z. MagNav.jl's
+    /// default is a batch normalisation that it creates anew in every call; it is not offered here. `:prelayer` is not
+    /// offered either.
+    ///
+    /// Source: Vaswani et al. 2017; MagNav.jl 1.3.3, `get_nn_m`, model `m3tf`.
+    M3tf = "m3tf", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [],
+    groups [network: NetworkKeys, part: LinearPart, vector: VectorKeys], example "epochs = 2\nwindow = 4";
+    /// Number of samples in the window.
+    window: usize, unit "samples", default 5usize, rule Rule::Between(2.0, 4096.0);
+    /// Number of units of a sample in the transformer.
+    units: usize, unit "1", default 8usize, rule Rule::Between(1.0, 1000.0);
+    /// Number of heads of the attention, a divisor of `units`.
+    heads: usize, unit "1", default 8usize, rule Rule::Between(1.0, 1000.0);
+}
+
+impl FitModel for M3tf {
+    fn network(&self) -> Option<NetworkModel<'_>> {
+        let (memory, window, units, heads) = (MemoryLayers::Transformer, self.window, self.units, self.heads);
+        Some(NetworkModel {
+            hidden: &[],
+            window: Some(WindowLayers { memory, window, units, heads }),
+            ..NetworkModel::vector(&self.network, NetworkForm::VectorScalar, &self.part, &self.vector)
+        })
+    }
+}

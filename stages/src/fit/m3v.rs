@@ -1,0 +1,25 @@
+//! Tolles-Lawson in vector form, with a vector correction by a network.
+
+use learning::network::NetworkForm;
+
+use super::{
+    model::{FitModel, model},
+    network::{LinearPart, NetworkKeys, NetworkModel, VectorKeys},
+};
+
+model! {
+    /// The model `m3tl` with a vector correction by a network with three outputs: f(v + N(x)) plus a constant. The
+    /// gradient with respect to N is the gradient with respect to v. The biases of the outputs and the permanent
+    /// coefficients have the same effect, so only their sums are determined. In contrast to `m3s`, the effect of a
+    /// current may depend on the attitude without a product of inputs in the network.
+    ///
+    /// Source: MagNav.jl 1.3.3, `nn_comp_3_fwd`, model `m3v`.
+    M3v = "m3v", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
+    groups [network: NetworkKeys, part: LinearPart, vector: VectorKeys], example "epochs = 10";
+}
+
+impl FitModel for M3v {
+    fn network(&self) -> Option<NetworkModel<'_>> {
+        Some(NetworkModel::vector(&self.network, NetworkForm::VectorNetwork, &self.part, &self.vector))
+    }
+}
