@@ -54,6 +54,21 @@ def dataflash(source: Path, to: Path) -> None:
     to.write_bytes(source.read_bytes()[:300_000])
 
 
+def flight_of_dataflash(source: Path, to: Path) -> None:
+    """Copies the messages of the compass, attitude, GNSS, current and barometer, and the formats of all messages."""
+    data, at, kept = source.read_bytes(), 0, bytearray()
+    formats = {128: (89, b"FMT")}
+    while at + 3 <= len(data):
+        length, name = formats.get(data[at + 2], (1, b"")) if data[at : at + 2] == b"\xa3\x95" else (1, b"")
+        message = data[at : at + length]
+        if name == b"FMT" and len(message) == length:
+            formats[message[3]] = (message[4], message[5:9].rstrip(b"\0"))
+        if name in (b"FMT", b"MAG", b"ATT", b"GPS", b"CURR", b"BARO") and len(message) == length:
+            kept += message
+        at += length
+    to.write_bytes(kept)
+
+
 def skywalker(source: Path, to: Path) -> None:
     """All variables except the largest, unchanged."""
     data = source.read_bytes()
@@ -83,6 +98,7 @@ def main() -> None:
     shutil.copy(flights / "px4_ulog/sample_log_small.ulg", to)
     ulog(flights / "px4_ulog/sample.ulg", to / "sample_cut.ulg")
     dataflash(flights / "ardupilot_dataflash/log171.bin", to / "log171_cut.bin")
+    flight_of_dataflash(flights / "ardupilot_dataflash/log171.bin", to / "log171_flight.bin")
     skywalker(flights / "skywalker_x8/TestLog2.mat", to / "TestLog2_cut.mat")
     thor(flights / "thor75/thor_flight75.mat", to / "thor_flight75_cut.mat")
     for name in MATLAB:

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Runs the commands of the pages and compares their output with the pages.
 
-python3 check.py [--rewrite] PROGRAM PAGE...
+python3 check.py [--rewrite] [--times] PROGRAM PAGE...
 
 PROGRAM is the program `magline`. The commands of a page run in order, in a temporary folder with a copy of `datasets/`.
 
@@ -11,7 +11,8 @@ PROGRAM is the program `magline`. The commands of a page run in order, in a temp
 - A block with `:caption: NAME` is written to the file NAME. With `:caption: NAME (addition)` it is appended.
 - If a command writes a file with the name of a picture of the page, the file and the picture must be equal.
 
-`--rewrite` writes output and pictures into the pages; `...` is kept where it still matches.
+`--rewrite` writes output and pictures into the pages; `...` is kept where it still matches. `--times` prints the time of
+each command.
 """
 
 import os
@@ -20,6 +21,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent
@@ -61,7 +63,7 @@ def run(command: str, folder: Path) -> tuple[str, int]:
     return "".join(line + "\n" for line in lines), done.returncode
 
 
-def check(page: Path, program: str, rewrite: bool) -> list[str]:
+def check(page: Path, program: str, rewrite: bool, times: bool = False) -> list[str]:
     text = page.read_text(encoding="utf-8")
     faults: list[str] = []
     with tempfile.TemporaryDirectory() as name:
@@ -85,7 +87,10 @@ def check(page: Path, program: str, rewrite: bool) -> list[str]:
                 return match.group()
             new = ""
             for command, expected in steps(body):
+                start = time.monotonic()
                 actual, status = run(command, folder)
+                if times:
+                    print(f"{time.monotonic() - start:7.1f} s  {command.splitlines()[0]}")
                 same = matches(expected, actual)
                 line = text.count("\n", 0, match.start()) + 1
                 if not same:
@@ -112,12 +117,12 @@ def check(page: Path, program: str, rewrite: bool) -> list[str]:
 
 
 def main() -> int:
-    arguments = [a for a in sys.argv[1:] if a != "--rewrite"]
+    arguments = [a for a in sys.argv[1:] if a not in ("--rewrite", "--times")]
     if len(arguments) < 2:
         raise SystemExit(__doc__)
     program, failed = os.path.abspath(arguments[0]), 0
     for page in map(Path, arguments[1:]):
-        faults = check(page, program, "--rewrite" in sys.argv)
+        faults = check(page, program, "--rewrite" in sys.argv, "--times" in sys.argv)
         failed += len(faults)
         print("\n".join(faults) if faults else f"{page}: as printed")
     if failed and "--rewrite" not in sys.argv:
