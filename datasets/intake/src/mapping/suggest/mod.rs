@@ -83,7 +83,7 @@ pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -
          contain\n\
          # the axes, signs and mounting of sensors.\n\n\
          about  = {}\nformat = {}\n",
-        one_line(name),
+        one_line(&name),
         quoted(&format!("logs like {name}")),
         quoted(format)
     );
