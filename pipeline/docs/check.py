@@ -11,8 +11,8 @@ PROGRAM is the program `magline`. The commands of a page run in order, in a temp
 - A block with `:caption: NAME` is written to the file NAME. With `:caption: NAME (addition)` it is appended.
 - If a command writes a file with the name of a picture of the page, the file and the picture must be equal.
 
-`--rewrite` writes output and pictures into the pages; `...` is kept where it still matches. `--times` prints the time of
-each command.
+`--rewrite` writes output and pictures into the pages; `...` is kept where it still matches. `--times` prints the time
+of each command.
 """
 
 import os

@@ -82,8 +82,8 @@ columns = ["lat", "lon", "mag_1_c"]
 NAMES = {
     "line": "line", "lat": "GPS Lat", "lon": "GPS Lon", "alt": "GPS ellipsoid height m", "ins_lat": "INS Lat",
     "ins_lon": "INS Lon", "ins_alt": "ins_alt", "ins_vn": "INS VN m/s", "ins_ve": "INS VE m/s", "ins_vd": "INS VD m/s",
-    "ins_roll": "Roll", "ins_pitch": "Pitch", "ins_yaw": "Yaw", "ins_aligned": "ins_aligned", "mag_5_uc": "Cabin mag", "flux_d_x": "Flux X",
-    "flux_d_y": "Flux Y", "flux_d_z": "Flux Z",
+    "ins_roll": "Roll", "ins_pitch": "Pitch", "ins_yaw": "Yaw", "ins_aligned": "ins_aligned",
+    "mag_5_uc": "Cabin mag", "flux_d_x": "Flux X", "flux_d_y": "Flux Y", "flux_d_z": "Flux Z",
 }
 MIDNIGHT = datetime.datetime(2024, 4, 9)
 
