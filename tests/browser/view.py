@@ -1,6 +1,9 @@
 """Tests of `magline view` in Chromium: comparison, run, lineage, maps, downloads, many points and samples."""
 
+import csv
+import io
 import json
+import math
 import os
 import time
 
@@ -71,6 +74,24 @@ def test_a_line_of_the_explorer_opens_its_series(page):
     page.keyboard.press("Enter")
     line = words.split("line ")[1].split(":")[0]
     until(page, "(line) => document.querySelector('#series [role=status]').textContent.includes(line)", line)
+
+
+def test_position_errors_agree_with_the_scores(page):
+    """The root mean square of the plotted errors of a line is its score `drms`."""
+    explorer(page).locator("[data-view=lines]").click()
+    explorer(page).locator(".view svg").focus()
+    page.keyboard.press("ArrowDown")
+    words = explorer(page).locator(".view output").inner_text()
+    score, line = float(words.split("drms ")[1].split(" m")[0]), words.split("line ")[1].split(":")[0]
+    page.keyboard.press("Enter")
+    until(page, "(line) => document.querySelector('#series [role=status]').textContent.includes('line ' + line)", line)
+    page.wait_for_timeout(1500)
+    text = download(page, page.locator("#series").get_by_role("button", name="panels as CSV")).decode()
+    rows = list(csv.DictReader(io.StringIO(text)))
+    squares = [sum(float(row[c]) ** 2 for c in row if c.startswith(axis) and row[c]) / max(1, sum(
+        c.startswith(axis) for c in row)) for row in rows for axis in ("north_error", "east_error")]
+    root = math.sqrt(2 * sum(squares) / len(squares))
+    assert len(rows) > 500 and abs(root - score) < 0.03 * score, (root, score)
 
 
 def test_the_run_shows_its_units(page):

@@ -417,7 +417,7 @@ class LineView {
     const where = `Flight ${visible(place?.flight ?? "")}, line ${visible(place?.line ?? "")}: ${rows} samples. `;
     const how = !this.thinned ? "All samples in sight are drawn."
       : source.live ? "Thinned for the screen: the band spans the minimum and maximum of each interval. " +
-        "Zoom in for all samples."
+        "A series without a band has the first sample of each interval. Zoom in for all samples."
         : "This page holds a thinned series: the band spans the minimum and maximum of each interval.";
     const more = source instanceof EmbeddedSource && source.omitted.length
       ? ` Omitted: ${source.omitted.map(visible).join("; ")}.` : "";
