@@ -1542,7 +1542,8 @@ class StageMethods:
         input: TableLike,
         model: Literal["tolles_lawson", "extended_tolles_lawson", "ridge", "elastic_net", "pls",
             "truncated_svd", "robust", "recursive_least_squares", "m1", "m2a", "m2b", "m2c", "m2d",
-            "tlnn", "etlnn", "gru", "lstm", "tcn", "boosted_trees", "random_features"] | Axis,
+            "m3tl", "m3s", "m3v", "m3sc", "m3vc", "m3w", "m3tf", "tlnn", "etlnn", "gru", "lstm",
+            "tcn", "boosted_trees", "random_features"] | Axis,
         target: str | Axis,
         warm_start: TableLike | None = None,
         features: ListLike | Axis | None = None,
@@ -1590,8 +1591,12 @@ class StageMethods:
         linear: ListLike | Axis | None = None,
         linear_low_hz: float | Axis | None = None,
         linear_high_hz: float | Axis | None = None,
+        coupling: Literal["magnitude", "projection"] | Axis | None = None,
+        bt_scale_nt: float | Axis | None = None,
+        curriculum_sigma: float | Axis | None = None,
         window: int | Axis | None = None,
         units: int | Axis | None = None,
+        heads: int | Axis | None = None,
         trees: int | Axis | None = None,
         shrinkage: float | Axis | None = None,
         leaves: int | Axis | None = None,
@@ -1680,8 +1685,9 @@ class StageMethods:
         those of an aircraft with more flight data. Inputs, layers, activation, linear terms and
         members must be the same. Inputs and target are scaled as in that network, because its
         weights depend on the scales. Its constant is replaced by the constant of the new lines.
-        Trained coefficients (`m2c`) start from those of that network. Coefficients that are not
-        trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines.
+        Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from those of that network.
+        Coefficients that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new
+        lines.
 
         Parameters
         ----------
@@ -1689,7 +1695,8 @@ class StageMethods:
             Input: flight lines.
         model : {"tolles_lawson", "extended_tolles_lawson", "ridge", "elastic_net", "pls",
         "truncated_svd", "robust", "recursive_least_squares", "m1", "m2a", "m2b", "m2c", "m2d",
-        "tlnn", "etlnn", "gru", "lstm", "tcn", "boosted_trees", "random_features"}
+        "m3tl", "m3s", "m3v", "m3sc", "m3vc", "m3w", "m3tf", "tlnn", "etlnn", "gru", "lstm", "tcn",
+        "boosted_trees", "random_features"}
             Compensation model.
         target : str
             Column to which the model is fitted, such as `mag_4_uc`, or `target` of the stage
@@ -1738,8 +1745,8 @@ class StageMethods:
             Allows truth columns as features. Default: `false`.
         lambda_ : float, optional
             For `tolles_lawson`, `extended_tolles_lawson`, `ridge`, `elastic_net`, `robust`, `m2a`,
-            `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`: Ridge parameter. Allowed: 0 or above. Default:
-            `0.025`.
+            `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`, `tlnn`,
+            `etlnn`: Ridge parameter. Allowed: 0 or above. Default: `0.025`.
             For `recursive_least_squares`: Ridge parameter of the initial coefficients. Allowed: 0
             or above. Default: `0.025`.
         lambdas : ListLike, optional
@@ -1771,78 +1778,91 @@ class StageMethods:
             For `recursive_least_squares`: Forgetting factor: weight of a row relative to the next.
             With 1 nothing is forgotten. Allowed: 0.9 to 1. Default: `1.0`.
         hidden : ListLike, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of
-            units of each hidden layer, for up to three layers. Allowed: 1 to 1000. Unset: `[8]`;
-            `[11]` for `tlnn` and `etlnn`, as in van der Meer 2025; with `warm_start`: the layers of
-            its network.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of units of each hidden layer, for
+            up to three layers. Allowed: 1 to 1000. Unset: `[8]`; `[11]` for `tlnn` and `etlnn`, as
+            in van der Meer 2025; none for `m3tf`; with `warm_start`: the layers of its network.
         activation : {"swish", "relu", "tanh", "sigmoid"}, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Activation
-            function of the hidden units. Default: `"swish"`.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Activation function of the hidden units.
+            Default: `"swish"`.
         inputs : ListLike, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Inputs of
-            the network: entries of the features, by name or by a prefix that several names share
-            before a `_`. Unset: all features.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Inputs of the network: entries of the
+            features, by name or by a prefix that several names share before a `_`. Unset: all
+            features.
             For `boosted_trees`: Inputs of the trees: entries of the features, by name or by a
             prefix that several names share before a `_`. Unset: all features.
             For `random_features`: Inputs: entries of the features, by name or by a prefix that
             several names share before a `_`. Unset: all features.
         epochs : int, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of
-            epochs with Adam. Allowed: 0 to 100000. Default: `200`.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of epochs with Adam. Allowed: 0 to
+            100000. Default: `200`.
         lbfgs_epochs : int, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of
-            L-BFGS iterations on all samples after Adam. Allowed: 0 to 10000. Default: `0`.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of L-BFGS iterations on all
+            samples after Adam. Allowed: 0 to 10000. Default: `0`.
         batch : int, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of
-            samples per step of Adam. Unit: samples. Allowed: 1 to 10000000. Default: `2048`.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of samples per step of Adam. Unit:
+            samples. Allowed: 1 to 10000000. Default: `2048`.
         learning_rate : float, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Learning
-            rate of Adam. Allowed: above 0. Default: `0.001`.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Learning rate of Adam. Allowed: above 0.
+            Default: `0.001`.
         schedule : {"constant", "cosine", "plateau"}, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`:
-            Learning-rate schedule. Default: `"constant"`.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Learning-rate schedule. Default:
+            `"constant"`.
         training_loss : {"squared", "absolute", "huber"}, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Loss
-            function. Default: `"squared"`.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Loss function. Default: `"squared"`.
         huber_threshold : float, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Residual at
-            which the Huber loss becomes linear, in units of the target's scale. Allowed: above 0.
-            Default: `1.0`.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Residual at which the Huber loss becomes
+            linear, in units of the target's scale. Allowed: above 0. Default: `1.0`.
         weight_decay : float, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Weight
-            decay (AdamW): a step of Adam subtracts this fraction of each weight, times the learning
-            rate. Allowed: 0 or above. Default: `0.0`.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Weight decay (AdamW): a step of Adam
+            subtracts this fraction of each weight, times the learning rate. Allowed: 0 or above.
+            Default: `0.0`.
         dropout : float, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Fraction of
-            the hidden units that a training step omits. Allowed: 0 to 0.9. Default: `0.0`.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Fraction of the hidden units that a
+            training step omits. Allowed: 0 to 0.9. Default: `0.0`.
         group_lasso : float, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Strength of
-            the sparse group lasso on the weights of each input. Allowed: 0 or above. Default:
-            `0.0`.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Strength of the sparse group lasso on the
+            weights of each input. Allowed: 0 or above. Default: `0.0`.
         group_share : float, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Fraction of
-            the lasso that applies to the group. The remainder applies to single weights. Allowed: 0
-            to 1. Default: `1.0`.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Fraction of the lasso that applies to the
+            group. The remainder applies to single weights. Allowed: 0 to 1. Default: `1.0`.
         validation : ListLike, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Lines
-            (`1003.08` or `1003/1003.08`) or whole flights reserved for validation. The epoch with
-            the smallest validation loss is used. Default: `[]`.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Lines (`1003.08` or `1003/1003.08`) or
+            whole flights reserved for validation. The epoch with the smallest validation loss is
+            used. Default: `[]`.
             For `boosted_trees`: Lines (`1003.08` or `1003/1003.08`) or whole flights reserved for
             validation. The number of trees with the smallest validation loss is used. Default:
             `[]`.
         patience : int, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of
-            epochs without a smaller validation loss after which training ends. Allowed: above 0.
-            Unset: all epochs are trained.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of epochs without a smaller
+            validation loss after which training ends. Allowed: above 0. Unset: all epochs are
+            trained.
             For `boosted_trees`: Number of trees without a smaller validation loss after which
             training ends. Allowed: above 0. Unset: all trees are trained.
         members : int, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of
-            networks that are trained from different initial weights and averaged. Their spread
-            gives the standard deviation of the prediction. Allowed: 1 to 100. Default: `1`.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Number of networks that are trained from
+            different initial weights and averaged. Their spread gives the standard deviation of the
+            prediction. Allowed: 1 to 100. Default: `1`.
         seed : int, optional
-            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Seed of
-            initial weights, batch order and dropout. Default: `0`.
+            For `m1`, `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`,
+            `m3tf`, `tlnn`, `etlnn`, `gru`, `lstm`, `tcn`: Seed of initial weights, batch order and
+            dropout. Default: `0`.
             For `boosted_trees`: Seed of the subsample of each tree. Default: `0`.
             For `random_features`: Seed of the random features. Default: `0`.
         physics : float, optional
@@ -1850,23 +1870,43 @@ class StageMethods:
             prediction and the linear model, relative to the scale of the target. Allowed: 0 or
             above. Default: `0.0`.
         linear : ListLike, optional
-            For `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`: Terms of the linear model: entries of
-            the features, by name or by a prefix that several names share before a `_`. Unset: the
-            Tolles-Lawson terms among the features, otherwise those of the core-field model; for
-            `etlnn` all features. Other terms, such as slopes or terms of the extended model, are
-            inputs of the network only.
+            For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
+            `tlnn`, `etlnn`: Terms of the linear model: entries of the features, by name or by a
+            prefix that several names share before a `_`. Unset: the Tolles-Lawson terms among the
+            features, otherwise those of the core-field model; for `etlnn` all features. Other
+            terms, such as slopes or terms of the extended model, are inputs of the network only.
         linear_low_hz : float, optional
-            For `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`: Lower corner frequency of the filter of
-            the linear fit. 0 removes it. Unit: Hz. Allowed: 0 or above. Default: `0.1`.
+            For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
+            `tlnn`, `etlnn`: Lower corner frequency of the filter of the linear fit. 0 removes it.
+            Unit: Hz. Allowed: 0 or above. Default: `0.1`.
         linear_high_hz : float, optional
-            For `m2a`, `m2b`, `m2c`, `m2d`, `tlnn`, `etlnn`: Upper corner frequency of that filter.
-            0 removes it. Unit: Hz. Allowed: 0 or above. Default: `0.9`.
+            For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
+            `tlnn`, `etlnn`: Upper corner frequency of that filter. 0 removes it. Unit: Hz. Allowed:
+            0 or above. Default: `0.9`.
+        coupling : {"magnitude", "projection"}, optional
+            For `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`: Scalar field of the aircraft,
+            computed from its vector. Default: `"magnitude"`.
+        bt_scale_nt : float, optional
+            For `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`: `bt_scale_nt` of the stage that
+            computes the terms, for `coupling = "magnitude"`. Unit: nT. Allowed: above 0. Default:
+            `50000.0`.
+        curriculum_sigma : float, optional
+            For `m3sc`, `m3vc`: Limit of the samples of the first phases: distance of the error of
+            the ridge fit from its mean, in standard deviations of this error. Allowed: above 0.
+            Default: `1.0`.
         window : int, optional
+            For `m3w`, `m3tf`: Number of samples in the window. Unit: samples. Allowed: 2 to 4096.
+            Default: `5`.
             For `gru`, `lstm`, `tcn`: Number of samples in a window, ending at the predicted sample.
             Future samples are not used. Unit: samples. Allowed: 2 to 4096. Default: `16`.
         units : int, optional
+            For `m3tf`: Number of units of a sample in the transformer. Allowed: 1 to 1000. Default:
+            `8`.
             For `gru`, `lstm`, `tcn`: Number of features computed from the window. Allowed: 1 to
             1000. Default: `8`.
+        heads : int, optional
+            For `m3tf`: Number of heads of the attention, a divisor of `units`. Allowed: 1 to 1000.
+            Default: `8`.
         trees : int, optional
             For `boosted_trees`: Maximum number of trees. Allowed: 1 to 100000. Default: `200`.
         shrinkage : float, optional
@@ -2014,7 +2054,8 @@ class StageMethods:
         model: TableLike,
         target: str | Axis,
         method: Literal["permutation", "shapley", "expected_gradients", "pearson", "spearman",
-            "hard_thresholding", "group_lasso"] | Axis | None = None,
+            "hard_thresholding", "group_lasso", "morris", "sobol_first", "sobol_total"] | Axis |
+            None = None,
         groups: ListLike | Axis | None = None,
         block_s: float | Axis | None = None,
         repeats: int | Axis | None = None,
@@ -2023,6 +2064,10 @@ class StageMethods:
         draws: int | Axis | None = None,
         kept_samples: int | Axis | None = None,
         terms: int | Axis | None = None,
+        trajectories: int | Axis | None = None,
+        levels: int | Axis | None = None,
+        points: int | Axis | None = None,
+        tails: float | Axis | None = None,
         seed: int | Axis | None = None,
         name: str | None = None,
         where: str | None = None,
@@ -2047,6 +2092,9 @@ class StageMethods:
         | `pearson`, `spearman` | correlation with `target` | |
         | `hard_thresholding` | coefficient of the standardised entry, nT; 0 if it is not selected | |
         | `group_lasso` | norm of an input's weights times its standard deviation on the line, 1 | over the ensemble |
+        | `morris` | mean absolute change of the prediction per range of the input, nT | over the trajectories |
+        | `sobol_first` | share of the prediction's variance from the group alone, 1 | |
+        | `sobol_total` | share from the group and all its interactions, 1 | |
 
         `permutation` permutes blocks of `block_s`, because permuting single samples would turn a
         slow signal into noise. The mean of the model's error is ignored. `shapley` and
@@ -2060,6 +2108,15 @@ class StageMethods:
         `sample_values` holds their contributions to the prediction, and `sample_inputs` holds the
         values of the input. They are NaN for a group of several inputs. The report draws both lists
         for all lines together, like the beeswarm plot of the SHAP package.
+
+        `morris` and the Sobol indices vary all inputs independently over their ranges. The range of
+        an input lies between the quantiles `tails` and 1 - `tails` of its values on the line.
+        Correlated inputs then take combinations that do not occur in the data: the values describe
+        the model over the ranges, not its behaviour on the line. The shares of correlated inputs do
+        not add up to the variance of the prediction on the line. An input that is constant on the
+        line has the value 0. `error` is the standard error; `low` and `high` are the bounds of a 95
+        % interval of a Sobol index, by bootstrap. First-order indices below the total indices show
+        interactions. The effects of a group of several inputs have no `spread`.
 
         A sweep gives the increase of the error when an input is dropped and the model is refitted.
         Its axis holds all subsets that lack at most one input, `{ subsets_of = [...], at_least = n
@@ -2075,7 +2132,7 @@ class StageMethods:
         target : str
             Target of the fitted model, such as `mag_4_uc`. Unit: nT.
         method : {"permutation", "shapley", "expected_gradients", "pearson", "spearman",
-        "hard_thresholding", "group_lasso"}, optional
+        "hard_thresholding", "group_lasso", "morris", "sobol_first", "sobol_total"}, optional
             Method that computes the importance. Default: `"permutation"`.
         groups : ListLike, optional
             Groups of entries. Each is a name, or a prefix that several names share before a `_`,
@@ -2100,6 +2157,18 @@ class StageMethods:
         terms : int, optional
             Number of entries of the linear model of `hard_thresholding`. Allowed: 1 to 10000.
             Default: `10`.
+        trajectories : int, optional
+            Number of trajectories of `morris`. Each needs one prediction more than there are
+            groups. Allowed: 2 to 1000000. Default: `200`.
+        levels : int, optional
+            Even number of levels of each input in `morris`. Allowed: 2 to 1000. Default: `4`.
+        points : int, optional
+            Number of rows of each of the two random matrices of a Sobol index. The model predicts
+            (groups + 2) times as many rows. Errors are proportional to its inverse square root.
+            Allowed: 2 to 1000000. Default: `2000`.
+        tails : float, optional
+            Fraction of an input's values on the line below its range, and above its range. 0 uses
+            the extremes. Allowed: 0 to 0.49. Default: `0.01`.
         seed : int, optional
             Seed of the random draws. Default: `0`.
         name : str, optional
@@ -2120,7 +2189,8 @@ class StageMethods:
         References
         ----------
         Breiman 2001; Lundberg & Lee 2017; Lundberg et al. 2020; Erion et al. 2021; Blumensath &
-        Davies 2010; Gnadt 2022, section 4.3 and (4.10).
+        Davies 2010; Morris 1991; Campolongo, Cariboni & Saltelli 2007; Sobol 2001; Jansen 1999;
+        Saltelli et al. 2010; Gnadt 2022, section 4.3 and (4.10).
         """
         return self._stage("importance", locals())
 
@@ -2835,7 +2905,8 @@ class StageMethods:
         walk_per_hour : float, optional
             For `ekf_online_tl`: Random walk of a coefficient: its standard deviation after one
             hour, divided by its prior standard deviation. With 0 the coefficients are constants.
-            Allowed: 0 or above. Default: `0.1`.
+            The wide prior of a cold start is no measure of the changes in flight. Allowed: 0 or
+            above. Unset: 0.1 with `model`, else 0.0.
             For `fixed_lag`: Random walk of every coefficient in one hour, as a fraction of its
             prior standard deviation; 0 for constants. Allowed: 0 or above. Default: `0.0`.
         flux_bias_sigma_nt : float, optional
@@ -3655,6 +3726,89 @@ class StageMethods:
         """
         return self._stage("map_convert", locals())
 
+    def map_vector(
+        self,
+        *,
+        map: TableLike,
+        component: Literal["north", "east", "down"] | Axis | None = None,
+        decimal_year: float | Axis | None = None,
+        inclination_deg: float | Axis | None = None,
+        declination_deg: float | Axis | None = None,
+        keep_filled: bool | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Computes a component of the anomaly field from a map of the total-field anomaly: towards
+        true north, towards true east, or down.
+
+        An axis of `component` gives all three.
+
+        The anomaly is the component of the anomaly field along the core field. Above all sources
+        the anomaly field is the gradient of a potential. For the direction f of the core field and
+        the wavenumber k, the spectra of the components (east, north, up) are
+
+        B_e = i k_e A/d, B_n = i k_n A/d, B_u = -\|k\| A/d, with d = i (f_e k_e + f_n k_n) - f_u
+        \|k\|
+
+        of the spectrum A of the anomaly. The direction is that at the middle of the map, from
+        `decimal_year`, or from `inclination_deg` and `declination_deg`. On a projected map, grid
+        north is corrected to true north.
+
+        \|d\| is at least \|k\| sin \|I\| at the inclination I, so errors of the map are amplified
+        by up to 1/sin \|I\|. Near the magnetic equator a map does not contain waves across the core
+        field. Below 15 degrees of inclination these waves are damped, the components are too small,
+        and a warning is given. The mean and the trend of a map have no direction. They are assumed
+        to be parallel to the core field. The field beyond the map's edges is unknown; discard a
+        margin of 15 nodes. Inside it, components of dipoles below the map have errors of 1 % at
+        inclinations of 25 degrees and above, 2 % at 16 degrees, and 8 to 18 % at 5 degrees. Unknown
+        nodes are filled by minimum curvature for the transform and are unknown again in the result.
+
+        The result has the unit nT, but it is not a total-field anomaly: do not navigate with it.
+        These are rejected: a draped map, a map of a derivative, and a direction that is missing or
+        given twice.
+
+        Parameters
+        ----------
+        map : TableLike
+            Input: map.
+        component : {"north", "east", "down"}, optional
+            Component of the field. Default: `"down"`.
+        decimal_year : float, optional
+            Date of the core field (IGRF-14) that gives the direction. Unit: a. Allowed: 1900 to
+            2030. Unset: `inclination_deg` and `declination_deg` give the direction.
+        inclination_deg : float, optional
+            Inclination of the core field, downward from the horizontal. Unit: deg. Allowed: -90 to
+            90. Unset: the inclination of the core field.
+        declination_deg : float, optional
+            Declination of the core field, from true north to east. Unit: deg. Allowed: -180 to 180.
+            Unset: the declination of the core field.
+        keep_filled : bool, optional
+            Keeps values at nodes where the input map has none. Default: `false`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Blakely 1996, section 12.3.1. (MagNav.jl's `vector_fft` counts the declination from east,
+        inverts the vertical component, and adds the mean to each component.)
+        """
+        return self._stage("map_vector", locals())
+
     def score(
         self,
         *,
@@ -3684,13 +3838,13 @@ class StageMethods:
         positions.
 
         `input` names one or several tables with the same samples: the table with the compensated
-        signal and the table of the track. If `metrics` is unset, all metrics that these tables
-        allow are scored. Each metric is a row with `metric`, `value`, `unit` and `n`, the number of
-        samples (for crossings: pairs). Rows with a NaN are excluded from a metric and its `n`; a
-        metric without samples has a null value. A metric that cannot be computed for a line has a
-        null value and the reason in `note`. An example is an upper corner above half the sample
-        rate. The other metrics are kept. The run reports a warning, or fails if `metrics` names the
-        metric.
+        signal and the table of the track. If `metrics` is unset, all built-in metrics that these
+        tables allow are scored. Each metric is a row with `metric`, `value`, `unit` and `n`, the
+        number of samples (for crossings: pairs). Rows with a NaN are excluded from a metric and its
+        `n`; a metric without samples has a null value. A metric that cannot be computed for a line
+        has a null value and the reason in `note`. An example is an upper corner above half the
+        sample rate. The other metrics are kept. The run reports a warning, or fails if `metrics`
+        names the metric.
 
         The published table also has `in_sample`: true if the line was used to make the model, noise
         or map behind the score, or to choose a parameter in a search. Such a score is an error of
@@ -3736,7 +3890,7 @@ class StageMethods:
         "samples_missing", "samples_off_map", "samples_gated", "samples_flat", "gnss_rejected",
         "map_height_error", "map_std_error", "map_bias_error", "map_gradient_along_track",
         "map_position_bound"}], optional
-            Metrics to score. Unset: all metrics that the inputs allow.
+            Metrics to score. Unset: all built-in metrics that the inputs allow.
         mag : str, optional
             Column of the compensated signal. Unit: nT. Default: `"mag_c"`.
         low_hz : float, optional
