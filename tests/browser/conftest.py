@@ -28,6 +28,8 @@ def visit(browser):
     def visit(place, width=1400, scheme="light", motion="no-preference"):
         context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme,
                                       reduced_motion=motion)
+        # A busy machine is slow.
+        context.set_default_timeout(90_000)
         contexts.append(context)
         page = context.new_page()
         page.on("console", lambda m: faults.append(m.text) if m.type in ("error", "warning") else None)
@@ -92,7 +94,7 @@ def download(page, button):
     return Path(waiting.value.path()).read_bytes()
 
 
-def until(page, script, arg=None, seconds=15):
+def until(page, script, arg=None, seconds=60):
     """Waits until a script returns a true value. The policy of the view forbids `wait_for_function`."""
     for _ in range(int(seconds * 20)):
         if page.evaluate(script, arg):
