@@ -145,7 +145,8 @@ async fn respond(state: &ServerState, request: &Request<Incoming>) -> Answer {
     let mut answer = match route(state, request).await {
         Ok(answer) => answer,
         Err(Refusal { status, fault }) => {
-            let text = json!({ "error": fault.to_string(), "help": fault.help }).to_string();
+            let (what, help) = (Fault { help: None, ..fault.clone() }.to_string(), fault.help);
+            let text = json!({ "error": what, "help": help }).to_string();
             let mut answer = whole(Bytes::from(text), JSON);
             *answer.status_mut() = status;
             if status == StatusCode::METHOD_NOT_ALLOWED {

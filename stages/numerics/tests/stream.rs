@@ -326,8 +326,8 @@ fn law_the_streamed_online_filter_is_the_filter_of_the_line() {
         let flight = Flight::flown(kind);
         let ins = flight.ins.series();
         let (count, gate_nis) = (1 + kind as usize % 2, (kind % 3 != 1).then_some(9.0));
-        let parameters =
-            OnlineParameters { gate_nis, keep_states: true, keep_covariance: true, keep_coefficients: true };
+        let kept = OnlineParameters { keep_states: true, keep_covariance: true, ..OnlineParameters::default() };
+        let parameters = OnlineParameters { gate_nis, keep_coefficients: true, ..kept };
         let priors = TERMS.map(online_prior);
         let magnetometers: Vec<_> = (0..count)
             .map(|of| OnlineMagnetometer {

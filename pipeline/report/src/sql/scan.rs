@@ -142,20 +142,6 @@ impl PublishedTableProvider {
         self.source.read(ScanPiece::Group(group), &self.projection(names)?)
     }
 
-    /// The column `name` of the nearest table upstream of a unit that has it; `None` if no table has it.
-    ///
-    /// # Errors
-    /// Fails when the store is damaged.
-    pub(crate) fn read_upstream(&self, unit: usize, name: &str) -> Result<Option<RecordBatch>, Fault> {
-        let Some(logical) = &self.source.logical else { return Ok(None) };
-        for key in (1..).map_while(|step| logical.key(unit, step)) {
-            if self.source.objects.columns(key)?.field_with_name(name).is_ok() {
-                return self.source.objects.get(key, &[name]).map(Some);
-            }
-        }
-        Ok(None)
-    }
-
     fn projection(&self, names: &[&str]) -> Result<SchemaRef, Fault> {
         let field = |name: &&str| {
             let known = || self.schema.fields().iter().map(|f| f.name().clone()).collect::<Vec<_>>();

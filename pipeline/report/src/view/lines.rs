@@ -1,6 +1,9 @@
 //! Lines of a table and their series.
 
-use std::{collections::HashMap, sync::Arc};
+use std::{
+    collections::{HashMap, HashSet, VecDeque},
+    sync::Arc,
+};
 
 use numerics::earth::geodesy::EarthModel;
 use schemas::Fault;
@@ -17,6 +20,10 @@ const MOST_PIXELS: usize = 20_000;
 const MOST_VALUES: usize = 400_000;
 /// Maximum number of samples of a line.
 const MOST_ROWS: usize = 20_000_000;
+
+/// Columns of a position, and of the position of the INS.
+const POSITION: [&str; 2] = ["lat", "lon"];
+const INS: [&str; 2] = ["ins_lat", "ins_lon"];
 
 /// Request of a series.
 #[derive(Clone, Debug, Default)]
@@ -73,11 +80,10 @@ impl DerivedColumn {
 pub fn derived(pipeline: &PublishedPipeline, table: &ViewTable) -> Vec<DerivedColumn> {
     let columns = table.provider.columns();
     let field = |name: &str| columns.field_with_name(name).ok();
-    let role = |name: &str| field(name).and_then(|f| f.metadata().get("role").cloned());
-    // The position of a navigation is an estimate; its truth is upstream.
-    let is_estimate = role("lat").as_deref() == Some("derived") && role("lon").as_deref() == Some("derived");
-    let has_truth = is_estimate && truth_unit(table).is_ok_and(|found| found);
-    let has_ins = field("ins_lat").is_some() && field("ins_lon").is_some();
+    let upstream = truth_table(pipeline, table);
+    let has_truth = upstream.is_some();
+    let has = |table: &ViewTable, name: &str| table.provider.columns().field_with_name(name).is_ok();
+    let has_ins = upstream.is_some_and(|upstream| INS.iter().all(|name| has(table, name) || has(&upstream, name)));
     let truth = pipeline.notes.truth(short(&table.name));
     let has_field = field("mag_c").is_some() && field("error").is_none() && truth.is_some_and(|t| field(t).is_some());
     let fits = |column: &DerivedColumn| match column {
@@ -89,17 +95,30 @@ pub fn derived(pipeline: &PublishedPipeline, table: &ViewTable) -> Vec<DerivedCo
     DerivedColumn::ALL.iter().filter(|(c, name, ..)| fits(c) && !own(&name)).map(|(c, ..)| *c).collect()
 }
 
-/// Whether the first unit has a true position upstream.
-fn truth_unit(table: &ViewTable) -> Result<bool, Fault> {
-    if table.provider.units().is_none_or(|units| units.num_rows() == 0) {
-        return Ok(false);
-    }
-    let is_truth = |name: &str| -> Result<bool, Fault> {
-        let found = table.provider.read_upstream(0, name)?;
-        let role = found.and_then(|batch| batch.schema().field(0).metadata().get("role").cloned());
-        Ok(role.as_deref() == Some("truth"))
+/// The nearest table upstream with true positions, for a table whose position is an estimate.
+fn truth_table(pipeline: &PublishedPipeline, table: &ViewTable) -> Option<Arc<ViewTable>> {
+    let has_position = |table: &ViewTable, wanted: &str| {
+        let role = |name: &str| {
+            table.provider.columns().field_with_name(name).ok().and_then(|f| f.metadata().get("role").cloned())
+        };
+        POSITION.iter().all(|name| role(name).as_deref() == Some(wanted))
     };
-    Ok(is_truth("lat")? && is_truth("lon")?)
+    if !has_position(table, "derived") {
+        return None;
+    }
+    let (mut open, mut seen) = (VecDeque::from([short(&table.name)]), HashSet::new());
+    while let Some(noted) = open.pop_front().and_then(|name| pipeline.notes.table(name)) {
+        for input in noted.inputs.iter().filter(|input| seen.insert(input.as_str())) {
+            let found = pipeline.table(input).ok().filter(|found| found.is_by_sample());
+            if let Some(found) = found.filter(|found| has_position(found, "truth")) {
+                return Some(found);
+            }
+            if pipeline.notes.table(input).is_some() {
+                open.push_back(input.as_str());
+            }
+        }
+    }
+    None
 }
 
 fn short(table: &str) -> &str {
@@ -167,7 +186,7 @@ impl StoreView {
             let fault = Fault::new(format!("the line has {rows} samples; at most {MOST_ROWS} are drawn"));
             return Err(ViewFault::Wrong(fault.help("use `magline export` or `magline sql`")));
         }
-        let reader = LineReader { view: self, pipeline: &pipeline, table: &table, units: &units };
+        let reader = LineReader { view: self, pipeline: &pipeline, table: &table, units: &units, request };
         let tt = reader.read("tt")?;
         let columns = request.columns.iter().map(|name| reader.column(name)).collect::<Result<Vec<_>, _>>()?;
         let point: serde_json::Map<String, Value> = request.point.iter().map(|(k, v)| (k.clone(), json!(v))).collect();
@@ -218,6 +237,7 @@ struct LineReader<'a> {
     pipeline: &'a PublishedPipeline,
     table: &'a ViewTable,
     units: &'a [usize],
+    request: &'a SeriesRequest,
 }
 
 impl LineReader<'_> {
@@ -252,7 +272,12 @@ impl LineReader<'_> {
 
     fn derive(&self, column: DerivedColumn) -> Result<Vec<f64>, ViewFault> {
         let errors = |names: [&str; 2], way: usize| -> Result<Vec<f64>, ViewFault> {
-            let (truth, own) = ([self.truth("lat")?, self.truth("lon")?], [self.read(names[0])?, self.read(names[1])?]);
+            let truth = [self.upstream("lat")?, self.upstream("lon")?];
+            let own = |name: &str| match self.table.column(name) {
+                Ok(_) => self.read(name),
+                Err(_) => self.upstream(name).map(Arc::new),
+            };
+            let own = [own(names[0])?, own(names[1])?];
             let rows = (truth[0].iter().zip(&truth[1])).zip(own[0].iter().zip(own[1].iter()));
             let offset = |((lat, lon), own): ((&f64, &f64), (&f64, &f64))| {
                 let (north, east) = EarthModel::default().offset_ne_m((*own.0, *own.1), (*lat, *lon), 0.0);
@@ -261,9 +286,9 @@ impl LineReader<'_> {
             Ok(rows.map(offset).collect())
         };
         match column {
-            DerivedColumn::Truth(way) => self.truth(["lat", "lon"][way.min(1)]),
-            DerivedColumn::Estimate(way) => errors(["lat", "lon"], way),
-            DerivedColumn::Ins(way) => errors(["ins_lat", "ins_lon"], way),
+            DerivedColumn::Truth(way) => self.upstream(POSITION[way.min(1)]),
+            DerivedColumn::Estimate(way) => errors(POSITION, way),
+            DerivedColumn::Ins(way) => errors(INS, way),
             DerivedColumn::Field => {
                 let name = self.pipeline.notes.truth(short(&self.table.name)).unwrap_or_default();
                 let (own, truth) = (self.read("mag_c")?, self.read(name)?);
@@ -272,22 +297,33 @@ impl LineReader<'_> {
         }
     }
 
-    /// The column `name` of the table upstream.
-    fn truth(&self, name: &str) -> Result<Vec<f64>, ViewFault> {
-        let mut values = vec![];
-        for unit in self.units {
-            let batch = self.table.provider.read_upstream(*unit, name)?;
-            let batch =
-                batch.ok_or_else(|| Fault::machine(format!("the store no longer contains the true `{name}`")))?;
-            super::table::extend(&mut values, &batch, None)?;
-        }
-        Ok(values)
+    /// A column of the table with the true positions, at the times of this table; NaN at times that it lacks.
+    fn upstream(&self, name: &str) -> Result<Vec<f64>, ViewFault> {
+        let missing = || Fault::machine(format!("the store no longer contains the true positions of `{name}`"));
+        let table = truth_table(self.pipeline, self.table).ok_or_else(missing)?;
+        let SeriesRequest { flight, line, point, .. } = self.request;
+        let point: ViewPoint = point.iter().filter(|(axis, _)| table.axes.contains(axis)).cloned().collect();
+        let units = table.units(&point, Some((flight, line)))?;
+        let read = |name: &str| self.view.column(self.pipeline.version.number, &table, &units, name);
+        Ok(at_times(&read("tt")?, &read(name)?, &self.read("tt")?))
     }
+}
+
+/// Values with ascending times `tt`, at other times; NaN at times without a value.
+fn at_times(tt: &[f64], values: &[f64], wanted: &[f64]) -> Vec<f64> {
+    let at = |time: &f64| tt.binary_search_by(|own| own.total_cmp(time)).ok().and_then(|row| values.get(row));
+    wanted.iter().map(|time| at(time).copied().unwrap_or(f64::NAN)).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn unit_values_are_taken_at_equal_times() {
+        let found = at_times(&[0.0, 0.1, 0.3], &[5.0, 6.0, 7.0], &[0.1, 0.2, 0.3]);
+        assert!(found[0] == 6.0 && found[1].is_nan() && found[2] == 7.0, "{found:?}");
+    }
 
     #[test]
     fn unit_requests_beyond_the_limits_are_rejected() {

@@ -4,7 +4,7 @@ use std::{
     collections::{BTreeMap, HashSet},
     fs,
     path::Path,
-    sync::{Mutex, PoisonError},
+    sync::{Mutex, MutexGuard, PoisonError, TryLockError},
     time::{Duration, Instant, SystemTime},
 };
 
@@ -38,6 +38,8 @@ pub struct RunProgress<'a> {
     graph: &'a PlanGraph<'a>,
     store: &'a Store,
     state: Mutex<ProgressState>,
+    /// The last answer, for requests during a count.
+    last: Mutex<Option<Value>>,
 }
 
 #[derive(Default)]
@@ -80,7 +82,7 @@ struct TableProgress {
 impl<'a> RunProgress<'a> {
     /// The runs of `graph` in `store`.
     pub fn new(graph: &'a PlanGraph<'a>, store: &'a Store) -> RunProgress<'a> {
-        RunProgress { graph, store, state: Mutex::default() }
+        RunProgress { graph, store, state: Mutex::default(), last: Mutex::default() }
     }
 
     /// The name of the pipeline.
@@ -99,15 +101,32 @@ impl<'a> RunProgress<'a> {
         pooled::tables(plan).map(|t| format!("{}.{}", plan.spec.name, plan.table_name(t))).collect()
     }
 
-    /// The state of the run as JSON.
+    /// The state of the run as JSON. While another thread counts the units, the previous state.
     ///
     /// # Errors
     /// Fails when the store is damaged.
     pub fn json(&self) -> Result<Value, Fault> {
+        let held = match self.state.try_lock() {
+            Ok(state) => Some(state),
+            Err(TryLockError::Poisoned(e)) => Some(e.into_inner()),
+            Err(TryLockError::WouldBlock) => None,
+        };
+        let last = || self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = last().clone();
+        let state = match (held, known) {
+            (Some(state), _) => state,
+            (None, Some(known)) => return Ok(known),
+            (None, None) => self.state.lock().unwrap_or_else(PoisonError::into_inner),
+        };
+        let made = self.state(state)?;
+        *last() = Some(made.clone());
+        Ok(made)
+    }
+
+    fn state(&self, mut state: MutexGuard<ProgressState>) -> Result<Value, Fault> {
         let (graph, store) = (self.graph, self.store);
         let spec = &graph.plan.spec;
         let running = is_running(store.root(), &spec.name);
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if !state.counted.as_ref().is_some_and(|counted| counted.is_fresh(COUNT_EVERY)) {
             let counted = TimedValue::of(|| {
                 store.refresh();
