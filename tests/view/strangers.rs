@@ -80,7 +80,7 @@ fn user_hostile_requests_are_rejected_with_a_reason() {
         "small.%E2%80%AEclean",
         "%FF.%FE",
         "small.../clean",
-        "small.<script>",
+        "small.%3Cscript%3E",
     ] {
         viewed.refused(&table(name), 404);
     }

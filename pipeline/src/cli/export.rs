@@ -89,7 +89,7 @@ pub fn run(args: &ExportArgs) -> Result<(), ExitReason> {
                 answered(&question, &mut writer, |question, sink| export::export(question, sink, args.units))?;
             }
             ExportFormat::Table(writer) => {
-                let mut file = ExportFile::new(&args.output, writer)?;
+                let mut file = TableFile::new(&args.output, writer)?;
                 answered(&question, &mut file, |question, sink| export::export(question, sink, false))?;
             }
         }
@@ -98,22 +98,22 @@ pub fn run(args: &ExportArgs) -> Result<(), ExitReason> {
 }
 
 /// File that is written under a temporary name.
-struct ExportFile<'a> {
+struct TableFile<'a> {
     path: &'a Path,
     tmp: TemporaryFile,
     writer: Option<Box<dyn TableWriter>>,
 }
 
-impl ExportFile<'_> {
-    fn new(path: &Path, writer: fn(BufWriter<File>) -> Box<dyn TableWriter>) -> Result<ExportFile<'_>, Fault> {
+impl TableFile<'_> {
+    fn new(path: &Path, writer: fn(BufWriter<File>) -> Box<dyn TableWriter>) -> Result<TableFile<'_>, Fault> {
         let tmp = TemporaryFile::new(answer::unfinished(path, std::process::id()));
         let file = File::create(tmp.path());
         let file = file.map_err(|e| Fault::machine(format!("cannot write {}: {e}", path.display())))?;
-        Ok(ExportFile { path, tmp, writer: Some(writer(BufWriter::with_capacity(1 << 16, file))) })
+        Ok(TableFile { path, tmp, writer: Some(writer(BufWriter::with_capacity(1 << 16, file))) })
     }
 }
 
-impl BatchSink for ExportFile<'_> {
+impl BatchSink for TableFile<'_> {
     fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault> {
         self.writer.as_mut().map_or(Ok(()), |writer| writer.write(&batch)).map(|()| true)
     }

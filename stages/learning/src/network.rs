@@ -54,6 +54,7 @@ mod attention;
 mod convolution;
 mod curriculum;
 mod ensemble;
+mod error;
 mod gathering;
 mod kernels;
 mod lbfgs;
@@ -72,6 +73,7 @@ mod windowed;
 
 pub use activation::ActivationFunction;
 pub use ensemble::EnsemblePrediction;
+pub use error::TrainingError;
 pub use lbfgs::LbfgsState;
 pub use loss::NetworkLoss;
 pub use onnx::{NetworkScales, OnnxError};
@@ -81,7 +83,7 @@ pub use terms::TermScaling;
 pub use together::{EpochCallback, TrainingJob, train, train_together, train_windowed};
 pub use training::{
     LearningRateSchedule, NetworkOptimiser, NetworkSamples, NetworkTraining, SparseGroupLasso, TrainingEpoch,
-    TrainingError, TrainingResult,
+    TrainingResult,
 };
 pub use vector::{FieldCoupling, TERMS_WITHOUT_EDDY, VECTOR_TERMS, VectorFrame};
 pub use windowed::{MemoryLayers, SampleRuns, WindowedNetworkShape};

@@ -5,7 +5,7 @@ use schemas::Rule;
 
 use super::{
     model::{FitModel, model},
-    network::{LinearPart, NetworkKeys, NetworkModel, VectorKeys, WindowLayers},
+    network::{LinearPart, NetworkKeys, NetworkModel, VectorModelKeys, WindowLayers},
 };
 
 model! {
@@ -22,7 +22,7 @@ model! {
     ///
     /// Source: Vaswani et al. 2017; MagNav.jl 1.3.3, `get_nn_m`, model `m3tf`.
     M3tf = "m3tf", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [],
-    groups [network: NetworkKeys, part: LinearPart, vector: VectorKeys], example "epochs = 2\nwindow = 4";
+    groups [network: NetworkKeys, part: LinearPart, vector: VectorModelKeys], example "epochs = 2\nwindow = 4";
     /// Number of samples in the window.
     window: usize, unit "samples", default 5usize, rule Rule::Between(2.0, 4096.0);
     /// Number of units of a sample in the transformer.

@@ -5,7 +5,7 @@ use schemas::Fault;
 
 use super::{
     model::{FitModel, model},
-    network::{LinearPart, NetworkKeys, NetworkModel, VectorKeys},
+    network::{LinearPart, NetworkKeys, NetworkModel, VectorModelKeys},
 };
 
 model! {
@@ -35,7 +35,7 @@ model! {
     ///
     /// Source: MagNav.jl 1.3.3, `nn_comp_3_fwd` and `TL_vec2mat`, model `m3tl`.
     M3tl = "m3tl", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
-    groups [network: NetworkKeys, part: LinearPart, vector: VectorKeys], example "epochs = 10";
+    groups [network: NetworkKeys, part: LinearPart, vector: VectorModelKeys], example "epochs = 10";
 }
 
 /// Keys of a network that this model does not have.

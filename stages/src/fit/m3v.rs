@@ -4,7 +4,7 @@ use learning::network::NetworkForm;
 
 use super::{
     model::{FitModel, model},
-    network::{LinearPart, NetworkKeys, NetworkModel, VectorKeys},
+    network::{LinearPart, NetworkKeys, NetworkModel, VectorModelKeys},
 };
 
 model! {
@@ -15,7 +15,7 @@ model! {
     ///
     /// Source: MagNav.jl 1.3.3, `nn_comp_3_fwd`, model `m3v`.
     M3v = "m3v", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
-    groups [network: NetworkKeys, part: LinearPart, vector: VectorKeys], example "epochs = 10";
+    groups [network: NetworkKeys, part: LinearPart, vector: VectorModelKeys], example "epochs = 10";
 }
 
 impl FitModel for M3v {

@@ -4,7 +4,7 @@ use learning::network::NetworkForm;
 
 use super::{
     model::{FitModel, model},
-    network::{CurriculumKeys, LinearPart, NetworkKeys, NetworkModel, VectorKeys},
+    network::{CurriculumKeys, LinearPart, NetworkKeys, NetworkModel, VectorModelKeys},
 };
 
 model! {
@@ -12,7 +12,7 @@ model! {
     ///
     /// Source: MagNav.jl 1.3.3, `nn_comp_3_train` and `get_curriculum_ind`, model `m3vc`.
     M3vc = "m3vc", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
-    groups [network: NetworkKeys, part: LinearPart, vector: VectorKeys, curriculum: CurriculumKeys],
+    groups [network: NetworkKeys, part: LinearPart, vector: VectorModelKeys, curriculum: CurriculumKeys],
     example "epochs = 10";
 }
 

@@ -17,5 +17,5 @@ pub use linear_part::LinearPart;
 pub use model::NetworkModel;
 pub use prepared::TrainingTask;
 pub use training::learn_together;
-pub use vector_keys::{CurriculumKeys, VectorKeys};
+pub use vector_keys::{CurriculumKeys, VectorModelKeys};
 pub use window::{WindowKeys, WindowLayers};

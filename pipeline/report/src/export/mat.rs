@@ -37,12 +37,12 @@ mod code {
 /// Writer of a table as a MAT-file. All columns are in memory until the end of the table.
 pub struct MatWriter<W> {
     out: W,
-    columns: Vec<MatColumn>,
+    columns: Vec<MatVector>,
     largest: usize,
 }
 
 /// Values of a column.
-struct MatColumn {
+struct MatVector {
     /// Variable, column, unit and description.
     names: [String; 4],
     values: Vec<f64>,
@@ -82,7 +82,7 @@ impl<W: Write> MatWriter<W> {
             let is_text = is_text(field);
             let variable = variable(field.name(), is_text, &mut taken);
             let names = [variable, field.name().clone(), of("unit"), of("description")];
-            self.columns.push(MatColumn { names, values: vec![], texts: is_text.then(DistinctTexts::default) });
+            self.columns.push(MatVector { names, values: vec![], texts: is_text.then(DistinctTexts::default) });
         }
     }
 }
@@ -114,7 +114,7 @@ impl<W: Write + Send> TableWriter for MatWriter<W> {
         let mut write = |bytes: &[u8]| self.out.write_all(bytes).map_err(|e| write_failed(&e));
         write(&head)?;
         write(&[0x00, 0x01, b'I', b'M'])?;
-        for MatColumn { names: [variable, ..], values, texts } in &self.columns {
+        for MatVector { names: [variable, ..], values, texts } in &self.columns {
             write(&numbers(variable, values))?;
             if let Some(texts) = texts {
                 let list: Vec<&str> = texts.list.iter().map(String::as_str).collect();
@@ -128,7 +128,7 @@ impl<W: Write + Send> TableWriter for MatWriter<W> {
     }
 }
 
-impl MatColumn {
+impl MatVector {
     fn extend(&mut self, array: &dyn Array) -> Result<(), Fault> {
         if let Some(texts) = &mut self.texts {
             let words = ArrayFormatter::try_new(array, &Default::default()).map_err(|e| Fault::bug(e.to_string()))?;

@@ -37,14 +37,14 @@ const MOST_FAILURES: usize = 200;
 pub struct RunProgress<'a> {
     graph: &'a PlanGraph<'a>,
     store: &'a Store,
-    state: Mutex<ProgressState>,
+    state: Mutex<ProgressCount>,
     /// The last answer, for requests during a count.
     last: Mutex<Option<Value>>,
 }
 
 #[derive(Default)]
-struct ProgressState {
-    counted: Option<TimedValue<Vec<TableProgress>>>,
+struct ProgressCount {
+    counted: Option<TimedValue<Vec<TableCount>>>,
     best: Option<TimedValue<(usize, Vec<Value>)>>,
     failures: BTreeMap<(String, String), (usize, String)>,
     /// Failed units whose failure is known.
@@ -72,7 +72,7 @@ impl<T> TimedValue<T> {
 }
 
 /// Units of one table.
-struct TableProgress {
+struct TableCount {
     table: usize,
     done: usize,
     failed: usize,
@@ -123,7 +123,7 @@ impl<'a> RunProgress<'a> {
         Ok(made)
     }
 
-    fn state(&self, mut state: MutexGuard<ProgressState>) -> Result<Value, Fault> {
+    fn state(&self, mut state: MutexGuard<ProgressCount>) -> Result<Value, Fault> {
         let (graph, store) = (self.graph, self.store);
         let spec = &graph.plan.spec;
         let running = is_running(store.root(), &spec.name);
@@ -135,7 +135,7 @@ impl<'a> RunProgress<'a> {
             state.counted = Some(counted);
         }
         let tables = state.counted.as_ref().map(|c| c.value.as_slice()).unwrap_or_default();
-        let sum = |of: fn(&TableProgress) -> usize| tables.iter().map(of).sum::<usize>();
+        let sum = |of: fn(&TableCount) -> usize| tables.iter().map(of).sum::<usize>();
         let (done, failed, total) = (sum(|t| t.done), sum(|t| t.failed), sum(|t| t.total));
         let listed: Vec<Value> = tables.iter().map(|t| self.table(t)).collect();
         let scored: usize = tables.iter().filter(|t| self.is_scores(t.table)).map(|t| t.done).sum();
@@ -162,7 +162,7 @@ impl<'a> RunProgress<'a> {
         self.graph.plan.tables.get(table).is_some_and(|node| node.entry.name == "score")
     }
 
-    fn table(&self, progress: &TableProgress) -> Value {
+    fn table(&self, progress: &TableCount) -> Value {
         let plan = self.graph.plan;
         json!({
             "table": format!("{}.{}", plan.spec.name, plan.table_name(progress.table)),
@@ -172,11 +172,11 @@ impl<'a> RunProgress<'a> {
     }
 
     /// Counts the units of all tables. Adds new failures.
-    fn count(&self, state: &mut ProgressState) -> Result<Vec<TableProgress>, Fault> {
+    fn count(&self, state: &mut ProgressCount) -> Result<Vec<TableCount>, Fault> {
         let plan = self.graph.plan;
         let mut found = vec![];
         for table in 0..plan.tables.len() {
-            let mut progress = TableProgress { table, done: 0, failed: 0, total: self.graph.unit_count(table) };
+            let mut progress = TableCount { table, done: 0, failed: 0, total: self.graph.unit_count(table) };
             for unit in self.graph.units(table) {
                 let Ok(key) = self.graph.key(unit) else { continue };
                 match self.store.find(key).map(|place| place.rows.is_some()) {
@@ -193,7 +193,7 @@ impl<'a> RunProgress<'a> {
         Ok(found)
     }
 
-    fn failure(&self, state: &mut ProgressState, unit: PlanUnit, key: HashKey) {
+    fn failure(&self, state: &mut ProgressCount, unit: PlanUnit, key: HashKey) {
         if !state.known.insert(key) {
             return;
         }

@@ -19,9 +19,10 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
+use super::error::TrainingError;
 use super::shape::{NetworkForm, NetworkShape};
 use super::terms::TermScaling;
-use super::training::{NetworkSamples, NetworkTraining, TrainingError};
+use super::training::{NetworkSamples, NetworkTraining};
 use super::vector::{TERMS_WITHOUT_EDDY, tolles_lawson_fields};
 use super::windowed::NetworkArchitecture;
 

@@ -4,7 +4,7 @@ use numerics::random::SplitMix64;
 use params::choice;
 
 use super::activation::ActivationFunction;
-use super::training::TrainingError;
+use super::error::TrainingError;
 use super::vector::{ROW, TERMS_WITHOUT_EDDY, VECTOR_TERMS};
 
 choice! {

@@ -5,13 +5,13 @@ use std::ops::{ControlFlow, Range};
 use numerics::random::SplitMix64;
 
 use super::curriculum::TrainingPhase;
+use super::error::TrainingError;
 use super::loss::NetworkLoss;
 use super::objective::{BatchRows, GradientPass, GradientRequest, TrainingObjective};
 use super::shape::{DenseLayer, NetworkForm, NetworkRandomStream, NetworkShape, derived_seed};
 use super::state::TrainingState;
 use super::training::{
-    LearningRateSchedule, NetworkOptimiser, NetworkSamples, NetworkTraining, TrainingEpoch, TrainingError,
-    TrainingResult,
+    LearningRateSchedule, NetworkOptimiser, NetworkSamples, NetworkTraining, TrainingEpoch, TrainingResult,
 };
 use super::windowed::{NetworkArchitecture, SampleRuns, WindowedNetworkShape};
 

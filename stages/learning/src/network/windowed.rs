@@ -7,11 +7,12 @@ use numerics::random::SplitMix64;
 
 use super::attention::{EncoderPart, EncoderSizes, TransformerEncoder};
 use super::convolution::ConvolutionLayers;
+use super::error::TrainingError;
 use super::passes::{BLOCK, BlockWorkspace, NetworkLinearTerms, PackedNetwork};
 use super::recurrent::{RecurrentCell, RecurrentLayer};
 use super::shape::{DenseLayer, NetworkRandomStream, NetworkShape, derived_seed, unit_uniform};
 use super::state::TrainingState;
-use super::training::{NetworkSamples, TrainingError};
+use super::training::NetworkSamples;
 
 /// Largest initial position of a transformer.
 const MOST_POSITION: f64 = 0.02;

@@ -3,7 +3,7 @@
 use learning::network::NetworkForm;
 use schemas::Fault;
 
-use super::{LinearPart, NetworkKeys, VectorKeys, WindowLayers};
+use super::{LinearPart, NetworkKeys, VectorModelKeys, WindowLayers};
 
 /// Smallest number of epochs with which every phase of a curriculum has an epoch.
 const CURRICULUM_EPOCHS: usize = 10;
@@ -24,7 +24,7 @@ pub struct NetworkModel<'a> {
     /// Weight of the distance from the linear model in the loss.
     pub physics: f64,
     /// Vector form of the linear model. `None` for models other than `m3tl` to `m3tf`.
-    pub vector: Option<&'a VectorKeys>,
+    pub vector: Option<&'a VectorModelKeys>,
     /// Training in the phases of a curriculum, with the number of standard deviations of the first phases.
     pub curriculum: Option<f64>,
     /// Layers over a window of samples before the network. `None` for a network of single samples.
@@ -48,7 +48,7 @@ impl<'a> NetworkModel<'a> {
     }
 
     /// A model 3: network with the vector form of Tolles-Lawson.
-    pub fn vector(keys: &'a NetworkKeys, form: NetworkForm, part: &'a LinearPart, vector: &'a VectorKeys) -> Self {
+    pub fn vector(keys: &'a NetworkKeys, form: NetworkForm, part: &'a LinearPart, vector: &'a VectorModelKeys) -> Self {
         Self { linear: Some(part), vector: Some(vector), ..Self::new(keys, form) }
     }
 

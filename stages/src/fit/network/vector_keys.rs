@@ -8,7 +8,7 @@ use crate::fit::samples::FitSamples;
 
 params! {
     /// Vector form of Tolles-Lawson.
-    pub struct VectorKeys;
+    pub struct VectorModelKeys;
     /// Scalar field of the aircraft, computed from its vector.
     coupling: FieldCoupling, unit "", default FieldCoupling::Magnitude;
     /// `bt_scale_nt` of the stage that computes the terms, for `coupling = "magnitude"`.
@@ -26,7 +26,7 @@ params! {
 /// Magnitudes of the earth's field, with a margin for the aircraft's field, nT.
 const PLAUSIBLE_NT: std::ops::Range<f64> = 15_000.0..90_000.0;
 
-impl VectorKeys {
+impl VectorModelKeys {
     /// Frame for a scale of the target, nT.
     pub fn frame(&self, target_scale_nt: f64) -> VectorFrame {
         VectorFrame { coupling: self.coupling, bt_scale_nt: self.bt_scale_nt, target_scale_nt }
@@ -152,7 +152,7 @@ mod tests {
     fn unit_a_scale_of_other_terms_is_rejected() {
         // The field 50,000 nT along x, in terms with the scale 50,000 nT.
         let terms = [1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        let keys = |coupling, bt_scale_nt| VectorKeys { coupling, bt_scale_nt };
+        let keys = |coupling, bt_scale_nt| VectorModelKeys { coupling, bt_scale_nt };
         assert!(keys(FieldCoupling::Magnitude, 50_000.0).check(&terms, 9).is_ok());
         let fault = keys(FieldCoupling::Magnitude, 1.0).check(&terms, 9).unwrap_err();
         assert!(

@@ -6,7 +6,7 @@ use learning::{
 };
 use schemas::Fault;
 
-use super::{NetworkKeys, VectorKeys, core::NetworkCore};
+use super::{NetworkKeys, VectorModelKeys, core::NetworkCore};
 use crate::{
     fit::samples::FitSamples,
     trained::{LearnedModel, NetworkLayers, NetworkParts},
@@ -46,7 +46,7 @@ impl<'a> WarmStart<'a> {
     ///
     /// # Errors
     /// If the coupling, or the scale of the terms, differs.
-    pub fn check_frame(&self, keys: Option<&VectorKeys>) -> Result<(), Fault> {
+    pub fn check_frame(&self, keys: Option<&VectorModelKeys>) -> Result<(), Fault> {
         let (Some(own), Some(keys)) = (self.parts.frame, keys) else { return Ok(()) };
         let here = keys.frame(own.target_scale_nt);
         if own == here {
