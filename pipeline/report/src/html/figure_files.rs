@@ -25,7 +25,8 @@ const NAME: usize = 60;
 
 /// All figures of a page that [`report`](super::report) made.
 pub fn figure_files(page: &str) -> Vec<FigureFile> {
-    let sheet = StyleSheet::new(include_str!("style.css"));
+    let text = without_comments(include_str!("style.css"));
+    let sheet = StyleSheet::new(&text);
     let mut found: Vec<FigureFile> = vec![];
     let mut rest = page;
     while let Some(start) = rest.find("<svg") {
@@ -143,7 +144,7 @@ fn words(label: &str) -> String {
 }
 
 /// A figure as a document of its own.
-fn document(page: &str, (opening, inner): (&str, &str), legend: &[LegendEntry], sheet: &StyleSheet) -> String {
+fn document(page: &str, (opening, inner): (&str, &str), legend: &[LegendEntry], sheet: &StyleSheet<'_>) -> String {
     let figure = format!("{opening}>{inner}");
     let definitions: String = references(&figure)
         .into_iter()
@@ -191,14 +192,22 @@ fn definition<'a>(page: &'a str, id: &str) -> Option<&'a str> {
 }
 
 /// The style sheet of the page for the light theme.
-struct StyleSheet {
+struct StyleSheet<'a> {
     /// Selector and declarations of each rule.
-    rules: Vec<(&'static str, &'static str)>,
-    variables: BTreeMap<&'static str, &'static str>,
+    rules: Vec<(&'a str, &'a str)>,
+    variables: BTreeMap<&'a str, &'a str>,
 }
 
-impl StyleSheet {
-    fn new(text: &'static str) -> StyleSheet {
+/// A style sheet without its comments.
+fn without_comments(text: &str) -> String {
+    let mut parts = text.split("/*");
+    let first = parts.next().unwrap_or_default();
+    let rest = parts.filter_map(|part| part.split_once("*/")).map(|(_, after)| after);
+    std::iter::once(first).chain(rest).collect()
+}
+
+impl<'a> StyleSheet<'a> {
+    fn new(text: &'a str) -> StyleSheet<'a> {
         let mut rules = vec![];
         let mut rest = text;
         while let Some((selector, after)) = rest.split_once('{') {
