@@ -25,7 +25,7 @@ use report::{
     html::{SCRIPTS, STYLE},
     view::ViewFault,
 };
-use schemas::Fault;
+use schemas::{Fault, visible};
 use serde_json::json;
 use tokio::{
     io::{AsyncRead, AsyncWrite, ReadBuf},
@@ -146,7 +146,8 @@ async fn respond(state: &ServerState, request: &Request<Incoming>) -> Answer {
         Ok(answer) => answer,
         Err(Refusal { status, fault }) => {
             let (what, help) = (Fault { help: None, ..fault.clone() }.to_string(), fault.help);
-            let text = json!({ "error": what, "help": help }).to_string();
+            let help = help.as_deref().map(visible);
+            let text = json!({ "error": visible(&what), "help": help }).to_string();
             let mut answer = whole(Bytes::from(text), JSON);
             *answer.status_mut() = status;
             if status == StatusCode::METHOD_NOT_ALLOWED {
