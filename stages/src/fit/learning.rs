@@ -166,8 +166,10 @@ impl FitAggregator {
 /// Settings, other than the samples, that determine the inputs of a network.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct NetworkInputsKey<'a> {
-    /// Whether there are inputs, and the keys `inputs` and `validation`. `None` for other models, and for a network with a warm start, which has its own
-    /// scales.
-    network: Option<(bool, Option<&'a [String]>, &'a [String])>,
+    /// `None` for other models, and for a network with a warm start, which has its own scales.
+    network: Option<NetworkColumns<'a>>,
     whiten: Option<u64>,
 }
+
+/// Whether a network has inputs, and its keys `inputs` and `validation`.
+type NetworkColumns<'a> = (bool, Option<&'a [String]>, &'a [String]);

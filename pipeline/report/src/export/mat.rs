@@ -138,12 +138,12 @@ impl MatVector {
         }
         let cast = cast(array, &DataType::Float64).map_err(|e| Fault::bug(e.to_string()))?;
         self.values.extend(cast.as_primitive::<Float64Type>().iter().map(|value| value.unwrap_or(f64::NAN)));
-        let exact = |value: &f64| !array.data_type().is_integer() || value.is_nan() || value.abs() <= 2f64.powi(53);
+        let exact = |value: &f64| !array.data_type().is_integer() || value.is_nan() || value.abs() < 2f64.powi(53);
         if self.values.iter().rev().take(array.len()).all(exact) {
             return Ok(());
         }
         let fault =
-            Fault::new(format!("column `{}` has integers above 2^53, which a double cannot hold", self.names[1]));
+            Fault::new(format!("column `{}` has integers of 2^53 or more, which a double may not hold", self.names[1]));
         Err(fault.help("use the extension .csv or .parquet"))
     }
 }
@@ -267,6 +267,6 @@ mod tests {
         assert!(writer.write(&batch(1)).unwrap_err().what.contains("more rows"));
         let large = Arc::new(Int64Array::from(vec![Some(1), None, Some((1 << 53) + 1)])) as ArrayRef;
         let fault = MatWriter::new(vec![]).write(&RecordBatch::try_from_iter([("n", large)]).unwrap()).unwrap_err();
-        assert!(fault.what.contains("above 2^53"), "{fault}");
+        assert!(fault.what.contains("of 2^53 or more"), "{fault}");
     }
 }

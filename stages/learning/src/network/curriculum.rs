@@ -17,6 +17,7 @@
 //! empty.
 
 use std::borrow::Cow;
+use std::iter;
 use std::ops::Range;
 
 use super::error::TrainingError;
@@ -108,11 +109,11 @@ impl NetworkTraining {
         let (first, end) = (model.head_start() + head.linear_start(), model.parameters());
         let constant = model.head_start() + head.last_bias();
         match phase {
-            None => vec![0..end],
+            None => iter::once(0..end).collect(),
             Some(TrainingPhase::Coefficients(count)) => {
                 vec![first..first + count.min(head.linear), constant..constant + 1]
             }
-            Some(TrainingPhase::Network) if constant < first => vec![0..first],
+            Some(TrainingPhase::Network) if constant < first => iter::once(0..first).collect(),
             Some(TrainingPhase::Network) => vec![0..first, constant..constant + 1],
         }
     }
