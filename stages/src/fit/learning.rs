@@ -167,9 +167,9 @@ impl FitAggregator {
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct NetworkInputsKey<'a> {
     /// `None` for other models, and for a network with a warm start, which has its own scales.
-    network: Option<NetworkColumns<'a>>,
+    network: Option<NetworkColumnKeys<'a>>,
     whiten: Option<u64>,
 }
 
 /// Whether a network has inputs, and its keys `inputs` and `validation`.
-type NetworkColumns<'a> = (bool, Option<&'a [String]>, &'a [String]);
+type NetworkColumnKeys<'a> = (bool, Option<&'a [String]>, &'a [String]);
