@@ -162,9 +162,9 @@ fn user_a_series_equals_the_answer_of_sql() {
     let unit = |name: &str| schema.field_with_name(name).unwrap().metadata()["unit"].clone();
     assert_eq!((unit("mag_c").as_str(), unit("lat").as_str(), unit("tt").as_str()), ("nT", "deg", "s"));
     // Elements of a list, another spelling of a number, and a part of the line with its neighbours.
-    let part = viewed.get(&format!(
+    let part = viewed.get(
         "api/series?table=small.terms&flight=2&line=2.02&columns=tl[0],flux_a_x&axis.vector=flux_a&from=36010.02&to=36010.38"
-    ));
+    );
     let part = part.rows();
     let [_, first] = sql_columns(
         &bench,

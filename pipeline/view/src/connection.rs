@@ -179,7 +179,7 @@ fn whole(bytes: Bytes, kind: &'static str) -> Answer {
 }
 
 /// The segments of a path below the token; `None` for a wrong token. Hashes are compared in constant time.
-fn below<'a>(token: blake3::Hash, path: &'a str) -> Option<&'a str> {
+fn below(token: blake3::Hash, path: &str) -> Option<&str> {
     let (given, rest) = path.strip_prefix('/')?.split_once('/')?;
     (blake3::hash(given.as_bytes()) == token).then_some(rest)
 }

@@ -161,7 +161,7 @@ fn variable(name: &str, is_text: bool, taken: &mut HashSet<String>) -> String {
         plain.chars().take(NAME_LENGTH - "_names".len() - suffix.len()).chain(suffix.chars()).collect()
     };
     let free = |name: &String, taken: &HashSet<String>| {
-        !taken.contains(name) && !(is_text && taken.contains(&format!("{name}_names")))
+        !(taken.contains(name) || is_text && taken.contains(&format!("{name}_names")))
     };
     let mut found = cut("");
     let mut count = 1;

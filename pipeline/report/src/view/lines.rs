@@ -92,7 +92,7 @@ pub fn derived(pipeline: &PublishedPipeline, table: &ViewTable) -> Vec<DerivedCo
         DerivedColumn::Field => has_field,
     };
     let own = |name: &&str| field(name).is_some();
-    DerivedColumn::ALL.iter().filter(|(c, name, ..)| fits(c) && !own(&name)).map(|(c, ..)| *c).collect()
+    DerivedColumn::ALL.iter().filter(|(c, name, ..)| fits(c) && !own(name)).map(|(c, ..)| *c).collect()
 }
 
 /// The nearest table upstream with true positions, for a table whose position is an estimate.
