@@ -204,7 +204,8 @@ fn law_m3tl_recovers_the_vector_field_and_the_projection_does_not() {
 fn law_the_models_beat_tolles_lawson_on_held_out_lines_with_currents() {
     let linear = linear_error_nt(1.0);
     for name in ["m3s", "m3v", "m3sc", "m3vc", "m3w", "m3tf"] {
-        let mut keys = if ["m3v", "m3vc"].contains(&name) { with_currents(&unfiltered()) } else { with_attitude(&unfiltered()) };
+        let mut keys =
+            if ["m3v", "m3vc"].contains(&name) { with_currents(&unfiltered()) } else { with_attitude(&unfiltered()) };
         if ["m3w", "m3tf"].contains(&name) {
             keys.retain(|(key, _)| key != "whiten");
         }
