@@ -57,7 +57,7 @@ impl WindowLayers {
         let what = format!("`window` of convolutions must be a power of two, not {}", self.window);
         let wrong = self.memory == MemoryLayers::Tcn && !self.window.is_power_of_two();
         let mut faults: Vec<Fault> = wrong.then(|| Fault::new(what).of_param("window")).into_iter().collect();
-        if self.units % self.heads.max(1) != 0 {
+        if !self.units.is_multiple_of(self.heads.max(1)) {
             let what = format!(
                 "`units` must be a multiple of `heads`, but {} is not a multiple of {}",
                 self.units, self.heads
