@@ -104,9 +104,8 @@ impl FitAggregator {
         let point = &self.points[place];
         let network = point.model.network().filter(|_| matches!(self.starts[place], Ok(None)));
         NetworkInputsKey {
-            network: network.map(|network| {
-                (network.has_inputs(), network.keys.inputs.as_deref(), network.keys.validation.as_slice())
-            }),
+            network: network.map(|network| (network.keys.inputs.as_deref(), network.keys.validation.as_slice())),
+            has_inputs: network.is_none_or(|network| network.has_inputs()),
             whiten: point.settings.whiten.map(f64::to_bits),
         }
     }
@@ -166,8 +165,11 @@ impl FitAggregator {
 /// Settings, other than the samples, that determine the inputs of a network.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct NetworkInputsKey<'a> {
-    /// `None` for other models, and for a network with a warm start, which has its own scales.
-    network: Option<NetworkColumnKeys<'a>>,
+    /// Keys `inputs` and `validation`. `None` for other models, and for a network with a warm start, which has its own
+    /// scales.
+    network: Option<(Option<&'a [String]>, &'a [String])>,
+    /// Whether a network has inputs.
+    has_inputs: bool,
     whiten: Option<u64>,
 }
 

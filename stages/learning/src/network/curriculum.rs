@@ -103,18 +103,16 @@ impl NetworkTraining {
         }
     }
 
-    /// Ranges of the parameters that a phase trains.
-    pub(super) fn trained(&self, model: NetworkArchitecture<'_>, phase: Option<TrainingPhase>) -> Vec<Range<usize>> {
+    /// Ranges of the parameters that a phase trains. The second may be empty.
+    pub(super) fn trained(&self, model: NetworkArchitecture<'_>, phase: Option<TrainingPhase>) -> [Range<usize>; 2] {
         let head: &NetworkShape = model.head;
         let (first, end) = (model.head_start() + head.linear_start(), model.parameters());
         let constant = model.head_start() + head.last_bias();
         match phase {
-            None => iter::once(0..end).collect(),
-            Some(TrainingPhase::Coefficients(count)) => {
-                vec![first..first + count.min(head.linear), constant..constant + 1]
-            }
-            Some(TrainingPhase::Network) if constant < first => iter::once(0..first).collect(),
-            Some(TrainingPhase::Network) => vec![0..first, constant..constant + 1],
+            None => [0..end, end..end],
+            Some(TrainingPhase::Coefficients(count)) => [first..first + count.min(head.linear), constant..constant + 1],
+            Some(TrainingPhase::Network) if constant < first => [0..first, first..first],
+            Some(TrainingPhase::Network) => [0..first, constant..constant + 1],
         }
     }
 
