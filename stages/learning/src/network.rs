@@ -72,6 +72,7 @@ mod vector;
 mod windowed;
 
 pub use activation::ActivationFunction;
+pub use curriculum::CURRICULUM_EPOCHS;
 pub use ensemble::EnsemblePrediction;
 pub use error::TrainingError;
 pub use lbfgs::LbfgsState;

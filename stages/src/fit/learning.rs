@@ -172,6 +172,3 @@ struct NetworkInputsKey<'a> {
     has_inputs: bool,
     whiten: Option<u64>,
 }
-
-/// Whether a network has inputs, and its keys `inputs` and `validation`.
-type NetworkColumnKeys<'a> = (bool, Option<&'a [String]>, &'a [String]);

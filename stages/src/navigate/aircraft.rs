@@ -6,7 +6,7 @@ use numerics::navigation::{
     likelihood::AircraftStates,
     online::{CoefficientPrior, check_sources, prior_from_calibrations},
 };
-use schemas::{ColumnType, Fault, MagneticCorrection, RateDependence, Rule, params};
+use schemas::{ColumnType, Fault, MagneticCorrection, RateDependence, Rule, keys::HashKey, params};
 
 use super::{
     CalibrationPrior,
@@ -66,6 +66,15 @@ pub(super) struct AircraftCoefficientStates<'a> {
 }
 
 impl AircraftCoefficientStates<'_> {
+    /// Hash of all numbers.
+    pub(super) fn hash(&self) -> HashKey {
+        const PART: usize = 4096;
+        let Self { terms, prior, walk_density } = self;
+        let parts = [&*terms.values, &prior.mean, &prior.covariance, walk_density].into_iter();
+        let bytes = |part: &[f64]| part.iter().flat_map(|x| x.to_bits().to_le_bytes()).collect::<Vec<u8>>();
+        HashKey::from_parts(parts.flat_map(|numbers| numbers.chunks(PART)).map(bytes))
+    }
+
     /// The states as input of the functions in `numerics`.
     pub(super) fn model(&self) -> AircraftStates<'_> {
         AircraftStates { terms: &self.terms.values, prior: &self.prior, walk_density: &self.walk_density }

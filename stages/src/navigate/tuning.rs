@@ -9,7 +9,7 @@ use numerics::{
     },
     signal::gauss_markov::GaussMarkov,
 };
-use schemas::{Column, Fault, NumberOrAuto, Rule, TableShape, choice, flight, map::ERROR, params};
+use schemas::{Column, Fault, NumberOrAuto, Rule, TableShape, choice, flight, keys::HashKey, map::ERROR, params};
 
 use super::{
     Navigate,
@@ -303,6 +303,9 @@ pub(super) struct LineNoiseInputs {
     offset_window_s: f64,
     start: Vec<u64>,
     values: Vec<u64>,
+    /// Hash of the terms of the aircraft field, of their prior and of their random walk. Terms are many times as large
+    /// as the measurements.
+    aircraft: Option<HashKey>,
 }
 
 impl LineNoiseInputs {
@@ -314,13 +317,10 @@ impl LineNoiseInputs {
         let fixes = flown.fixes().map(|fixes| [&fixes.lat_deg, &fixes.lon_deg, &fixes.alt_m]);
         let columns = [&flown.measured_nt].into_iter().chain(fixes.into_iter().flatten());
         let more = flown.scale().into_iter().chain(flown.known_nt().into_iter().flatten());
-        let mut values: Vec<u64> = columns.flatten().copied().chain(more).map(f64::to_bits).collect();
-        if let Some(AircraftCoefficientStates { terms, prior, walk_density }) = aircraft {
-            let of_aircraft = [&*terms.values, &prior.mean, &prior.covariance, walk_density];
-            values.extend(of_aircraft.into_iter().flatten().map(|x| x.to_bits()));
-        }
+        let values = columns.flatten().copied().chain(more).map(f64::to_bits).collect();
+        let aircraft = aircraft.map(AircraftCoefficientStates::hash);
         let map = flown.map.map_or(std::ptr::null(), |map| std::ptr::from_ref(map).cast());
-        Self { map, given, offset_window_s: flown.offset_window_s, start, values }
+        Self { map, given, offset_window_s: flown.offset_window_s, start, values, aircraft }
     }
 }
 

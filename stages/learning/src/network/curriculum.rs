@@ -17,7 +17,6 @@
 //! empty.
 
 use std::borrow::Cow;
-use std::iter;
 use std::ops::Range;
 
 use super::error::TrainingError;
@@ -30,7 +29,7 @@ use super::windowed::NetworkArchitecture;
 /// Ends of the phases but the last, in tenths of the epochs.
 const ENDS: [usize; 4] = [1, 2, 3, 6];
 /// Number of epochs in which each phase has an epoch.
-pub(super) const LEAST_EPOCHS: usize = 10;
+pub const CURRICULUM_EPOCHS: usize = 10;
 /// Number of permanent terms.
 const PERMANENT: usize = 3;
 

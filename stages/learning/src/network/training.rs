@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::curriculum::LEAST_EPOCHS;
+use super::curriculum::CURRICULUM_EPOCHS;
 use super::error::TrainingError;
 use super::loss::NetworkLoss;
 use super::shape::{NetworkForm, NetworkShape};
@@ -259,7 +259,7 @@ impl NetworkTraining {
                 "the number of epochs of a curriculum",
                 "at least 10",
                 self.epochs as f64,
-                self.curriculum.is_none() || self.epochs >= LEAST_EPOCHS,
+                self.curriculum.is_none() || self.epochs >= CURRICULUM_EPOCHS,
             ),
         ];
         if let Some((what, wanted, given, _)) = settings.into_iter().find(|(.., good)| !good) {

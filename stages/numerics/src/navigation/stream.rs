@@ -22,7 +22,7 @@
 //! [`StreamError::Diverged`] and [`StreamError::Refused`] stop the filter; every later sample then returns
 //! [`StreamError::Stopped`]. A stopped filter must be replaced.
 //!
-//! # What cannot stream
+//! # Restrictions
 //!
 //! - An offset window ([`StreamSetup::offset_window_s`]) averages measurements that follow the first sample. The
 //!   constructor rejects it. Subtract a known offset from each measurement; the online filter can estimate a constant.

@@ -1,12 +1,9 @@
 //! Declaration of a model that is a network.
 
-use learning::network::NetworkForm;
+use learning::network::{CURRICULUM_EPOCHS, NetworkForm};
 use schemas::Fault;
 
 use super::{LinearPart, NetworkKeys, VectorModelKeys, WindowLayers};
-
-/// Smallest number of epochs with which every phase of a curriculum has an epoch.
-const CURRICULUM_EPOCHS: usize = 10;
 
 /// A model that is a network: its keys, and the linear model combined with it.
 #[derive(Clone, Copy)]
