@@ -8,7 +8,7 @@ use std::{collections::HashMap, ops::Range, sync::Arc};
 use arrow_array::{ArrayRef, Float32Array, Float64Array, RecordBatch, UInt32Array};
 use arrow_ipc::writer::StreamWriter;
 use arrow_schema::{DataType, Field, Schema};
-use schemas::Fault;
+use schemas::{Fault, Role};
 
 /// Maximum number of raw rows for each pixel.
 const RAW_ROWS: usize = 2;
@@ -28,6 +28,76 @@ pub struct SeriesColumn {
     pub description: String,
     /// Values; a missing value is NaN.
     pub values: Arc<Vec<f64>>,
+}
+
+/// Column that is computed from others, row by row. The index of a position is 0 for latitude or north, 1 for longitude
+/// or east.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum DerivedColumn {
+    /// Truth of the position.
+    Truth(usize),
+    /// Truth minus estimate.
+    Estimate(usize),
+    /// Truth minus INS.
+    Ins(usize),
+    /// Compensated field minus truth.
+    Field,
+}
+
+/// Description of a derived column.
+pub struct DerivedColumnText {
+    /// Name.
+    pub name: &'static str,
+    /// Unit.
+    pub unit: &'static str,
+    /// Role.
+    pub role: Role,
+    /// Description.
+    pub description: &'static str,
+}
+
+impl DerivedColumn {
+    /// All derived columns.
+    pub const ALL: [DerivedColumn; 7] = [
+        DerivedColumn::Truth(0),
+        DerivedColumn::Truth(1),
+        DerivedColumn::Estimate(0),
+        DerivedColumn::Estimate(1),
+        DerivedColumn::Ins(0),
+        DerivedColumn::Ins(1),
+        DerivedColumn::Field,
+    ];
+
+    /// The derived column of a name.
+    pub fn named(name: &str) -> Option<DerivedColumn> {
+        DerivedColumn::ALL.into_iter().find(|column| column.about().name == name)
+    }
+
+    /// Name, unit, role and description.
+    pub fn about(self) -> DerivedColumnText {
+        let (name, unit, role, description) = match self {
+            DerivedColumn::Truth(0) => ("truth_lat", "deg", Role::Truth, "true latitude"),
+            DerivedColumn::Truth(_) => ("truth_lon", "deg", Role::Truth, "true longitude"),
+            DerivedColumn::Estimate(0) => ("north_error", "m", Role::Derived, "truth minus estimate, north"),
+            DerivedColumn::Estimate(_) => ("east_error", "m", Role::Derived, "truth minus estimate, east"),
+            DerivedColumn::Ins(0) => ("ins_north_error", "m", Role::Derived, "truth minus INS alone, north"),
+            DerivedColumn::Ins(_) => ("ins_east_error", "m", Role::Derived, "truth minus INS alone, east"),
+            DerivedColumn::Field => ("error", "nT", Role::Derived, "compensated field minus truth"),
+        };
+        DerivedColumnText { name, unit, role, description }
+    }
+
+    /// The column with its values.
+    pub fn series(self, values: Vec<f64>) -> SeriesColumn {
+        let DerivedColumnText { name, unit, role, description } = self.about();
+        SeriesColumn {
+            name: name.to_owned(),
+            unit: unit.to_owned(),
+            role: role.as_str().to_owned(),
+            description: description.to_owned(),
+            values: Arc::new(values),
+        }
+    }
 }
 
 /// The rows of a series, and the resolution.

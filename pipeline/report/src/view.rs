@@ -184,8 +184,9 @@ impl StoreView {
         Ok((pipeline, table))
     }
 
-    /// The query for the download of a table with lists of varying length, which `magline export` does not write; `None`
-    /// for other tables. A CSV file omits these lists.
+    /// The query for the download of a table with lists of varying length; `None` for other tables, which
+    /// `magline export` writes. A CSV file omits these lists, and a Parquet file keeps them, which an export stores as
+    /// texts.
     ///
     /// # Errors
     /// Fails when there is no such table, or the store is damaged.

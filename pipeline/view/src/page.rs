@@ -1,7 +1,7 @@
 //! The page: empty sections, which its scripts fill from the API.
 
 use maud::{DOCTYPE, html};
-use report::html::SCRIPTS;
+use report::html::{SCRIPTS, page_head};
 
 use crate::ViewData;
 
@@ -22,12 +22,7 @@ pub fn page(data: &ViewData) -> String {
         (DOCTYPE)
         html lang="en" {
             head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="color-scheme" content="light dark";
-                meta name="generator" content="magline";
-                link rel="icon" href="data:,";
-                title { (title) " – magline view" }
+                (page_head(&format!("{title} – magline view")))
                 link rel="stylesheet" href="web/style.css";
                 @for script in SCRIPTS { script src=(format!("web/{}", script.name)) defer {} }
             }

@@ -31,6 +31,18 @@ pub struct ReportAlerts {
     pub outdated: bool,
 }
 
+/// The first elements of the head of a page.
+pub fn page_head(title: &str) -> Markup {
+    html! {
+        meta charset="utf-8";
+        meta name="viewport" content="width=device-width, initial-scale=1";
+        meta name="color-scheme" content="light dark";
+        meta name="generator" content="magline";
+        link rel="icon" href="data:,";
+        title { (title) }
+    }
+}
+
 /// The page.
 pub fn page(source: &ReportSource, alerts: &ReportAlerts, defs: Markup, sections: &[Markup]) -> String {
     let spec = &source.graph.plan.spec;
@@ -39,12 +51,7 @@ pub fn page(source: &ReportSource, alerts: &ReportAlerts, defs: Markup, sections
         (DOCTYPE)
         html lang="en" {
             head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="color-scheme" content="light dark";
-                meta name="generator" content="magline";
-                link rel="icon" href="data:,";
-                title { (spec.name) " – magline report" }
+                (page_head(&format!("{} – magline report", spec.name)))
                 style { (PreEscaped(STYLE)) }
             }
             body data-pipeline=(spec.name) {

@@ -27,7 +27,6 @@ pub const SCRIPTS: &[PageScript] = &[
     script!("web/draw.js", false),
     script!("web/views.js", false),
     script!("web/compare.js", false),
-    script!("web/position.js", true),
     script!("web/source.js", true),
     script!("web/columns.js", true),
     script!("web/explorer.js", false),

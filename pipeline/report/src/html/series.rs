@@ -24,7 +24,7 @@ use super::{
     subject::{self, ReportSubject},
     track::DegreeTrack,
 };
-use crate::series::{SeriesColumn, SeriesPrecision, SeriesWindow, series};
+use crate::series::{DerivedColumn, SeriesColumn, SeriesPrecision, SeriesWindow, series};
 
 /// Number of intervals of a block.
 const INTERVALS: usize = 2000;
@@ -173,15 +173,22 @@ impl<'a> ColumnReader<'a> {
         });
     }
 
-    fn derived(&mut self, name: &str, unit: &str, role: Role, description: &str, values: Vec<f64>) {
+    /// Adds a column that is computed from others.
+    fn derived(&mut self, column: DerivedColumn, values: Vec<f64>) {
         if values.len() == self.rows {
-            let text = |text: &str| text.to_owned();
+            self.columns.push(column.series(values));
+        }
+    }
+
+    /// Adds a coordinate of the INS, which is a column of another table.
+    fn ins(&mut self, name: &str, description: &str, values: &[f64]) {
+        if values.len() == self.rows {
             self.columns.push(SeriesColumn {
-                name: text(name),
-                unit: text(unit),
-                role: text(role.as_str()),
-                description: text(description),
-                values: Arc::new(values),
+                name: name.to_owned(),
+                unit: "deg".to_owned(),
+                role: Role::Sensor.as_str().to_owned(),
+                description: description.to_owned(),
+                values: Arc::new(values.to_vec()),
             });
         }
     }
@@ -221,7 +228,7 @@ fn compensation(source: &ReportSource, choice: &SeriesChoice) -> Result<Option<S
         (truth.map(|name| reader.read(&name)).transpose()?.flatten(), reader.read("mag_c")?)
     {
         let error = own.iter().zip(&truth).map(|(own, truth)| own - truth).collect();
-        reader.derived("error", "nT", Role::Derived, "compensated field minus truth", error);
+        reader.derived(DerivedColumn::Field, error);
     }
     reader.surroundings()?;
     Ok(Some(SeriesTable { at, tt, columns: reader.columns }))
@@ -235,26 +242,26 @@ fn navigation(source: &ReportSource, choice: &SeriesChoice) -> Result<Option<Ser
     let Some(tracks) = super::track::LineTracks::read(source, &choice.subject, choice.line)? else {
         return Ok(Some(SeriesTable { at, tt, columns: reader.columns }));
     };
-    let mut position = |name: &str, track: &Option<DegreeTrack>, role: Role, what: &str| {
-        if let Some(DegreeTrack { lat, lon }) = track {
-            reader.derived(&format!("{name}_lat"), "deg", role, &format!("{what} latitude"), lat.clone());
-            reader.derived(&format!("{name}_lon"), "deg", role, &format!("{what} longitude"), lon.clone());
-        }
-    };
-    position("truth", &tracks.truth, Role::Truth, "true");
-    position("ins", &tracks.ins, Role::Sensor, "INS");
+    if let Some(DegreeTrack { lat, lon }) = &tracks.truth {
+        reader.derived(DerivedColumn::Truth(0), lat.clone());
+        reader.derived(DerivedColumn::Truth(1), lon.clone());
+    }
+    if let Some(DegreeTrack { lat, lon }) = &tracks.ins {
+        reader.ins("ins_lat", "INS latitude", lat);
+        reader.ins("ins_lon", "INS longitude", lon);
+    }
     if let Some(truth) = &tracks.truth {
         let from = |track: &DegreeTrack| -> (Vec<f64>, Vec<f64>) {
             let pairs = track.places().zip(truth.places());
             pairs.map(|(own, truth)| EarthModel::default().offset_ne_m(own, truth, 0.0)).unzip()
         };
         let (north, east) = from(&tracks.estimate);
-        reader.derived("north_error", "m", Role::Derived, "truth minus estimate, north", north);
-        reader.derived("east_error", "m", Role::Derived, "truth minus estimate, east", east);
+        reader.derived(DerivedColumn::Estimate(0), north);
+        reader.derived(DerivedColumn::Estimate(1), east);
         if let Some(ins) = &tracks.ins {
             let (north, east) = from(ins);
-            reader.derived("ins_north_error", "m", Role::Derived, "truth minus INS alone, north", north);
-            reader.derived("ins_east_error", "m", Role::Derived, "truth minus INS alone, east", east);
+            reader.derived(DerivedColumn::Ins(0), north);
+            reader.derived(DerivedColumn::Ins(1), east);
         }
     }
     if choice.subject.compensate.is_none() {
@@ -285,7 +292,10 @@ fn block(
     let mut encoder = GzEncoder::new(vec![], Compression::default());
     encoder.write_all(&stream).map_err(failed)?;
     let text = BASE64_STANDARD.encode(encoder.finish().map_err(failed)?);
-    let column = |(c, error): (&SeriesColumn, &f64)| json!({ "name": c.name, "unit": c.unit, "role": c.role, "description": c.description, "resolution": error });
+    let column = |(c, error): (&SeriesColumn, &f64)| {
+        let SeriesColumn { name, unit, role, description, .. } = c;
+        json!({ "name": name, "unit": unit, "role": role, "description": description, "resolution": error })
+    };
     let stage = match table.at {
         TableRef::Stage(t, _) => plan.tables[t].entry.name,
         TableRef::Flights(_) | TableRef::Map(_) => "",

@@ -5,13 +5,8 @@ use schemas::keys::HashKey;
 use serde_json::{Value, json};
 use store::ManifestTable;
 
-use super::{
-    PublishedPipeline, StoreView,
-    lines::{DerivedColumn, derived},
-    notes::NotedTable,
-    table::ViewTable,
-};
-use crate::series::is_series;
+use super::{PublishedPipeline, StoreView, lines::derived, notes::NotedTable, table::ViewTable};
+use crate::series::{DerivedColumnText, is_series};
 
 impl StoreView {
     /// All pipelines with their tables. A table that cannot be opened is listed with its error.
@@ -97,13 +92,11 @@ fn rows(pipeline: &PublishedPipeline, listed: &ManifestTable) -> Option<usize> {
 
 fn columns(pipeline: &PublishedPipeline, table: &ViewTable) -> Vec<Value> {
     let own = table.provider.columns().fields().iter().map(|field| column(table, field));
-    let made = derived(pipeline, table);
-    let made = DerivedColumn::ALL.iter().filter(|(column, ..)| made.contains(column));
-    let made = made.map(|(column, name, unit, description)| {
-        let role = if matches!(column, DerivedColumn::Truth(_)) { "truth" } else { "derived" };
+    let made = derived(pipeline, table).into_iter().map(|column| {
+        let DerivedColumnText { name, unit, role, description } = column.about();
         json!({
-            "name": name, "unit": unit, "role": role, "type": "Float64", "description": description, "series": true,
-            "computed": true,
+            "name": name, "unit": unit, "role": role.as_str(), "type": "Float64", "description": description,
+            "series": true, "computed": true,
         })
     });
     own.chain(made).collect()

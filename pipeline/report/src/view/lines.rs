@@ -10,7 +10,7 @@ use schemas::Fault;
 use serde_json::{Value, json};
 
 use super::{PublishedPipeline, StoreView, ViewFault, ViewPoint, table::ViewTable};
-use crate::series::{SeriesColumn, SeriesPrecision, SeriesWindow, series};
+use crate::series::{DerivedColumn, SeriesColumn, SeriesPrecision, SeriesWindow, series};
 
 /// Maximum number of columns of a request.
 const MOST_COLUMNS: usize = 64;
@@ -46,36 +46,6 @@ pub struct SeriesRequest {
     pub pixels: Option<usize>,
 }
 
-/// Column that is computed from others, row by row.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum DerivedColumn {
-    /// Truth of the position: the index is 0 for latitude, 1 for longitude.
-    Truth(usize),
-    /// Truth minus estimate, north or east.
-    Estimate(usize),
-    /// Truth minus INS, north or east.
-    Ins(usize),
-    /// Compensated field minus truth.
-    Field,
-}
-
-impl DerivedColumn {
-    /// All derived columns: name, unit, description.
-    pub const ALL: [(DerivedColumn, &'static str, &'static str, &'static str); 7] = [
-        (DerivedColumn::Truth(0), "truth_lat", "deg", "true latitude"),
-        (DerivedColumn::Truth(1), "truth_lon", "deg", "true longitude"),
-        (DerivedColumn::Estimate(0), "north_error", "m", "truth minus estimate, north"),
-        (DerivedColumn::Estimate(1), "east_error", "m", "truth minus estimate, east"),
-        (DerivedColumn::Ins(0), "ins_north_error", "m", "truth minus INS alone, north"),
-        (DerivedColumn::Ins(1), "ins_east_error", "m", "truth minus INS alone, east"),
-        (DerivedColumn::Field, "error", "nT", "compensated field minus truth"),
-    ];
-
-    fn named(name: &str) -> Option<&'static (DerivedColumn, &'static str, &'static str, &'static str)> {
-        DerivedColumn::ALL.iter().find(|(_, own, ..)| *own == name)
-    }
-}
-
 /// The derived columns of a table.
 pub fn derived(pipeline: &PublishedPipeline, table: &ViewTable) -> Vec<DerivedColumn> {
     let columns = table.provider.columns();
@@ -91,8 +61,7 @@ pub fn derived(pipeline: &PublishedPipeline, table: &ViewTable) -> Vec<DerivedCo
         DerivedColumn::Ins(_) => has_truth && has_ins,
         DerivedColumn::Field => has_field,
     };
-    let own = |name: &&str| field(name).is_some();
-    DerivedColumn::ALL.iter().filter(|(c, name, ..)| fits(c) && !own(name)).map(|(c, ..)| *c).collect()
+    DerivedColumn::ALL.into_iter().filter(|column| fits(column) && field(column.about().name).is_none()).collect()
 }
 
 /// The nearest table upstream with true positions, for a table whose position is an estimate.
@@ -247,17 +216,10 @@ impl LineReader<'_> {
 
     fn column(&self, name: &str) -> Result<SeriesColumn, ViewFault> {
         let own = self.table.column(name);
-        if let (Err(ViewFault::Missing(_)), Some((column, _, unit, description))) = (&own, DerivedColumn::named(name))
-            && derived(self.pipeline, self.table).contains(column)
+        if let (Err(ViewFault::Missing(_)), Some(column)) = (&own, DerivedColumn::named(name))
+            && derived(self.pipeline, self.table).contains(&column)
         {
-            let role = if matches!(column, DerivedColumn::Truth(_)) { "truth" } else { "derived" };
-            return Ok(SeriesColumn {
-                name: name.to_owned(),
-                unit: (*unit).to_owned(),
-                role: role.to_owned(),
-                description: (*description).to_owned(),
-                values: Arc::new(self.derive(*column)?),
-            });
+            return Ok(column.series(self.derive(column)?));
         }
         let (field, _) = own?;
         let about = |key: &str| field.metadata().get(key).cloned().unwrap_or_default();
@@ -311,6 +273,9 @@ impl LineReader<'_> {
 
 /// Values with ascending times `tt`, at other times; NaN at times without a value.
 fn at_times(tt: &[f64], values: &[f64], wanted: &[f64]) -> Vec<f64> {
+    if tt == wanted {
+        return values.to_vec();
+    }
     let at = |time: &f64| tt.binary_search_by(|own| own.total_cmp(time)).ok().and_then(|row| values.get(row));
     wanted.iter().map(|time| at(time).copied().unwrap_or(f64::NAN)).collect()
 }

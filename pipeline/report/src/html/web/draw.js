@@ -160,11 +160,18 @@ function saveSvg(svg, name) { save(name + ".svg", new Blob([standalone(svg)], { 
 
 /** Saves a picture at twice its size on the page. @param {SVGSVGElement} svg @param {string} name */
 async function savePng(svg, name) {
-  const box = svg.getBoundingClientRect(), image = new Image();
-  image.src = "data:image/svg+xml;charset=utf-8," + encodeURIComponent(standalone(svg));
+  const { width, height } = svg.getBoundingClientRect();
+  await saveAsPng({ text: standalone(svg), width, height }, name);
+}
+
+/** Saves a picture at twice its size.
+ * @param {{text: string, width: number, height: number}} svg @param {string} name */
+async function saveAsPng({ text, width, height }, name) {
+  const image = new Image();
+  image.src = "data:image/svg+xml;charset=utf-8," + encodeURIComponent(text);
   await image.decode();
   const canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = [Math.round(2 * box.width), Math.round(2 * box.height)];
+  [canvas.width, canvas.height] = [Math.round(2 * width), Math.round(2 * height)];
   canvas.getContext("2d")?.drawImage(image, 0, 0, canvas.width, canvas.height);
   canvas.toBlob((blob) => { if (blob) save(name + ".png", blob); });
 }

@@ -106,18 +106,6 @@ function panelsSvg(set, caption) {
   return { text: new XMLSerializer().serializeToString(svg), width: FIGURE_PX, height };
 }
 
-/** Saves a picture at twice its size.
- * @param {{text: string, width: number, height: number}} svg @param {string} name */
-async function saveAsPng({ text, width, height }, name) {
-  const image = new Image();
-  image.src = "data:image/svg+xml;charset=utf-8," + encodeURIComponent(text);
-  await image.decode();
-  const canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = [2 * width, 2 * height];
-  canvas.getContext("2d")?.drawImage(image, 0, 0, canvas.width, canvas.height);
-  canvas.toBlob((blob) => { if (blob) save(name + ".png", blob); });
-}
-
 /** The values in sight, one row for each time. @param {PanelSet} set */
 function panelsCsv(set) {
   /** @type {string[]} */

@@ -7,7 +7,7 @@
  * @typedef {{name: string, unit: string, role: string, description: string, series: boolean, length?: number}}
  *   ColumnInfo
  * @typedef {{table: string, name: string, stage: string, kind: string, axes: string[], rows: number | null,
- *   inputs: string[], columns: ColumnInfo[], truth?: TableInfo}} TableInfo
+ *   inputs: string[], columns: ColumnInfo[]}} TableInfo
  * @typedef {{table: string, name: string, kind: string}} SourceInfo
  * @typedef {{name: string, axes: ScoreAxis[], tables: TableInfo[], sources: SourceInfo[]}} PipelineInfo
  * @typedef {{flight: string, line: string, rows: number, why?: string[]}} LineInfo
@@ -134,8 +134,7 @@ class ServerSource {
   async pipelines() {
     const all = await this.json(this.base + "catalogue");
     const own = (/** @type {PipelineInfo} */ p) => Number(p.name !== all.pipeline);
-    return all.pipelines.map(withPositionErrors).sort((/** @type {PipelineInfo} */ a, /** @type {PipelineInfo} */ b) =>
-      own(a) - own(b));
+    return all.pipelines.sort((/** @type {PipelineInfo} */ a, /** @type {PipelineInfo} */ b) => own(a) - own(b));
   }
 
   /** @param {TableInfo} table @param {SweepPoint} point @returns {Promise<LineInfo[]>} */
@@ -146,18 +145,7 @@ class ServerSource {
   }
 
   /** @param {SeriesRequest} request @returns {Promise<SeriesAnswer>} */
-  async series(request) {
-    const { table: { truth, ...table }, columns } = request;
-    const wanted = truth ? columns.filter((name) => POSITION_COLUMNS.some((c) => c.name === name)) : [];
-    if (!truth || !wanted.length) return this.stored(request);
-    const own = [...new Set([...columns.filter((name) => !wanted.includes(name)), "lat", "lon"])];
-    const [answer, position] = await Promise.all([this.stored({ ...request, table, columns: own }),
-      this.stored({ ...request, table: truth, columns: ["lat", "lon"] })]);
-    return addPositionErrors(answer, position, wanted);
-  }
-
-  /** @param {SeriesRequest} request @returns {Promise<SeriesAnswer>} */
-  async stored({ table, place, columns, range, pixels, signal }) {
+  async series({ table, place, columns, range, pixels, signal }) {
     const query = new URLSearchParams({ table: table.table, flight: place.flight, line: place.line });
     for (const name of columns) query.append("column", name);
     for (const [axis, value] of Object.entries(pointOf(table, place.point))) query.set("axis." + axis, value);
