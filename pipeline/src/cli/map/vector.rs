@@ -2,8 +2,11 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
-use schemas::Fault;
+use clap::{
+    Args,
+    builder::{PossibleValuesParser, TypedValueParser},
+};
+use schemas::{Fault, Literal, ParamValue};
 use stages::map_vector::{MapVector, VectorComponent};
 
 use super::{
@@ -23,10 +26,10 @@ pub struct VectorArgs {
         long,
         value_name = "COMPONENT",
         value_delimiter = ',',
-        value_parser = ["north", "east", "down"],
+        value_parser = component(),
         default_values = ["north", "east", "down"]
     )]
-    component: Vec<String>,
+    component: Vec<VectorComponent>,
     #[command(flatten)]
     stage: StageFlags<MapVector>,
     /// The output file. With several components, its name must contain `{component}`, which is replaced by the
@@ -40,6 +43,12 @@ pub struct VectorArgs {
     threads: ThreadArgs,
 }
 
+/// Parser of a component by its word in a spec.
+fn component() -> impl TypedValueParser<Value = VectorComponent> {
+    let read = |word: String| VectorComponent::read(&Literal::Text(word)).ok_or("it is not a component");
+    PossibleValuesParser::new(VectorComponent::WORDS).try_map(read)
+}
+
 pub fn run(args: &VectorArgs) -> Result<(), ExitReason> {
     if args.component.len() > 1 && !args.output.to_string_lossy().contains("{component}") {
         let help = "use for example `-o map_{component}.tif`, or set `--component`";
@@ -49,15 +58,10 @@ pub fn run(args: &VectorArgs) -> Result<(), ExitReason> {
     let stage = args.stage.stage()?;
     stage.check().map_err(in_flags::<MapVector>)?;
     let output = |word: &str| PathBuf::from(args.output.to_string_lossy().replace("{component}", word));
-    args.component.iter().try_for_each(|word| apart(&output(word), [&args.map]))?;
+    args.component.iter().try_for_each(|component| apart(&output(component.word()), [&args.map]))?;
     args.threads.run(|| {
         let map = args.input.read(&args.map)?;
-        for (place, word) in args.component.iter().enumerate() {
-            let component = match word.as_str() {
-                "north" => VectorComponent::North,
-                "east" => VectorComponent::East,
-                _ => VectorComponent::Down,
-            };
+        for (place, component) in args.component.iter().copied().enumerate() {
             let stage = MapVector { component, ..stage.clone() };
             let done = stage.apply(&map).map_err(|fault| of_file(&args.map, in_flags::<MapVector>(fault)))?;
             // Warnings and notes are the same for all components.
@@ -65,7 +69,7 @@ pub fn run(args: &VectorArgs) -> Result<(), ExitReason> {
                 done.warnings.iter().for_each(|text| warn(text));
                 done.notes.iter().for_each(|text| note(text));
             }
-            write_to(&output(word), &done.map, args.output_format.as_deref())?;
+            write_to(&output(component.word()), &done.map, args.output_format.as_deref())?;
         }
         Ok(())
     })
