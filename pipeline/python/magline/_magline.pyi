@@ -18,37 +18,23 @@ class QueryResult:
     def columns(self) -> list[str]: ...
     def rows(self, limit: int) -> list[list[str | None]]: ...
 
+_StreamSetup = tuple[
+    _Column, _Column, NDArray[np.float64], float | None, Mapping[str, float], float
+]
+
 class FilterStream:
     @staticmethod
-    def ekf(
-        lat_deg: _Column,
-        lon_deg: _Column,
-        anomaly_nt: NDArray[np.float64],
-        decimal_year: float | None,
-        errors: Mapping[str, float],
-        max_gap_s: float,
-        gate_nis: float | None,
-    ) -> FilterStream: ...
+    def ekf(arguments: _StreamSetup, gate_nis: float | None) -> FilterStream: ...
     @staticmethod
     def adaptive(
-        lat_deg: _Column,
-        lon_deg: _Column,
-        anomaly_nt: NDArray[np.float64],
-        decimal_year: float | None,
-        errors: Mapping[str, float],
-        max_gap_s: float,
+        arguments: _StreamSetup,
         gate_nis: float | None,
         bounds_nt: Sequence[tuple[float, float]],
         window: int,
     ) -> FilterStream: ...
     @staticmethod
     def online(
-        lat_deg: _Column,
-        lon_deg: _Column,
-        anomaly_nt: NDArray[np.float64],
-        decimal_year: float | None,
-        errors: Mapping[str, float],
-        max_gap_s: float,
+        arguments: _StreamSetup,
         gate_nis: float | None,
         magnetometers: Sequence[tuple[Sequence[float], Sequence[float], Sequence[float]]],
     ) -> FilterStream: ...

@@ -197,8 +197,8 @@ def ekf(
     >>> estimate.lat_deg > 45.0
     True
     """
-    made = _magline.FilterStream.ekf(*_map(map), decimal_year, dict(errors or {}), max_gap_s, gate_nis)
-    return FilterStream(made)
+    setup = _setup(map, decimal_year, errors, max_gap_s)
+    return FilterStream(_magline.FilterStream.ekf(setup, gate_nis))
 
 
 def adaptive(
@@ -217,8 +217,8 @@ def adaptive(
     is the number of innovations in the estimate. `ekf` describes the other parameters and the errors.
     """
     bounds = [(float(low), float(high)) for low, high in bounds_nt]
-    common = (decimal_year, dict(errors or {}), max_gap_s, gate_nis)
-    return FilterStream(_magline.FilterStream.adaptive(*_map(map), *common, bounds, window))
+    setup = _setup(map, decimal_year, errors, max_gap_s)
+    return FilterStream(_magline.FilterStream.adaptive(setup, gate_nis, bounds, window))
 
 
 def online(
@@ -240,15 +240,17 @@ def online(
         (column(mean).tolist(), column(sigma).tolist(), column(walk).tolist())
         for mean, sigma, walk in magnetometers
     ]
-    common = (decimal_year, dict(errors or {}), max_gap_s, gate_nis)
-    return FilterStream(_magline.FilterStream.online(*_map(map), *common, priors))
+    setup = _setup(map, decimal_year, errors, max_gap_s)
+    return FilterStream(_magline.FilterStream.online(setup, gate_nis, priors))
 
 
-def _map(
-    map: Map,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _setup(
+    map: Map, decimal_year: float | None, errors: Mapping[str, float] | None, max_gap_s: float
+) -> tuple[
+    NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float | None, dict[str, float], float
+]:
     lat_deg, lon_deg, anomaly_nt = map
     grid, lat, lon = matrix(anomaly_nt), column(lat_deg), column(lon_deg)
     if grid.shape != (lat.size, lon.size):
         raise ValueError(f"the anomaly has the shape {grid.shape}, not {(lat.size, lon.size)}")
-    return lat, lon, grid
+    return lat, lon, grid, decimal_year, dict(errors or {}), max_gap_s

@@ -51,19 +51,24 @@ fn error_model(given: &BTreeMap<String, f64>) -> PyResult<InsErrorModel> {
     Ok(errors)
 }
 
-/// Set-up of a map on latitudes and longitudes, with the core field of a date if the measurements contain it.
+/// Latitudes and longitudes of a map, its anomaly, the date of the core field if the measurements contain it, error
+/// sources, and the longest step between two samples.
+type SetupArguments<'py> = (
+    PyReadonlyArray1<'py, f64>,
+    PyReadonlyArray1<'py, f64>,
+    PyReadonlyArray2<'py, f64>,
+    Option<f64>,
+    BTreeMap<String, f64>,
+    f64,
+);
+
 fn setup(
-    lat_deg: &PyReadonlyArray1<'_, f64>,
-    lon_deg: &PyReadonlyArray1<'_, f64>,
-    anomaly_nt: &PyReadonlyArray2<'_, f64>,
-    decimal_year: Option<f64>,
-    errors: &BTreeMap<String, f64>,
-    max_gap_s: f64,
+    (lat_deg, lon_deg, anomaly_nt, decimal_year, errors, max_gap_s): &SetupArguments<'_>,
 ) -> PyResult<StreamSetup> {
     let grid = GeographicGrid::new(lat_deg.as_slice()?, lon_deg.as_slice()?, anomaly_nt.as_slice()?);
     let surface = MapSurface::new(&grid.map_err(value_error)?, MapInterpolation::Cubic);
     let core = decimal_year.map(CoreField::at).transpose().map_err(value_error)?.map(Arc::new);
-    let errors = error_model(errors)?;
+    let (errors, max_gap_s) = (error_model(errors)?, *max_gap_s);
     Ok(StreamSetup { core, errors, max_gap_s, ..StreamSetup::new(Arc::new(FieldMap::Flat(surface))) })
 }
 
@@ -71,55 +76,34 @@ fn setup(
 impl FilterStream {
     /// `ekf`.
     #[staticmethod]
-    #[pyo3(signature = (lat_deg, lon_deg, anomaly_nt, decimal_year, errors, max_gap_s, gate_nis))]
-    fn ekf(
-        lat_deg: PyReadonlyArray1<'_, f64>,
-        lon_deg: PyReadonlyArray1<'_, f64>,
-        anomaly_nt: PyReadonlyArray2<'_, f64>,
-        decimal_year: Option<f64>,
-        errors: BTreeMap<String, f64>,
-        max_gap_s: f64,
-        gate_nis: Option<f64>,
-    ) -> PyResult<Self> {
-        let setup = setup(&lat_deg, &lon_deg, &anomaly_nt, decimal_year, &errors, max_gap_s)?;
-        stream::FilterStream::ekf(&setup, gate_nis).map(Self).map_err(value_error)
+    #[pyo3(signature = (arguments, gate_nis))]
+    fn ekf(arguments: SetupArguments<'_>, gate_nis: Option<f64>) -> PyResult<Self> {
+        stream::FilterStream::ekf(&setup(&arguments)?, gate_nis).map(Self).map_err(value_error)
     }
 
     /// `ekf_adaptive`, with the bounds of the noise of each magnetometer in nT, and the length of the window.
     #[staticmethod]
-    #[pyo3(signature = (lat_deg, lon_deg, anomaly_nt, decimal_year, errors, max_gap_s, gate_nis, bounds_nt, window))]
-    #[allow(clippy::too_many_arguments, reason = "one argument per keyword of the Python function")]
+    #[pyo3(signature = (arguments, gate_nis, bounds_nt, window))]
     fn adaptive(
-        lat_deg: PyReadonlyArray1<'_, f64>,
-        lon_deg: PyReadonlyArray1<'_, f64>,
-        anomaly_nt: PyReadonlyArray2<'_, f64>,
-        decimal_year: Option<f64>,
-        errors: BTreeMap<String, f64>,
-        max_gap_s: f64,
+        arguments: SetupArguments<'_>,
         gate_nis: Option<f64>,
         bounds_nt: Vec<[f64; 2]>,
         window: usize,
     ) -> PyResult<Self> {
-        let setup = setup(&lat_deg, &lon_deg, &anomaly_nt, decimal_year, &errors, max_gap_s)?;
+        let setup = setup(&arguments)?;
         let parameters = AdaptiveParameters { window, gate_nis, ..AdaptiveParameters::default() };
         stream::FilterStream::adaptive(&setup, &parameters, &bounds_nt).map(Self).map_err(value_error)
     }
 
     /// `ekf_online_tl`, with mean and standard deviation of each coefficient, and the density of its random walk.
     #[staticmethod]
-    #[pyo3(signature = (lat_deg, lon_deg, anomaly_nt, decimal_year, errors, max_gap_s, gate_nis, magnetometers))]
-    #[allow(clippy::too_many_arguments, reason = "one argument per keyword of the Python function")]
+    #[pyo3(signature = (arguments, gate_nis, magnetometers))]
     fn online(
-        lat_deg: PyReadonlyArray1<'_, f64>,
-        lon_deg: PyReadonlyArray1<'_, f64>,
-        anomaly_nt: PyReadonlyArray2<'_, f64>,
-        decimal_year: Option<f64>,
-        errors: BTreeMap<String, f64>,
-        max_gap_s: f64,
+        arguments: SetupArguments<'_>,
         gate_nis: Option<f64>,
         magnetometers: Vec<(Vec<f64>, Vec<f64>, Vec<f64>)>,
     ) -> PyResult<Self> {
-        let setup = setup(&lat_deg, &lon_deg, &anomaly_nt, decimal_year, &errors, max_gap_s)?;
+        let setup = setup(&arguments)?;
         if magnetometers.iter().any(|(mean, sigma, _)| mean.len() != sigma.len()) {
             return Err(value_error("a magnetometer has means and standard deviations of different lengths"));
         }
