@@ -460,9 +460,14 @@ pub fn map_files(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
 
 /// Whether the extension of a file belongs to a map format and to no flight format.
 pub fn has_map_extension(path: &Path) -> bool {
-    let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
-    let ends = |extensions: &[&str]| extensions.iter().any(|e| name.strip_suffix(e).is_some_and(|n| n.ends_with('.')));
+    let ends = |extensions| has_extension(path, extensions);
     MAP_FORMATS.iter().any(|f| ends(f.extensions)) && !FLIGHT_FORMATS.iter().any(|f| ends(f.extensions))
+}
+
+/// Whether the name of a file ends with one of these extensions, in upper or lower case.
+fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+    let lower = path.to_string_lossy().to_ascii_lowercase();
+    extensions.iter().any(|e| lower.ends_with(&format!(".{e}")))
 }
 
 struct FormatCandidate {
@@ -487,8 +492,7 @@ fn choose(head: &FileHead, named: Option<&str>, known: &[FormatCandidate], kind:
         let foreign = foreign::refused(head).filter(|_| !(known[found].recognise)(head));
         return foreign.map_or(Ok(found), Err);
     }
-    let lower = head.path.to_string_lossy().to_ascii_lowercase();
-    let by_extension = |c: &FormatCandidate| c.extensions.iter().any(|e| lower.ends_with(&format!(".{e}")));
+    let by_extension = |c: &FormatCandidate| has_extension(head.path, c.extensions);
     let recognised = known.iter().position(|c| (c.recognise)(head));
     // A text in another format may resemble a table of numbers.
     if let Some(foreign) = foreign::refused(head) {

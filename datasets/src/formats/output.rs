@@ -7,7 +7,7 @@ use std::{
     sync::atomic::{AtomicU64, Ordering},
 };
 
-use super::{MAP_FORMATS, MapFormat, side_files::refuse_stale};
+use super::{MAP_FORMATS, MapFormat, has_extension, side_files::refuse_stale};
 use crate::ReadError;
 use grids::AnomalyGrid;
 
@@ -82,8 +82,7 @@ fn writer_for(path: &Path, format: Option<&str>) -> Result<&'static MapFormat, R
             .find(|f| f.name == name)
             .ok_or_else(|| ReadError::options(path, format!("there is no map format `{name}`")).nearest(name, &names));
     }
-    let lower = path.to_string_lossy().to_ascii_lowercase();
-    let ends = |f: &&MapFormat| f.write.is_some() && f.extensions.iter().any(|e| lower.ends_with(&format!(".{e}")));
+    let ends = |f: &&MapFormat| f.write.is_some() && has_extension(path, f.extensions);
     let found: Vec<&MapFormat> = MAP_FORMATS.iter().filter(ends).collect();
     match found.as_slice() {
         [one] => Ok(one),
