@@ -99,7 +99,10 @@ def check(page: Path, program: str, rewrite: bool, times: bool = False) -> list[
                     faults.append(f"{page}:{line}: $ {command}\nexit status {status}")
                 shown = expected + "\n" if same and expected else actual
                 new += "$ " + command.replace("\n", "\n> ") + "\n" + shown
-            return f"{match['fence']}{match['info']}\n{new}{match['fence']}"
+            # Output with a fence of its own needs a longer fence around it.
+            inner = max((len(fence) for fence in re.findall(r"(?m)^`{3,}", new)), default=0)
+            fence = "`" * max(len(match["fence"]), inner + 1 if inner else 0)
+            return f"{fence}{match['info']}\n{new}{fence}"
 
         new = BLOCK.sub(block, text)
         for target in re.findall(r"!\[[^\]]*\]\(([^)\s]+)\)", text):
