@@ -7,10 +7,16 @@ the program or the Python package declares:
 - `magline COMMAND [COMMAND] [--FLAG]...`, with the flags of its help; `magline.MODULE.FUNCTION` of the package;
 - `key = value`, a key of a stage, model, filter or section that the same cell names, or of a table of files or a map;
 - `[section]` of a spec or a simulation;
-- any other code span: a stage, model, filter, metric, key or column of the reference. A key in "`key` of `owner`" must
-  be a key of this owner.
+- `NAME.toml`, an example or a preset;
+- any other code span: a stage, model, filter, metric, key or column of the reference, or a key of a simulation. A key in
+  "`key` of `owner`" must be a key of this owner.
 
-A cell without a code span must begin with "not there". `magnav-jl.md` must have each name of `magnav-exports.txt` once.
+A cell without a code span must begin with "not there". In a cell with `magline report` or `magline view`, a text in
+italics must be a title on their pages.
+
+A page NAME.md with a list NAME.txt must have each entry of the list once in the first column, as `name`, "Table 3.1",
+"Figures 4-5 to 4-9" or "(3.2) to (3.11)". It must state the number of entries. A link "[figures](PAGE)" claims that PAGE
+has own and published figures: PAGE must mention the table or figure. `test_names.py` tests these checks.
 """
 
 import ast
@@ -21,9 +27,14 @@ from functools import cache
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent
-PACKAGE = DOCS.parent / "python" / "magline"
+PIPELINE = DOCS.parent
+PACKAGE = PIPELINE / "python" / "magline"
+DATASETS = PIPELINE.parent / "datasets"
 SPEC_SECTIONS = {"[tables.NAME]", "[axes]", "[search]", "[search.axes]", "[[stages]]", "[publish]"}
 SPAN = re.compile(r"`([^`]+)`")
+NUMBER = r"(?:[A-D]\.)?\d+(?:[.-]\d+)?"
+NUMBERS = re.compile(rf"(?:Table|Figure|Algorithm)s? {NUMBER}(?:(?:, | and | to ){NUMBER})*")
+FIGURES = re.compile(r"\[figures\]\(([^)#]+)[^)]*\)")
 
 
 @cache
@@ -53,8 +64,16 @@ class Names:
             for part in parts:
                 self.owners.setdefault(part.split("`")[1], set()).update(keys(part))
         search, synth = output("stages", "search"), output("stages", "synth")
-        self.sections = SPEC_SECTIONS | set(re.findall(r"(?m)^#+ `(\[.*\])`", synth))
         self.owners["[search]"] = set(re.findall(r"(?m)^(?:\| `|  )(\w+)", search))
+        _, *parts = re.split(r"(?m)^### `(\[.*\])`", synth)
+        simulation = {name: keys(body) for name, body in zip(parts[::2], parts[1::2], strict=True)}
+        self.owners.update(simulation)
+        self.sections = SPEC_SECTIONS | set(simulation)
+        folders = DATASETS / "examples", DATASETS / "simulate" / "presets"
+        self.specs = {file.name for folder in folders for file in folder.glob("*.toml")}
+        sources = [PIPELINE / part for part in ("report/src", "view/src")]
+        sources = [file for part in sources for file in sorted(part.rglob("*")) if file.suffix in (".rs", ".js", ".html")]
+        self.titles = "\n".join(file.read_text(encoding="utf-8") for file in sources)
         text = re.sub(r"(?ms)^```.*?^```$", "", reference)
         spans = [span for line in text.splitlines() for span in SPAN.findall(line)]
         self.known = set(re.findall(r"\w+", " ".join(spans)))
@@ -72,12 +91,15 @@ class Names:
             return None if span in self.sections else "no such section"
         if span.startswith("-"):
             return None
+        if span.endswith(".toml"):
+            return None if span in self.specs else "no such example or preset"
         key = re.match(r"(\w+)\s*=\s*", span)
         if key:
             owned = self.common.union(*(self.owners.get(name, set()) for name in cell))
             return None if key[1] in owned else f"no key `{key[1]}` of {', '.join(cell)}"
         name = re.sub(r"\(.*\)$", "", span)
-        return None if name in self.known or name in self.owners else "not in the reference"
+        is_known = name in self.known or name in self.owners or self.is_key(name)
+        return None if is_known else "not in the reference"
 
 
 def command(span: str) -> str | None:
@@ -118,44 +140,103 @@ def cells(row: str) -> list[str]:
     return [cell.strip().replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", row.strip().strip("|"))]
 
 
-def check(page: Path, names: Names) -> list[str]:
-    faults, first = [], []
-    lines = page.read_text(encoding="utf-8").splitlines()
+def listed(page: Path) -> list[str]:
+    """Returns the entries of the list of a page, such as `ekf`, `Table 3.1` and `(3.2)`."""
+    file = page.with_suffix(".txt")
+    lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+    return [entry for line in lines if not line.startswith("#") for entry in re.split(r",\s*", line) if entry]
+
+
+def entries(cell: str, known: list[str]) -> list[str]:
+    """Returns the entries that a text names. A range has the entries between its ends in the order of the list."""
+    if "`" in cell:
+        return SPAN.findall(cell)
+    kind, numbers = re.fullmatch(r"(?:(Table|Figure|Algorithm)s? )?(.*)", cell).groups()
+    found = []
+    for part in re.split(r", | and ", numbers):
+        ends = [f"{kind} {end}" if kind else end for end in part.split(" to ")]
+        is_range = len(ends) == 2 and all(end in known for end in ends)
+        found += known[known.index(ends[0]):known.index(ends[1]) + 1] if is_range else ends
+    return found
+
+
+def cell_faults(cell: str, foreign: list[str], names: Names) -> list[str]:
+    """Returns the faults of a cell in the column `magline`; `foreign` has names of the other program."""
+    spans, faults = SPAN.findall(cell), []
+    bare = [re.sub(r"^magline (?!\w+$).*|^magline ", "", span) for span in spans]
+    owners = [span for span in bare if span in names.owners or span in names.sections]
+    # A model or filter that a key selects also owns keys.
+    owners += [value for span in spans for value in re.findall(r'"(\w+)"', span) if value in names.owners]
+    for key, owner in re.findall(r"`(\w+)` of `(\w+)`", cell):
+        if owner in names.owners and key not in names.owners[owner] and names.is_key(key):
+            faults.append(f"`{key}` is no key of `{owner}`")
+    is_absent = cell.startswith("not there")
+    if not spans and not is_absent:
+        faults.append('neither a name of magline nor "not there"')
+    for span in spans:
+        # The reason of "not there" may name the other program's functions.
+        fault = names.fault(span, owners)
+        if fault and not (is_absent and span in foreign):
+            faults.append(f"`{span}`: {fault}")
+    if "magline report" in spans or "magline view" in spans:
+        titles = re.findall(r"\*([^*]+)\*", cell)
+        faults += [f"*{title}*: no title of a report or view" for title in titles if title not in names.titles]
+    return faults
+
+
+def unmentioned(page: Path, cell: str, first: list[str], known: list[str]) -> list[str]:
+    """Returns the entries of a row that the pages with its figures do not mention."""
+    missing = []
+    for target in FIGURES.findall(cell):
+        file = page.parent / target
+        text = " ".join(file.read_text(encoding="utf-8").split()) if file.is_file() else ""
+        mentioned = {entry for part in NUMBERS.findall(text) for entry in entries(part, known)}
+        missing += [f"{entry} is not mentioned in {target}" for entry in first if entry not in mentioned]
+    return missing
+
+
+def rows(text: str):
+    """Yields the line number and the cells of each row in the tables whose last column is `magline`."""
+    lines = text.splitlines()
     for number, line in enumerate(lines):
         if not (line.startswith("|---") or line.startswith("|:--")) or cells(lines[number - 1])[-1] != "magline":
             continue
         for at, row in enumerate(lines[number + 1:], number + 2):
             if not row.startswith("|"):
                 break
-            columns = cells(row)
-            first += SPAN.findall(columns[0])
-            spans = SPAN.findall(columns[-1])
-            bare = [re.sub(r"^magline (?!\w+$).*|^magline ", "", span) for span in spans]
-            owners = [span for span in bare if span in names.owners or span in names.sections]
-            # A model or filter that a key selects also owns keys.
-            owners += [value for span in spans for value in re.findall(r'"(\w+)"', span) if value in names.owners]
-            for key, owner in re.findall(r"`(\w+)` of `(\w+)`", columns[-1]):
-                if owner in names.owners and key not in names.owners[owner] and names.is_key(key):
-                    faults.append(f"{page}:{at}: `{key}` is no key of `{owner}`")
-            if not spans and not columns[-1].startswith("not there"):
-                faults.append(f"{page}:{at}: neither a name of magline nor \"not there\"")
-            for span in spans:
-                # The reason of "not there" may name the other program's functions.
-                fault = names.fault(span, owners)
-                if fault and not (columns[-1].startswith("not there") and span in first):
-                    faults.append(f"{page}:{at}: `{span}`: {fault}")
-    if page.name == "magnav-jl.md":
-        exports = (page.parent / "magnav-exports.txt").read_text(encoding="utf-8").split()
-        faults += [f"{page}: `{name}` is missing" for name in exports if name not in first]
-        faults += [f"{page}: `{name}` occurs twice" for name in set(first) if first.count(name) > 1]
+            yield at, cells(row)
+
+
+def check(page: Path, text: str, names: Names) -> list[str]:
+    """Returns the faults of a page with the given text."""
+    known, first, faults = listed(page), [], []
+    absent = with_figures = 0
+    for at, columns in rows(text):
+        own = entries(columns[0], known)
+        # Options of functions need not be in the list.
+        own, unknown = [e for e in own if e in known], [e for e in own if e not in known]
+        found = cell_faults(columns[-1], known + unknown, names) + unmentioned(page, columns[-1], own, known)
+        if known and unknown and "`" not in columns[0]:
+            found.append(f"{', '.join(unknown)}: not in {page.stem}.txt")
+        faults += [f"{page}:{at}: {fault}" for fault in found]
+        first += own
+        absent += len(own) if columns[-1].startswith("not there") else 0
+        with_figures += len(own) if FIGURES.search(columns[-1]) else 0
+    faults += [f"{page}: {entry} is missing" for entry in known if entry not in first]
+    faults += [f"{page}: {entry} occurs twice" for entry in known if first.count(entry) > 1]
+    counts = f"Of {len(known)} entries, {len(known) - absent} are in magline and {absent} are not there."
+    if with_figures:
+        counts += f" {with_figures} entries have own and published figures."
+    if known and counts not in " ".join(text.split()):
+        faults.append(f'{page}: the counts are wrong, not "{counts}"')
     return faults
 
 
 def main() -> int:
     names = Names()
     pages = [Path(page) for page in sys.argv[2:]]
-    found = [fault for page in pages for fault in check(page, names)]
-    print("\n".join(found) if found else f"{len(pages)} dictionaries: all names are those of magline")
+    found = [fault for page in pages for fault in check(page, page.read_text(encoding="utf-8"), names)]
+    print("\n".join(found) if found else f"{len(pages)} pages: all names are those of magline")
     return 1 if found else 0
 
 
