@@ -191,8 +191,9 @@ def required(variants: Sequence[Parameter]) -> bool:
 
 
 def paragraph(text: str, indent: str, hanging: str | None = None) -> list[str]:
-    """Lines of a text; `hanging` indents all but the first."""
+    """Lines of a text; `hanging` indents all but the first. A bar is escaped in Markdown only."""
     options: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
+    text = text.replace(r"\|", "|")
     return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=hanging or indent, **options)
 
 

@@ -142,8 +142,8 @@ stage! {
     /// Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from those of that network. Coefficients that are not trained
     /// (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines.
     ///
-    /// Source: Gnadt 2022, (3.19) to (3.43), Figure 5-6 of `warm_start`; van der Meer 2025, sections 2.2 to 2.4, 4.2.1
-    /// and Figure 4.2.
+    /// Source: Gnadt 2022, (3.19) to (3.43), Figure 5-6 of `warm_start`; van der Meer 2025, sections 2.2 to 2.4, 4.1
+    /// and 4.2.1.
     Fit = "fit", version 5, grain Survey, inputs [input: Lines, warm_start: Model optional],
     example r#"
 [[stages]]

@@ -40,7 +40,7 @@ stage! {
     /// its training lines, and larger for one that overfits. In its resamples, training lines are drawn only from
     /// training lines, and other lines only from other lines.
     ///
-    /// Source: van der Meer 2025, (2.42) and section 4.1; Efron & Tibshirani 1993, chapter 13.
+    /// Source: van der Meer 2025, (4.9); Efron & Tibshirani 1993, chapter 13.
     Summary = "summary", version 4, grain Survey, inputs [input: Scores],
     example r#"
 [[stages]]

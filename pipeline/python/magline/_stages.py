@@ -572,7 +572,7 @@ class StageMethods:
         References
         ----------
         F. Gustafsson, Determining the initial states in forward-backward filtering, 1996. The
-        defaults are those of Gnadt 2022, section 3.4.
+        defaults are those of Gnadt 2022, section 3.1.2.
         """
         return self._stage("bandpass", locals())
 
@@ -1965,7 +1965,7 @@ class StageMethods:
         References
         ----------
         Gnadt 2022, (3.19) to (3.43), Figure 5-6 of `warm_start`; van der Meer 2025, sections 2.2 to
-        2.4, 4.2.1 and Figure 4.2.
+        2.4, 4.1 and 4.2.1.
         """
         return self._stage("fit", locals())
 
@@ -2190,7 +2190,7 @@ class StageMethods:
         ----------
         Breiman 2001; Lundberg & Lee 2017; Lundberg et al. 2020; Erion et al. 2021; Blumensath &
         Davies 2010; Morris 1991; Campolongo, Cariboni & Saltelli 2007; Sobol 2001; Jansen 1999;
-        Saltelli et al. 2010; Gnadt 2022, section 4.3 and (4.10).
+        Saltelli et al. 2010; Gnadt 2022, section 4.8 and (4.10).
         """
         return self._stage("importance", locals())
 
@@ -3750,21 +3750,20 @@ class StageMethods:
         the anomaly field is the gradient of a potential. For the direction f of the core field and
         the wavenumber k, the spectra of the components (east, north, up) are
 
-        B_e = i k_e A/d, B_n = i k_n A/d, B_u = -\|k\| A/d, with d = i (f_e k_e + f_n k_n) - f_u
-        \|k\|
+        B_e = i k_e A/d, B_n = i k_n A/d, B_u = -|k| A/d, with d = i (f_e k_e + f_n k_n) - f_u |k|
 
         of the spectrum A of the anomaly. The direction is that at the middle of the map, from
         `decimal_year`, or from `inclination_deg` and `declination_deg`. On a projected map, grid
         north is corrected to true north.
 
-        \|d\| is at least \|k\| sin \|I\| at the inclination I, so errors of the map are amplified
-        by up to 1/sin \|I\|. Near the magnetic equator a map does not contain waves across the core
-        field. Below 15 degrees of inclination these waves are damped, the components are too small,
-        and a warning is given. The mean and the trend of a map have no direction. They are assumed
-        to be parallel to the core field. The field beyond the map's edges is unknown; discard a
-        margin of 15 nodes. Inside it, components of dipoles below the map have errors of 1 % at
-        inclinations of 25 degrees and above, 2 % at 16 degrees, and 8 to 18 % at 5 degrees. Unknown
-        nodes are filled by minimum curvature for the transform and are unknown again in the result.
+        |d| is at least |k| sin |I| at the inclination I, so errors of the map are amplified by up
+        to 1/sin |I|. Near the magnetic equator a map does not contain waves across the core field.
+        Below 15 degrees of inclination these waves are damped, the components are too small, and a
+        warning is given. The mean and the trend of a map have no direction. They are assumed to be
+        parallel to the core field. The field beyond the map's edges is unknown; discard a margin of
+        15 nodes. Inside it, components of dipoles below the map have errors of 1 % at inclinations
+        of 25 degrees and above, 2 % at 16 degrees, and 8 to 18 % at 5 degrees. Unknown nodes are
+        filled by minimum curvature for the transform and are unknown again in the result.
 
         The result has the unit nT, but it is not a total-field anomaly: do not navigate with it.
         These are rejected: a draped map, a map of a derivative, and a direction that is missing or
@@ -4009,6 +4008,6 @@ class StageMethods:
 
         References
         ----------
-        van der Meer 2025, (2.42) and section 4.1; Efron & Tibshirani 1993, chapter 13.
+        van der Meer 2025, (4.9); Efron & Tibshirani 1993, chapter 13.
         """
         return self._stage("summary", locals())

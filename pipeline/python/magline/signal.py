@@ -39,7 +39,7 @@ def bandpass(
         must equal the median step within 1 %.
     low_hz, high_hz : float or None, optional
         Lower and upper corner frequency, Hz. With ``low_hz=None`` the filter is a low-pass, and
-        with ``high_hz=None`` a high-pass. Default: 0.1 and 0.9, as in Gnadt 2022, section 3.4.
+        with ``high_hz=None`` a high-pass. Default: 0.1 and 0.9, as in Gnadt 2022, section 3.1.2.
     order : int, optional
         Order of the Butterworth prototype, 1 to 12. Default: 4.
 
@@ -62,7 +62,7 @@ def bandpass(
     F. Gustafsson, Determining the initial states in forward-backward filtering, IEEE Trans. Signal
     Processing 44(4), 1996
 
-    A. Gnadt, PhD thesis, MIT, 2022, section 3.4
+    A. Gnadt, PhD thesis, MIT, 2022, section 3.1.2
 
     Examples
     --------

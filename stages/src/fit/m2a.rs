@@ -12,7 +12,7 @@ model! {
     /// The network predicts the coefficients of the linear terms as functions of the inputs: a . N(x), where a is the
     /// vector of unscaled terms. The ridge fit of the terms is used only by `physics`.
     ///
-    /// Source: Gnadt 2022, section 4.2, model 2a.
+    /// Source: Gnadt 2022, section 4.3.
     M2a = "m2a", version 3, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: NetworkKeys, part: LinearPart], example "epochs = 5";
     /// Weight in the loss of the squared distance between the prediction and the linear model, relative to the scale of

@@ -11,7 +11,7 @@ model! {
     /// A network predicts the residual of the Tolles-Lawson model: a . b + N(x). The coefficients b come from a ridge
     /// fit to band-passed terms and are not trained.
     ///
-    /// Source: Gnadt 2022, section 4.2, model 2b.
+    /// Source: Gnadt 2022, section 4.4.
     M2b = "m2b", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: NetworkKeys, part: LinearPart], example "epochs = 5";
 }

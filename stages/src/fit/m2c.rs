@@ -13,7 +13,7 @@ model! {
     /// During training the terms are centred and scaled, and decorrelated if `whiten` is set. The table holds the
     /// coefficients of the original terms.
     ///
-    /// Source: Gnadt 2022, section 4.2, model 2c; Gnadt, Wollaber & Nielsen 2022.
+    /// Source: Gnadt 2022, section 4.5; Gnadt, Wollaber & Nielsen 2022.
     M2c = "m2c", version 2, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: NetworkKeys, part: LinearPart], example "epochs = 5";
     /// Weight in the loss of the squared distance between the prediction and the linear model, relative to the scale of

@@ -11,7 +11,7 @@ use super::{
 model! {
     /// The network predicts corrections to the ridge coefficients as functions of the inputs: a . (b + N(x)).
     ///
-    /// Source: Gnadt 2022, section 4.2, model 2d; Gnadt, Wollaber & Nielsen 2022.
+    /// Source: Gnadt 2022, section 4.6; Gnadt, Wollaber & Nielsen 2022.
     M2d = "m2d", version 3, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
     groups [network: NetworkKeys, part: LinearPart], example "epochs = 5";
     /// Weight in the loss of the squared distance between the prediction and the linear model, relative to the scale of

@@ -38,7 +38,7 @@
 //!
 //! The band-passed equations also have the trivial solution a = 0, b = 1, c = 0, which attributes the whole field to
 //! the aircraft. [`trivial_solution`] measures the distance of a fit from it [van der Meer 2025, 4.2.1]. The error of
-//! the linear form itself is at most [van der Meer 2025, Figure 4.2]
+//! the linear form itself is at most [van der Meer 2025, section 4.1]
 //!
 //! ```text
 //! (|a| + ‖b‖ B)²/(2 B)
