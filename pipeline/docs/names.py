@@ -5,18 +5,19 @@ MAGLINE is the program. In each table whose last column is `magline`, every code
 the program or the Python package declares:
 
 - `magline COMMAND [COMMAND] [--FLAG]...`, with the flags of its help; `magline.MODULE.FUNCTION` of the package;
-- `key = value`, a key of a stage, model, filter or section that the same cell names, or of a table of files or a map;
+- `key = value`, a key of a stage, model, filter or section that the same cell names, or of a table of files or a map,
+  with values that the reference has;
 - `[section]` of a spec or a simulation;
 - `NAME.toml`, an example or a preset;
-- any other code span: a stage, model, filter, metric, key or column of the reference, or a key of a simulation. A key in
-  "`key` of `owner`" must be a key of this owner.
+- any other code span: a stage, model, filter, metric, key or column of the reference, or a key of a simulation. A key
+  in "`key` of `owner`" must be a key of this owner.
 
 A cell without a code span must begin with "not there". In a cell with `magline report` or `magline view`, a text in
 italics must be a title on their pages.
 
 A page NAME.md with a list NAME.txt must have each entry of the list once in the first column, as `name`, "Table 3.1",
-"Figures 4-5 to 4-9" or "(3.2) to (3.11)". It must state the number of entries. A link "[figures](PAGE)" claims that PAGE
-has own and published figures: PAGE must mention the table or figure. `test_names.py` tests these checks.
+"Figures 4-5 to 4-9" or "(3.2) to (3.11)". It must state the number of entries. A link "[figures](PAGE)" claims that
+PAGE has own and published figures: PAGE must mention the table or figure. `test_names.py` tests these checks.
 """
 
 import ast
@@ -71,12 +72,13 @@ class Names:
         self.sections = SPEC_SECTIONS | set(simulation)
         folders = DATASETS / "examples", DATASETS / "simulate" / "presets"
         self.specs = {file.name for folder in folders for file in folder.glob("*.toml")}
-        sources = [PIPELINE / part for part in ("report/src", "view/src")]
-        sources = [file for part in sources for file in sorted(part.rglob("*")) if file.suffix in (".rs", ".js", ".html")]
-        self.titles = "\n".join(file.read_text(encoding="utf-8") for file in sources)
+        sources = [file for part in ("report/src", "view/src") for file in sorted((PIPELINE / part).rglob("*"))]
+        shown = [file for file in sources if file.suffix in (".rs", ".js") and file.parent.name != "vendor"]
+        self.titles = "\n".join(file.read_text(encoding="utf-8") for file in shown)
         text = re.sub(r"(?ms)^```.*?^```$", "", reference)
         spans = [span for line in text.splitlines() for span in SPAN.findall(line)]
         self.known = set(re.findall(r"\w+", " ".join(spans)))
+        self.values = self.known | set(re.findall(r"\w+", " ".join(SPAN.findall(synth))))
 
     def is_key(self, name: str) -> bool:
         return any(name in owned for owned in self.owners.values())
@@ -96,7 +98,10 @@ class Names:
         key = re.match(r"(\w+)\s*=\s*", span)
         if key:
             owned = self.common.union(*(self.owners.get(name, set()) for name in cell))
-            return None if key[1] in owned else f"no key `{key[1]}` of {', '.join(cell)}"
+            unknown = [value for value in re.findall(r'"(\w+)"', span) if value not in self.values]
+            if key[1] in owned:
+                return f"no value {', '.join(unknown)}" if unknown else None
+            return f"no key `{key[1]}` of {', '.join(cell)}"
         name = re.sub(r"\(.*\)$", "", span)
         is_known = name in self.known or name in self.owners or self.is_key(name)
         return None if is_known else "not in the reference"
@@ -167,9 +172,10 @@ def cell_faults(cell: str, foreign: list[str], names: Names) -> list[str]:
     owners = [span for span in bare if span in names.owners or span in names.sections]
     # A model or filter that a key selects also owns keys.
     owners += [value for span in spans for value in re.findall(r'"(\w+)"', span) if value in names.owners]
-    for key, owner in re.findall(r"`(\w+)` of `(\w+)`", cell):
-        if owner in names.owners and key not in names.owners[owner] and names.is_key(key):
-            faults.append(f"`{key}` is no key of `{owner}`")
+    for owned, owner in re.findall(r"((?:`\w+`(?:, | and ))*`\w+`) of `([\w.[\]]+)`", cell):
+        for key in SPAN.findall(owned):
+            if owner in names.owners and key not in names.owners[owner] and names.is_key(key):
+                faults.append(f"`{key}` is no key of `{owner}`")
     is_absent = cell.startswith("not there")
     if not spans and not is_absent:
         faults.append('neither a name of magline nor "not there"')

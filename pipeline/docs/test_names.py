@@ -83,7 +83,10 @@ class Faults(unittest.TestCase):
             ("`magline.core_field.igrf`", "`magline.core_field.igf`", "no such function"),
             ("`[[flights.lines]]`", "`[[flights.line]]`", "no such section"),
             ('`model = "pls"` of `fit`', '`modl = "pls"` of `fit`', "no key `modl`"),
+            ('`model = "pls"` of `fit`', '`model = "plsr"` of `fit`', "no value plsr"),
             ("`whiten` of `fit`", "`particles` of `fit`", "`particles` is no key of `fit`"),
+            ("`low_hz` and `high_hz` of `fit`", "`particles` and `high_hz` of `fit`", "`particles` is no key of `fit`"),
+            ("`sets` of `[[flights.lines]]`", "`noise_nt` of `[[flights.lines]]`", "`noise_nt` is no key of"),
             ("figure *Similarity of calibrations*", "figure *Likeness of calibrations*", "no title of a report"),
         ]:
             with self.subTest(new=new):
