@@ -11,7 +11,12 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
+
+import declared
+import python_reference
+from examples import COMMANDS, FLIGHTS, Examples
 
 DOCS = Path(__file__).resolve().parent
 REPOSITORY = DOCS.parent.parent
@@ -44,7 +49,10 @@ PAGES = {
     "reference/bibliography.md": "schemas/BIBLIOGRAPHY.md",
 }
 SITES = {page: site for site, page in PAGES.items()}
-GENERATED = "reference/stages", "reference/models", "reference/filters", "reference/commands"
+GENERATED = (
+    "reference/stages", "reference/models", "reference/filters", "reference/metrics", "reference/formats",
+    "reference/commands", "reference/functions", "reference/columns", "reference/units", "reference/example.md",
+)
 
 LINK = re.compile(r"(?<!\!)\[((?:[^\[\]`]|`[^`]*`)+)\]\(([^()\s]+)\)")
 FENCE = re.compile(r"^ *(```+|~~~+|:::+)")
@@ -130,20 +138,44 @@ def sections(text: str, heading: str) -> tuple[str, list[tuple[str, str]]]:
     return parts[0], list(zip(parts[1::2], parts[2::2], strict=True))
 
 
-def reference() -> None:
-    """Derives one page a stage, model and filter, and the metrics, from `magline stages --markdown`."""
-    intro, stages = sections(output("stages", "--markdown"), "##")
+SAMPLE = "The stage is part of [the example of the reference](../example.md)."
+KINDS = {
+    "model": "The scores are those of the calibration line 1.01, to which the model is fitted, and of line 1.02.",
+    "filter": "The scores are those of line 1.02. Their expected values are 2 for `nees` and 1 for `nis`.",
+}
+EPOCHS = "The example trains for a few epochs. Its error is therefore far above that of a trained network."
+
+
+def example(kind: str, name: str, body: str, examples: Examples) -> str:
+    """Returns the text of a page with the example of a stage, model or filter as its last section."""
+    code = f"```toml\n{examples.stages[kind, name]}```\n"
+    if kind == "stage":
+        # The declaration's example, under a heading.
+        body = body.replace(code, "")
+        return f"{body.rstrip()}\n\n## Example\n\n{SAMPLE}\n\n{code}\n{examples.rows(name)}"
+    body = re.sub(r"(?ms)^```toml\n.*?^```\n", "", body)
+    note = " " + EPOCHS if "| `epochs` |" in body else ""
+    text = SAMPLE.replace("stage is", "stages are") + f" {KINDS[kind]}{note}"
+    return f"{body.rstrip()}\n\n## Example\n\n{text}\n\n{code}\n{examples.scores(name)}"
+
+
+def reference(examples: Examples) -> None:
+    """Derives one page a stage, model, filter and metric from `magline stages --markdown`."""
+    intro, stages = sections(REFERENCE, "##")
     rows, names = [], []
     for title, body in stages:
         name = title.split("`")[1]
         names.append(name)
         rows.append(f"| [`{name}`]({name}.md) | {first_sentence(body)} |")
         body, parts = sections(body, "###")
+        metrics(name, body, examples)
+        body = example("stage", name, body, examples)
         lists = {"model": [], "filter": []}
         for part, text in parts:
             kind, entry = re.fullmatch(r"The (model|filter) `(\w+)`", part).groups()
             lists[kind].append((entry, first_sentence(text)))
-            page = f"# `{entry}`\n\nA {kind} of [`{name}`](../stages/{name}.md).\n{text}"
+            page = f"# `{entry}`\n\nA {kind} of [`{name}`](../stages/{name}.md).\n"
+            page += example(kind, entry, text, examples)
             write(f"reference/{kind}s/{entry}.md", page)
         for kind, entries in lists.items():
             if entries:
@@ -153,11 +185,32 @@ def reference() -> None:
                 index += f"| {kind} | description |\n|---|---|\n" + links.replace(f"../{kind}s/", "") + "\n"
                 write(f"reference/{kind}s/index.md", index + contents([e for e, _ in entries]))
         write(f"reference/stages/{name}.md", f"# {title}\n{body}")
-        if name == "score":
-            table = re.search(r"(?m)^\| metric \|.*\n(?:\|.*\n)+", body).group()
-            write("reference/metrics.md", "# Metrics\n\nThe metrics of [`score`](stages/score.md).\n\n" + table)
     listed = "\n## All stages\n\n| stage | description |\n|---|---|\n" + "\n".join(rows) + "\n"
     write("reference/stages/index.md", intro.rstrip() + "\n" + listed + contents(names))
+
+
+def metrics(stage: str, body: str, examples: Examples) -> None:
+    """Derives one page a metric from the table of `score`."""
+    table = re.search(r"(?m)^\| metric \|.*\n\|-.*\n((?:\|.*\n)+)", body)
+    if stage != "score" or not table:
+        return
+    rows, names = [], []
+    for row in table[1].splitlines():
+        name, unit, pooled, better, meaning = [cell.strip() for cell in row.strip("|").split(" | ")]
+        name = name.strip("`")
+        names.append(f"metrics/{name}")
+        rows.append(row.replace(f"`{name}`", f"[`{name}`](metrics/{name}.md)", 1))
+        page = f"# `{name}`\n\nA metric of [`score`](../stages/score.md): {meaning}.\n\n| property | value |\n|---|---|\n"
+        page += f"| unit | {unit} |\n| lines are pooled by | {pooled} |\n| better | {better or 'neither'} |\n"
+        page += f"\n## Example\n\n```toml\nmetrics = [\"{name}\"]\n```\n\n"
+        query = examples.metric(name)
+        if query:
+            page += f"The values of [the example of the reference](../example.md):\n\n{query}"
+        else:
+            page += "[The example of the reference](../example.md) has no value of this metric.\n"
+        write(f"reference/metrics/{name}.md", page)
+    head = "# Metrics\n\nThe metrics of [`score`](stages/score.md).\n\n| metric | unit | lines pooled by | better | meaning |\n"
+    write("reference/metrics.md", head + "|---|---|---|---|---|\n" + "\n".join(rows) + "\n" + contents(names))
 
 
 def first_sentence(text: str) -> str:
@@ -165,8 +218,8 @@ def first_sentence(text: str) -> str:
     return re.split(r"(?<=[.:])\s", paragraph)[0].rstrip(":").replace("|", "\\|")
 
 
-def commands() -> None:
-    """Derives one page a command from `--help`."""
+def commands(examples: Examples) -> None:
+    """Derives one page a command from `--help`, with an example."""
     listing = re.search(r"(?ms)^Commands:\n(.*?)\n\n", output("--help")).group(1)
     rows, names = [], []
     for name, about in re.findall(r"(?m)^  (\w[\w-]*) +(.*)$", listing):
@@ -176,13 +229,49 @@ def commands() -> None:
         rows.append(f"| [`magline {name}`]({name}.md) | {about} |")
         text = output(name, "--help")
         page = f"# `magline {name}`\n\n```text\n{text.rstrip()}\n```\n"
+        sample = "The files are those of [the example of the reference](../example.md).\n\n"
+        if name in COMMANDS:
+            page += f"\n## Example\n\n{sample}{examples.console(COMMANDS[name])}"
         inner = re.search(r"(?ms)^Commands:\n(.*?)\n\n", text)
         for sub in re.findall(r"(?m)^  (\w[\w-]*) ", inner.group(1)) if inner else []:
             if sub != "help":
                 page += f"\n## `magline {name} {sub}`\n\n```text\n{output(name, sub, '--help').rstrip()}\n```\n"
+                if f"{name} {sub}" in COMMANDS:
+                    page += f"\n{sample}{examples.console(COMMANDS[f'{name} {sub}'])}"
         write(f"reference/commands/{name}.md", page)
     page = "# Command line\n\n| command | description |\n|---|---|\n" + "\n".join(rows) + "\n" + contents(names)
     write("reference/commands/index.md", page)
+
+
+def example_page(examples: Examples) -> None:
+    """Writes the page of the spec that all examples of the reference belong to, and its files."""
+    write("reference/example.toml", examples.spec)
+    write("reference/flight.toml", examples.short)
+    shutil.copyfile(DOCS / "reference" / "example.synth.toml", OUTPUT / "source" / "reference" / "example.synth.toml")
+    text = (DOCS / "reference" / "example-page.txt").read_text(encoding="utf-8")
+    write("reference/example.md", text + examples.console(["magline run flight.toml"]))
+
+
+def formats(examples: Examples) -> None:
+    """Derives one page a format."""
+    text = "# File formats\n\nThe content of a file determines its format. `format` of a table overrides it.\n"
+    names = []
+    for kind, title in (("flight", "Flights"), ("map", "Maps")):
+        text += f"\n## {title}\n\n| format | extensions | content |\n|---|---|---|\n"
+        for name, about, extensions in declared.formats(kind, MAGLINE):
+            listed = ", ".join(f"`.{e}`" for e in extensions) or "any"
+            site = f"formats/{kind}-{name}"
+            names.append(site)
+            text += f"| [`{name}`]({site}.md) | {listed} | {about} |\n"
+            page = f"# `{name}`: {kind}\n\nThe format `{name}` of a {kind} table: {about}. Extensions: {listed}.\n\n"
+            page += f"```toml\n[tables.NAME]\npath   = \"FILE\"\nformat = \"{name}\"\n```\n\n## Example\n\n"
+            if kind == "flight":
+                made = examples.console(FLIGHTS[name]) if name in FLIGHTS else None
+            else:
+                made = examples.map_format(name)
+            page += made or "The repository has no file of this format. Tests read files that they write.\n"
+            write(f"reference/{site}.md", page)
+    write("reference/formats.md", text + contents(names))
 
 
 def output(*arguments: str) -> str:
@@ -194,8 +283,16 @@ def output(*arguments: str) -> str:
 def main() -> int:
     shutil.rmtree(OUTPUT / "source", ignore_errors=True)
     copied()
-    reference()
-    commands()
+    with tempfile.TemporaryDirectory() as name:
+        examples = Examples(MAGLINE, REFERENCE, Path(name) / "work")
+        example_page(examples)
+        reference(examples)
+        commands(examples)
+        formats(examples)
+    write("reference/columns.md", declared.columns())
+    write("reference/units.md", declared.units())
+    for site, text in python_reference.pages(contents).items():
+        write(f"reference/{site}", text)
     sphinx = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-j", "auto", "-b", "html"]
     status = subprocess.run([*sphinx, OUTPUT / "source", OUTPUT / "html"]).returncode
     pages = len(list((OUTPUT / "source").rglob("*.md")))
@@ -208,4 +305,5 @@ if __name__ == "__main__":
         raise SystemExit(__doc__)
     MAGLINE = os.path.abspath(sys.argv[1])
     OUTPUT = Path(sys.argv[2]).resolve()
+    REFERENCE = output("stages", "--markdown")
     raise SystemExit(main())
