@@ -1,11 +1,15 @@
 #!/usr/bin/env python3
-"""Builds the site: python3 build.py MAGLINE OUTPUT
+"""Builds the site: python3 build.py MAGLINE OUTPUT [SITES]
 
 MAGLINE is the program, OUTPUT the folder of the pages. The source folder OUTPUT/source consists of the pages of this
 folder, of other pages of the repository (`PAGES`), and of the reference, which is derived from the program's output.
 Links between these pages become links of the site. Links to other files of the repository become downloads.
+
+SITES is a folder with the sites of several versions, such as `0.1.0`. The new site is copied into it, `versions.js`
+lists the versions for the version selector, and `index.html` leads to the newest.
 """
 
+import json
 import os
 import re
 import shutil
@@ -120,7 +124,7 @@ def copied() -> None:
         site = file.relative_to(DOCS).as_posix()
         if file.suffix == ".md":
             write(site, rewrite(file.read_text(encoding="utf-8"), f"pipeline/docs/{site}", site))
-        elif file.suffix in (".css", ".svg", ".png") or site == "conf.py":
+        elif file.suffix in (".css", ".html", ".js", ".svg", ".png") or site == "conf.py":
             (OUTPUT / "source" / site).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, OUTPUT / "source" / site)
     for site, page in PAGES.items():
@@ -200,7 +204,8 @@ def metrics(stage: str, body: str, examples: Examples) -> None:
         name = name.strip("`")
         names.append(f"metrics/{name}")
         rows.append(row.replace(f"`{name}`", f"[`{name}`](metrics/{name}.md)", 1))
-        page = f"# `{name}`\n\nA metric of [`score`](../stages/score.md): {meaning}.\n\n| property | value |\n|---|---|\n"
+        page = f"# `{name}`\n\nA metric of [`score`](../stages/score.md).\n\n| property | value |\n|---|---|\n"
+        page += f"| meaning | {meaning} |\n"
         page += f"| unit | {unit} |\n| lines are pooled by | {pooled} |\n| better | {better or 'neither'} |\n"
         page += f"\n## Example\n\n```toml\nmetrics = [\"{name}\"]\n```\n\n"
         query = examples.metric(name)
@@ -274,6 +279,17 @@ def formats(examples: Examples) -> None:
     write("reference/formats.md", text + contents(names))
 
 
+def publish(sites: Path, version: str) -> None:
+    """Copies the site into the folder of all versions, and lists the versions there, the newest first."""
+    shutil.rmtree(sites / version, ignore_errors=True)
+    shutil.copytree(OUTPUT / "html", sites / version)
+    found = [path.name for path in sites.iterdir() if (path / "index.html").is_file()]
+    found.sort(key=lambda name: [int(part) if part.isdigit() else -1 for part in re.split(r"[.-]", name)], reverse=True)
+    (sites / "versions.js").write_text(f"window.MAGLINE_VERSIONS = {json.dumps(found)};\n", encoding="utf-8")
+    page = f'<!doctype html><title>magline</title><meta http-equiv="refresh" content="0; url={found[0]}/index.html">\n'
+    (sites / "index.html").write_text(page, encoding="utf-8")
+
+
 def output(*arguments: str) -> str:
     run = subprocess.run([MAGLINE, *arguments], capture_output=True, text=True, check=True)
     # Usage lines hold the name of the file.
@@ -294,14 +310,18 @@ def main() -> int:
     for site, text in python_reference.pages(contents).items():
         write(f"reference/{site}", text)
     sphinx = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-j", "auto", "-b", "html"]
-    status = subprocess.run([*sphinx, OUTPUT / "source", OUTPUT / "html"]).returncode
+    version = output("--version").split()[-1]
+    environment = {**os.environ, "MAGLINE_VERSION": version}
+    status = subprocess.run([*sphinx, OUTPUT / "source", OUTPUT / "html"], env=environment).returncode
+    if status == 0 and len(sys.argv) > 3:
+        publish(Path(sys.argv[3]), version)
     pages = len(list((OUTPUT / "source").rglob("*.md")))
     print(f"{pages} pages in {OUTPUT / 'html'}")
     return status
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
+    if len(sys.argv) not in (3, 4):
         raise SystemExit(__doc__)
     MAGLINE = os.path.abspath(sys.argv[1])
     OUTPUT = Path(sys.argv[2]).resolve()

@@ -70,6 +70,12 @@ name  = "score_map"
 stage = "score"
 input = "map_value"
 mag   = "mag_1_c"
+
+[[stages]]
+name  = "score_track"
+stage = "score"
+input = ["compensate", "navigate_ekf"]
+truth = "mag_1_c"
 """
 # Columns of stages whose new columns do not show their effect.
 SHOWN = {
@@ -260,7 +266,7 @@ class Examples:
     @cache
     def scored(self) -> dict[str, str]:
         """Returns the table of each metric that has a value."""
-        tables = ("score_crlb", "score_map", "score")
+        tables = ("score_crlb", "score_map", "score", "score_track")
         union = " UNION ALL ".join(f"SELECT '{t}', metric, value FROM reference.{t}" for t in tables)
         output, _ = run(f'magline sql "{union}" --format csv', self.folder)
         rows = [line.split(",") for line in output.splitlines()[1:]]

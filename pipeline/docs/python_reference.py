@@ -14,6 +14,7 @@ MODULES = {
     "runs": "magline", "spec": "magline", "tables": "magline", "parts": "magline", "errors": "magline",
     "views": "magline", "tolles_lawson": "magline.tolles_lawson", "core_field": "magline.core_field",
     "signal": "magline.signal", "maps": "magline.maps", "stream": "magline.stream", "metrics": "magline.metrics",
+    "filters": "magline.filters", "_filters": "magline.filters",
 }
 SECTION = re.compile(r"(?m)^(\w[\w ]*)\n-{3,}\n")
 
@@ -63,6 +64,8 @@ def signature(node: ast.FunctionDef, name: str) -> str:
 
 
 def public(module: str) -> list[ast.FunctionDef | ast.ClassDef]:
+    if not (PACKAGE / f"{module}.py").is_file():
+        return []
     tree = ast.parse((PACKAGE / f"{module}.py").read_text(encoding="utf-8"))
     nodes = [n for n in tree.body if isinstance(n, ast.FunctionDef | ast.ClassDef) and not n.name.startswith("_")]
     listed = exported() if MODULES[module] == "magline" else {n.name for n in nodes}
