@@ -20,7 +20,7 @@ from pathlib import Path
 
 import declared
 import python_reference
-from examples import COMMANDS, FLIGHTS, Examples
+from examples import COMMANDS, FLIGHTS, Examples, parts
 
 DOCS = Path(__file__).resolve().parent
 REPOSITORY = DOCS.parent.parent
@@ -112,6 +112,45 @@ def rewrite(text: str, page: str, site: str) -> str:
     return INCLUDE.sub(include, outside_code(text, lambda part: LINK.sub(link, part)))
 
 
+# Stages whose names are also names of columns or of corrections.
+AMBIGUOUS = {"diurnal", "lag", "magnitude", "select"}
+
+
+def reference_pages() -> dict[str, str]:
+    """Returns the pages of the names that mean one thing only: metrics, and stages and filters that are no keys."""
+    keys = set(re.findall(r"(?m)^\| `(\w+)` \| (?:text|list|number|table|boolean|whole)", REFERENCE))
+    pages = {name: f"reference/{kind}s/{name}.md" for kind, name, _ in parts(REFERENCE)}
+    table = re.search(r"(?m)^\| metric \|.*\n\|-.*\n((?:\|.*\n)+)", REFERENCE)[1]
+    pages |= {name: f"reference/metrics/{name}.md" for name in re.findall(r"(?m)^\| `(\w+)`", table)}
+    return {name: page for name, page in pages.items() if name not in keys | AMBIGUOUS}
+
+
+def explained(text: str, site: str, pages: dict[str, str]) -> str:
+    """Links the first use of each name of the reference on a page, outside code, headings, tables and other links."""
+    here, seen = os.path.dirname(site), set()
+
+    def line(text: str) -> str:
+        if text.startswith(("#", "|", ":")):
+            return text
+        pieces = re.split(r"(\[[^\]]*\](?:\([^)]*\))?)", text)
+        for i in range(0, len(pieces), 2):
+            pieces[i] = re.sub(r"(?<!`)`(\w+)`(?!`)", name, pieces[i])
+        return "".join(pieces)
+
+    def name(match: re.Match[str]) -> str:
+        page = pages.get(match[1])
+        if page is None or match[1] in seen:
+            return match.group()
+        seen.add(match[1])
+        return f"[`{match[1]}`]({os.path.relpath(page, here)})"
+
+    # Blocks of text, so that a link over two lines is one piece.
+    def stretch(text: str) -> str:
+        return "\n\n".join(line(block) for block in text.split("\n\n"))
+
+    return outside_code(text, stretch)
+
+
 def write(site: str, text: str) -> None:
     file = OUTPUT / "source" / site
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -120,10 +159,13 @@ def write(site: str, text: str) -> None:
 
 def copied() -> None:
     """Copies the pages of this folder and of the repository."""
+    pages = reference_pages()
     for file in sorted(DOCS.rglob("*")):
         site = file.relative_to(DOCS).as_posix()
         if file.suffix == ".md":
-            write(site, rewrite(file.read_text(encoding="utf-8"), f"pipeline/docs/{site}", site))
+            text = rewrite(file.read_text(encoding="utf-8"), f"pipeline/docs/{site}", site)
+            guide = site.startswith(("tutorials/", "how-to/", "gallery/"))
+            write(site, explained(text, site, pages) if guide else text)
         elif file.suffix in (".css", ".html", ".js", ".svg", ".png") or site == "conf.py":
             (OUTPUT / "source" / site).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, OUTPUT / "source" / site)
@@ -171,11 +213,11 @@ def reference(examples: Examples) -> None:
         name = title.split("`")[1]
         names.append(name)
         rows.append(f"| [`{name}`]({name}.md) | {first_sentence(body)} |")
-        body, parts = sections(body, "###")
+        body, kinds = sections(body, "###")
         metrics(name, body, examples)
         body = example("stage", name, body, examples)
         lists = {"model": [], "filter": []}
-        for part, text in parts:
+        for part, text in kinds:
             kind, entry = re.fullmatch(r"The (model|filter) `(\w+)`", part).groups()
             lists[kind].append((entry, first_sentence(text)))
             page = f"# `{entry}`\n\nA {kind} of [`{name}`](../stages/{name}.md).\n"
