@@ -256,8 +256,9 @@ def metrics(stage: str, body: str, examples: Examples) -> None:
         else:
             page += "[The example of the reference](../example.md) has no value of this metric.\n"
         write(f"reference/metrics/{name}.md", page)
-    head = "# Metrics\n\nThe metrics of [`score`](stages/score.md).\n\n| metric | unit | lines pooled by | better | meaning |\n"
-    write("reference/metrics.md", head + "|---|---|---|---|---|\n" + "\n".join(rows) + "\n" + contents(names))
+    head = "# Metrics\n\nThe metrics of [`score`](stages/score.md).\n\n"
+    head += "| metric | unit | lines pooled by | better | meaning |\n|---|---|---|---|---|\n"
+    write("reference/metrics.md", head + "\n".join(rows) + "\n" + contents(names))
 
 
 def first_sentence(text: str) -> str:

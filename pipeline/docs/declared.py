@@ -13,7 +13,7 @@ def source(path: str) -> str:
 
 
 def formats(kind: str, program: str) -> list[tuple[str, str, list[str]]]:
-    """Returns name, description and extensions of the formats of flights or maps, in the order of the program's list."""
+    """Returns name, description and extensions of each format of flights or maps, in the order of the program."""
     command = ["ingest", "README.md", "--to", "none"] if kind == "flight" else ["map", "info", "README.md"]
     done = subprocess.run([program, *command, "--format", "none"], cwd=REPOSITORY, capture_output=True, text=True)
     names = re.search(r"known here: (.*)", done.stderr)[1].split(", ")
@@ -21,7 +21,8 @@ def formats(kind: str, program: str) -> list[tuple[str, str, list[str]]]:
     for file in sorted((REPOSITORY / "datasets").glob("*/src/**/*.rs")) + sorted(
             (REPOSITORY / "datasets/src").glob("**/*.rs")):
         text = file.read_text(encoding="utf-8")
-        about = rf"name: (?:{STRING}|points_table::(\w+)),\s*about: {STRING},\s*(?://[^\n]*\n\s*)?extensions: &\[(.*?)\]"
+        about = rf"name: (?:{STRING}|points_table::(\w+)),\s*about: {STRING},\s*"
+        about += r"(?://[^\n]*\n\s*)?extensions: &\[(.*?)\]"
         declared = re.search(r": (Flight|Map)Format = (?:Flight|Map)Format \{\s*" + about, text, re.S)
         if declared and declared[1].lower() == kind:
             name = declared[2] or declared[3].lower()
@@ -44,8 +45,8 @@ def columns() -> str:
         raise SystemExit(f"error: {len(rows)} columns of flights and {len(maps)} of maps")
     page = source("pipeline/docs/reference/columns-page.txt")
     for mark, found in (("FLIGHTS", rows), ("MAPS", maps)):
-        lines = "\n".join(f"| `{name}` | {unit or '-'} | {role.lower()} | {about} |" for name, unit, role, about in found)
-        page = page.replace(mark, "| column | unit | role | meaning |\n|---|---|---|---|\n" + lines)
+        lines = [f"| `{name}` | {unit or '-'} | {role.lower()} | {about} |" for name, unit, role, about in found]
+        page = page.replace(mark, "\n".join(["| column | unit | role | meaning |", "|---|---|---|---|", *lines]))
     return page
 
 

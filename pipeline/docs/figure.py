@@ -13,7 +13,7 @@ from pathlib import Path
 
 
 def extract(html: str, label: str, number: int = 1) -> str:
-    """Returns the SVG element, of this number, whose `aria-label` begins with `label`, with the style sheet of the report."""
+    """Returns the N-th SVG element with this start of its `aria-label`, with the style sheet of the report."""
     starts = list(re.finditer(r'<svg [^>]*aria-label="' + re.escape(label), html))
     start = starts[number - 1] if number <= len(starts) else None
     if start is None:
