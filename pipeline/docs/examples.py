@@ -76,13 +76,28 @@ name  = "score_track"
 stage = "score"
 input = ["compensate", "navigate_ekf"]
 truth = "mag_1_c"
+
+[[stages]]
+name            = "navigate_gnss"
+stage           = "navigate"
+input           = "compensate"
+where           = "line = '1.02'"
+map             = "anomaly"
+offset_window_s = 1.0
+gnss_lost_s     = [100.0, 300.0]
+flat_over_m     = 500.0
+
+[[stages]]
+name  = "score_gnss"
+stage = "score"
+input = ["compensate", "navigate_gnss"]
 """
 # Columns of stages whose new columns do not show their effect.
 SHOWN = {
     "resample": ["mag_4_uc", "flux_a_x"], "despike": ["mag_4_uc"], "simulate_ins": ["ins_lat", "ins_lon", "ins_vn"],
     "select": ["mag_4_uc", "alt"], "derive": ["mag_d", "heading"], "diurnal": ["diurnal"],
     "join": ["mag_4_uc_bp", "flux_a_x"], "navigate": ["lat", "lon", "sd_n", "sd_e"],
-    "summary": ["metric", "value", "low", "high"],
+    "importance": ['"group"', "value", "spread", "unit"], "summary": ["metric", "value", "low", "high"],
 }
 ROWS = 3
 COLUMNS = 4
@@ -167,7 +182,12 @@ FLIGHTS = {
     "sgl_xyz": ["magline ingest datasets/samples/magnavjl_sample/Flt1003_sample.xyz --to sgl_xyz"],
     "magnav_csv": ["magline ingest datasets/samples/simple_magnav/xyz.csv --to magnav_csv"],
     "iaga2002": ["magline ingest datasets/samples/boulder/bou20141104vmin.min --to iaga2002"],
-    "csv": ["cut -d , -f 1-8,36 clean.csv > log.csv", "head -n 2 log.csv", "magline ingest log.csv --to csv"],
+    "csv": [
+        "magline sql 'SELECT flight, line, tt, lat, lon, alt, mag_4_uc FROM flight.compensate ORDER BY line, tt' "
+        "--format csv -o log.csv",
+        "head -n 2 log.csv", "magline ingest log.csv --to csv",
+    ],
+    "synth": ["magline ingest example.synth.toml --to synth"],
     "points": [f"magline ingest {POINTS} --format points --to points"],
 }
 MAPS = {
@@ -228,8 +248,8 @@ class Examples:
         text = ""
         for command in commands:
             output, status = run(command, self.folder)
-            # A time limit ends a server.
-            if status not in (0, 124) and "error:" not in output:
+            # A time limit ends a server. A pipe hides the status of its first command.
+            if status not in (0, 124) or re.search("(?m)^error:", output):
                 raise SystemExit(f"error: `{command}` ends with status {status}\n{output}")
             lines = [line[:160] for line in output.replace(f"{REPOSITORY}/", "").splitlines()]
             lines = lines if len(lines) <= LINES else [*lines[:LINES - 1], "..."]
@@ -256,7 +276,8 @@ class Examples:
         # The first three values stand in place of a list.
         shown = [f"{c}[1:3] AS {c}" if c in ("tl", "features") else c for c in [*keys, *added]]
         order = " ORDER BY line, tt" if "tt" in own else ""
-        return self.console([f'magline sql "SELECT {", ".join(shown)} FROM reference.{name}{order} LIMIT {ROWS}"'])
+        query = f"SELECT {', '.join(shown)} FROM reference.{name}{order} LIMIT {ROWS}"
+        return self.console([f"magline sql '{query}'" if '"' in query else f'magline sql "{query}"'])
 
     def scores(self, name: str) -> str:
         """Returns the query of the scores of the example of a model or filter."""
@@ -266,7 +287,7 @@ class Examples:
     @cache
     def scored(self) -> dict[str, str]:
         """Returns the table of each metric that has a value."""
-        tables = ("score_crlb", "score_map", "score", "score_track")
+        tables = ("score_gnss", "score_crlb", "score_map", "score", "score_track")
         union = " UNION ALL ".join(f"SELECT '{t}', metric, value FROM reference.{t}" for t in tables)
         output, _ = run(f'magline sql "{union}" --format csv', self.folder)
         rows = [line.split(",") for line in output.splitlines()[1:]]
@@ -284,6 +305,7 @@ class Examples:
             return self.console([f"magline map info {READ_MAPS[name]}"])
         if name not in MAPS:
             return None
-        option = f" --output-format {name}" if MAPS[name].endswith("grd") else ""
-        convert = f"magline map convert {OSBORNE} --bounds 460000,470000,7560000,7570000 -o {MAPS[name]}{option}"
-        return self.console([convert, f"magline map info {MAPS[name]}"])
+        grd = MAPS[name].endswith("grd")
+        option, code = (f" --output-format {name}", " --epsg 32754") if grd else ("", "")
+        convert = f"magline map convert {OSBORNE} --bounds 460000,7560000,470000,7570000 -o {MAPS[name]}{option}"
+        return self.console([convert, f"magline map info {MAPS[name]}{code}"])
