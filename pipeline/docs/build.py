@@ -189,7 +189,7 @@ KINDS = {
     "model": "The scores are those of the calibration line 1.01, to which the model is fitted, and of line 1.02.",
     "filter": "The scores are those of line 1.02. Their expected values are 2 for `nees` and 1 for `nis`.",
 }
-EPOCHS = "The example trains for a few epochs. Its error is therefore far above that of a trained network."
+EPOCHS = "The example trains for a few epochs; a useful network needs more."
 
 
 def example(kind: str, name: str, body: str, examples: Examples) -> str:

@@ -24,6 +24,8 @@ html_static_path = ["_static", str(distribution("sphinx-mathjax-offline").locate
 mathjax_path = "tex-svg-full.js"
 html_copy_source = False
 html_show_sphinx = False
+# Summaries of the results would have to be fetched, which browsers reject for pages that are opened as files.
+html_show_search_summary = False
 html_theme_options = {
     "show_toc_level": 2,
     "navigation_with_keys": False,

@@ -7,7 +7,7 @@ declarations, so that they have no second source.
 import re
 import shutil
 import subprocess
-from functools import cache
+from functools import cached_property
 from pathlib import Path
 
 from check import DOCS, REPOSITORY, run
@@ -256,20 +256,26 @@ class Examples:
             text += f"$ {command}\n" + "".join(line + "\n" for line in lines)
         return f"```console\n{text}```\n"
 
-    @cache
-    def columns(self, table: str) -> list[str]:
-        output, _ = run(f'magline sql "SELECT * FROM reference.{table} LIMIT 0" --format csv', self.folder)
-        return output.splitlines()[0].split(",") if output else []
+    @cached_property
+    def columns(self) -> dict[str, list[str]]:
+        """The columns of each table of the store, from one query."""
+        query = "SELECT table_name, column_name FROM information_schema.columns WHERE table_schema = 'reference'"
+        output, _ = run(f'magline sql "{query} ORDER BY table_name, ordinal_position" --format csv', self.folder)
+        found: dict[str, list[str]] = {}
+        for line in output.splitlines()[1:]:
+            table, column = line.split(",")
+            found.setdefault(table, []).append(column)
+        return found
 
     def rows(self, name: str) -> str:
         """Returns the query of the first rows of a stage's table, with the columns that the stage adds."""
-        own = self.columns(name)
+        own = self.columns[name]
         if "anomaly" in own:
             query = f"SELECT lat, lon, alt, anomaly FROM reference.{name} WHERE NOT isnan(anomaly) LIMIT {ROWS}"
             return self.console([f'magline sql "{query}"'])
         inputs = re.findall(r"(?m)^(?:input|map|model|with|noise|track) += (.*)$", self.stages["stage", name])
         tables = [t for t in re.findall(r'"(\w+)"', " ".join(inputs)) if ("stage", t) in self.stages]
-        before = {column for table in tables for column in self.columns(table)}
+        before = {column for table in tables for column in self.columns[table]}
         keys = [key for key in ("line", "tt") if key in own]
         added = SHOWN.get(name) or [c for c in own if c not in before and c not in ("flight", *keys)][:COLUMNS]
         added = added or [c for c in own if c not in ("flight", *keys)][-COLUMNS:]
@@ -284,9 +290,9 @@ class Examples:
         query = f"SELECT line, metric, value, unit, in_sample FROM reference.score_{name} ORDER BY line, metric"
         return self.console([f'magline sql "{query}"'])
 
-    @cache
+    @cached_property
     def scored(self) -> dict[str, str]:
-        """Returns the table of each metric that has a value."""
+        """The table of each metric that has a value."""
         tables = ("score_gnss", "score_crlb", "score_map", "score", "score_track")
         union = " UNION ALL ".join(f"SELECT '{t}', metric, value FROM reference.{t}" for t in tables)
         output, _ = run(f'magline sql "{union}" --format csv', self.folder)
@@ -295,7 +301,7 @@ class Examples:
 
     def metric(self, name: str) -> str | None:
         """Returns the query of a metric, or `None` if no example has a value of it."""
-        table = self.scored().get(name)
+        table = self.scored.get(name)
         query = f"SELECT line, value, unit, n FROM reference.{table} WHERE metric = '{name}' ORDER BY line"
         return self.console([f'magline sql "{query}"']) if table else None
 
