@@ -77,7 +77,7 @@ def check(page: Path, program: str, rewrite: bool, times: bool = False) -> list[
             info, body = match["info"].strip(), match["body"]
             caption = re.match(r":caption: ([\w./-]+)( \(addition\))?\n\n?", body)
             # The README has no captions, which GitHub would show as text.
-            caption = caption or re.match(r"# ([\w.-]+\.toml)()\n", body)
+            caption = caption or re.match(r"# ([\w.-]+\.(?:py|toml))()\n", body)
             if caption:
                 file = folder / caption[1]
                 file.parent.mkdir(parents=True, exist_ok=True)

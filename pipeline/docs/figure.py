@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Writes one figure of a report as an SVG file.
 
-python3 figure.py REPORT.html LABEL OUTPUT.svg
+python3 figure.py REPORT.html LABEL OUTPUT.svg [N]
 
-LABEL is the start of the figure's text for screen readers, such as `Tracks on the map`. The first figure with this
-label is written. The colours are those of the light theme.
+LABEL is the start of the figure's text for screen readers, such as `Tracks on the map`. The N-th figure with this label
+is written, by default the first. The colours are those of the light theme.
 """
 
 import re
@@ -12,12 +12,13 @@ import sys
 from pathlib import Path
 
 
-def extract(html: str, label: str) -> str:
-    """Returns the first SVG element whose `aria-label` begins with `label`, with the style sheet of the report."""
-    start = re.search(r'<svg [^>]*aria-label="' + re.escape(label), html)
+def extract(html: str, label: str, number: int = 1) -> str:
+    """Returns the N-th SVG element with this start of its `aria-label`, with the style sheet of the report."""
+    starts = list(re.finditer(r'<svg [^>]*aria-label="' + re.escape(label), html))
+    start = starts[number - 1] if number <= len(starts) else None
     if start is None:
         labels = sorted(set(re.findall(r'<svg [^>]*aria-label="([^":]*)', html)))
-        raise SystemExit(f"error: no figure `{label}` in the report; it has: {'; '.join(labels)}")
+        raise SystemExit(f"error: no figure {number} `{label}` in the report; it has: {'; '.join(labels)}")
     depth = 0
     for tag in re.finditer(r"<svg\b|</svg>", html[start.start():]):
         depth += 1 if tag.group() == "<svg" else -1
@@ -50,7 +51,8 @@ def definition(html: str, name: str) -> str | None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 4:
+    if len(sys.argv) not in (4, 5):
         raise SystemExit(__doc__)
-    report, label, output = sys.argv[1:]
-    Path(output).write_text(extract(Path(report).read_text(encoding="utf-8"), label), encoding="utf-8")
+    report, label, output, *number = sys.argv[1:]
+    figure = extract(Path(report).read_text(encoding="utf-8"), label, *map(int, number))
+    Path(output).write_text(figure, encoding="utf-8")

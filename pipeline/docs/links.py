@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Checks the relative links and anchors of all Markdown pages of the repository, without the network."""
+"""Checks links, anchors and names of tests in all Markdown pages of the repository, without the network."""
 
 import os
 import re
 import subprocess
 import unicodedata
+from functools import cache
 
 from build import GENERATED, INCLUDE, LINK, PAGES, REPOSITORY, outside_code
 
@@ -51,10 +52,23 @@ def faults(page: str, text: str) -> list[str]:
     return missing
 
 
+def tests(page: str, text: str) -> list[str]:
+    """Returns the tests that a page names and that no source has."""
+    named = set(re.findall(r"`((?:val|ref|law|jac)_\w+)`", text))
+    return [f"{page}: `{name}`: no such test" for name in sorted(named - sources())] if named else []
+
+
+@cache
+def sources() -> set[str]:
+    found = subprocess.run(["git", "grep", "-hoE", r"fn (val|ref|law|jac)_\w+", "--", "*.rs"], cwd=REPOSITORY,
+                           capture_output=True, text=True, check=True).stdout
+    return {line.removeprefix("fn ") for line in found.splitlines()}
+
+
 def generated(file: str) -> bool:
     """Whether the build makes the page; Sphinx then checks the link."""
     site = file.removeprefix("pipeline/docs/")
-    return site != file and (site in PAGES or site == "reference/metrics.md" or site.startswith(GENERATED))
+    return site != file and (site in PAGES or site.startswith(GENERATED))
 
 
 def main() -> int:
@@ -64,7 +78,8 @@ def main() -> int:
     for page in listed:
         # The template of SIMULATOR.md, whose links are relative to that page.
         if (REPOSITORY / page).is_file() and page != "datasets/simulate/src/reference/page.md":
-            found += faults(page, (REPOSITORY / page).read_text(encoding="utf-8"))
+            text = (REPOSITORY / page).read_text(encoding="utf-8")
+            found += faults(page, text) + tests(page, text)
     print("\n".join(found) if found else f"{len(listed)} pages: all links lead to a file and a heading")
     return 1 if found else 0
 
