@@ -41,10 +41,14 @@ mod threads;
 mod view;
 
 use std::{
+    collections::BTreeSet,
     ffi::OsString,
     path::{Path, PathBuf},
     process::ExitCode,
-    sync::atomic::{AtomicBool, Ordering},
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 pub use events::finished as run_summary;
@@ -402,9 +406,11 @@ fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// A note on standard error.
+/// Writes a note to standard error. Several tables of one file have the same notes, so each note is printed once.
 fn note(text: &str) {
-    if !is_quiet() {
+    static PRINTED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+    let is_new = PRINTED.lock().unwrap_or_else(PoisonError::into_inner).insert(text.to_owned());
+    if is_new && !is_quiet() {
         print_to_stderr(&format!("note: {text}"));
     }
 }

@@ -82,14 +82,20 @@ fn variance_inflation(
 }
 
 impl Excitation {
-    /// Warning about weakly excited directions. `None` if there are no weak directions.
+    /// Warning about weakly excited directions, with the two weakest. `None` if there are no weak directions.
     pub fn message(&self) -> Option<String> {
+        const SHOWN: usize = 2;
         let of = |direction: &WeakDirection| {
             let terms: Vec<String> =
                 direction.terms.iter().map(|(name, part)| format!("{part:+.2} `{name}`")).collect();
             format!("{} (excitation {:.1e} of the strongest)", terms.join(" "), direction.strength)
         };
-        let weak: Vec<String> = self.weak.iter().map(of).collect();
+        let mut weak: Vec<String> = self.weak.iter().take(SHOWN).map(of).collect();
+        match self.weak.len().saturating_sub(SHOWN) {
+            0 => {}
+            1 => weak.push("1 more combination".to_owned()),
+            more => weak.push(format!("{more} more combinations")),
+        }
         (!weak.is_empty()).then(|| {
             format!("the flight hardly excites {}: fly more manoeuvres, omit terms, or use a ridge", weak.join("; "))
         })
@@ -317,6 +323,9 @@ mod tests {
             RegressionMoments::from_matrix(&flat, 3, &[]).unwrap().prepare(ColumnScaling::Standardise, true).unwrap();
         let found = excitation(&flat, &["a", "b", "c"], 1e-9).unwrap();
         assert_eq!((found.weak.len(), found.variance_inflation[0]), (2, f64::INFINITY));
+        let many = Excitation { weak: [found.weak.clone(), found.weak].concat(), ..found };
+        let message = many.message().unwrap();
+        assert!(message.contains("2 more combinations") && message.matches("excitation").count() == 2, "{message}");
     }
 
     /// A calibration box in an earth's field of constant magnitude, with an aircraft field of some 300 nT.
