@@ -67,6 +67,11 @@ pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> 
             Err(e) => questions.push(format!("the map is not used yet: {}", Fault::from(e))),
         }
     }
+    let position = map.as_ref().and_then(|_| position_question(&found, source.own.as_ref().map(|_| shown(&own))));
+    if let Some(question) = position {
+        map = None;
+        questions.push(question);
+    }
     let mut writer = InitText {
         name: identifier(&stem),
         log: relative(log, &folder)?,
@@ -129,6 +134,28 @@ pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> 
     }
     say::out_text(format!("next: magline run {}\n", shell_word(&spec.to_string_lossy())));
     Ok(())
+}
+
+/// Question for the columns without which no map value can be computed: those of the position of the INS, or of the
+/// true position. `None` if the log has either position. `mapping` is the file of a suggested mapping.
+fn position_question(found: &LogFindings, mapping: Option<&Path>) -> Option<String> {
+    let missing = |names: [&'static str; 3]| -> Vec<&'static str> {
+        let has = |name: &&str| found.tables.iter().any(|table| table.has(name));
+        names.into_iter().filter(|name| !has(name)).collect()
+    };
+    let (own, ins) = (missing(["lat", "lon", "alt"]), missing(["ins_lat", "ins_lon", "ins_alt"]));
+    if own.is_empty() || ins.is_empty() {
+        return None;
+    }
+    let fewest = if ins.len() < own.len() { ins } else { own };
+    let names = fewest.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+    let remedy = match (mapping, fewest.first()) {
+        (Some(file), Some(name)) => {
+            format!("Name the column of the log in {}, as in `{name} = {{ from = \"COLUMN\" }}`", file.display())
+        }
+        _ => "Append the columns to the log".to_owned(),
+    };
+    Some(format!("which columns give the position and the height? The map and the navigation need {names}. {remedy}"))
 }
 
 /// The mapping of a log: none, built-in or suggested. `own` is the file of a suggested mapping.

@@ -211,7 +211,8 @@ impl InitText<'_> {
                  \"navigate\"\ninput = \"clean\"\n{condition}map   = \"anomaly\"\n\n# The true position is the \
                  position of the log. `nees` should be near 2 and `nis` near 1.\n[[stages]]\nname    = \
                  \"position\"\nstage   = \"score\"\ninput   = [\"clean\", \"track\"]\nmetrics = [\"drms\", \
-                 \"ins_drms\", \"nees\", \"nis\", \"whiteness\"]\n"
+                 \"ins_drms\", \"nees\", \"nis\", \"whiteness\", \
+                 \"correlated_nis\"]\n"
             );
         }
         text
@@ -229,8 +230,8 @@ impl InitText<'_> {
             (None, _) => match self.vector_only() {
                 Some(only) => format!("the magnitude of {}, with the core field as the reference", only.vector),
                 None => {
-                    "none: without a scalar magnetometer it requires a vector magnetometer, attitude, position and date"
-                        .to_owned()
+                    let needs = self.vector_needs().join(", ");
+                    format!("none: without a scalar magnetometer it requires data that the log lacks: {needs}")
                 }
             },
         }

@@ -15,15 +15,29 @@ pub struct VectorOnly {
 }
 
 impl InitText<'_> {
-    /// What a log without a scalar magnetometer offers; `None` if it has one, or lacks attitude, position or date.
+    /// Calibration of a log without a scalar magnetometer; `None` if it has one, or lacks one of
+    /// [`vector_needs`](Self::vector_needs).
     pub fn vector_only(&self) -> Option<VectorOnly> {
         let inputs = self.inputs();
         let main = inputs.first()?;
-        let has = |name: &str| inputs.iter().any(|t| t.has(name));
-        let complete = ["ins_roll", "ins_pitch", "ins_yaw", "lat", "lon", "year"].into_iter().all(has);
-        let usable = main.scalars.is_empty() && complete && (has("alt") || has("msl"));
+        let usable = main.scalars.is_empty() && self.vector_needs().is_empty();
         let vector = main.vectors.first().filter(|_| usable)?.clone();
-        Some(VectorOnly { vector, above_sea: !has("alt") })
+        Some(VectorOnly { vector, above_sea: !inputs.iter().any(|t| t.has("alt")) })
+    }
+
+    /// Data for the calibration of a vector magnetometer that the log lacks.
+    pub(super) fn vector_needs(&self) -> Vec<&'static str> {
+        let inputs = self.inputs();
+        let has = |name: &str| inputs.iter().any(|t| t.has(name));
+        let vector = inputs.first().is_some_and(|main| !main.vectors.is_empty());
+        let needs = [
+            (vector, "a vector magnetometer"),
+            (["ins_roll", "ins_pitch", "ins_yaw"].into_iter().all(has), "the attitude"),
+            (has("lat") && has("lon"), "the position"),
+            (has("alt") || has("msl"), "the height"),
+            (has("year"), "the date"),
+        ];
+        needs.into_iter().filter(|(there, _)| !there).map(|(_, need)| need).collect()
     }
 
     /// Name and text of a table with the two halves of the only line of a log, without the time on the ground; `None` for
@@ -52,10 +66,11 @@ impl InitText<'_> {
     /// The stages after `even`.
     pub(super) fn vector_stages(&self, main: &TableFindings) -> String {
         let Some(VectorOnly { vector, above_sea }) = self.vector_only() else {
-            let mut text =
-                "# ? No scalar magnetometer was found. Without one, compensation requires a vector magnetometer, \
-                            the attitude, the position and the date.\n"
-                    .to_owned();
+            let needs = self.vector_needs().join(", ");
+            let mut text = format!(
+                "# ? No scalar magnetometer was found. Compensation without one requires data that the log lacks: \
+                 {needs}.\n"
+            );
             if let Some(vector) = main.vectors.first() {
                 text += &format!(
                     "\n# The magnitude of the vector magnetometer.\n[[stages]]\nname   = \"total\"\nstage  = \
