@@ -22,6 +22,7 @@ name  = "place"
 stage = "map_value"
 input = "flights"
 map   = "anomaly"
+map_interpolation = "linear"
 "#;
 
 /// Levelled grid of Osborne in UTM zone 54 south, with nodes 100 m apart.

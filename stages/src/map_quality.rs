@@ -40,7 +40,7 @@ stage! {
     /// A line without a sample on the map is rejected, and so are times that do not increase.
     ///
     /// Source: Kay 1993, section 3.7; Gnadt 2022, section 2.3.
-    MapQuality = "map_quality", version 1, grain Line, inputs [input: Lines, map: Map],
+    MapQuality = "map_quality", version 2, grain Line, inputs [input: Lines, map: Map],
     example r#"
 [[stages]]
 name     = "map_quality"
@@ -58,8 +58,8 @@ window_s = 20.0
     window_s: f64, unit "s", default 60.0, rule Rule::Positive;
     /// Treats a constant of the measurement as unknown.
     unknown_constant: bool, unit "", default false;
-    /// Interpolation of the map: bilinear, or a natural cubic spline.
-    map_interpolation: MapInterpolation, unit "", default MapInterpolation::Linear;
+    /// Interpolation of the map. The field above its sources is smooth, so a spline is closer to it than a bilinear map.
+    map_interpolation: MapInterpolation, unit "", default MapInterpolation::Cubic;
     /// Heights above the WGS-84 ellipsoid, ascending, to which the map is continued.
     map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is used at its native height";
 }

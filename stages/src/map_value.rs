@@ -27,7 +27,7 @@ stage! {
     /// or above the map.
     ///
     /// Source: Gnadt 2022, section 2.3; Blakely 1996, chapter 12.
-    MapValue = "map_value", version 4, grain Line, inputs [input: Lines, map: Map],
+    MapValue = "map_value", version 5, grain Line, inputs [input: Lines, map: Map],
     example r#"
 [[stages]]
 name         = "map_value"
@@ -39,8 +39,8 @@ map_levels_m = [300.0, 400.0]
     /// Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS. Columns computed at the true
     /// position have the role truth, so using them as features requires `allow_truth`.
     position: Option<PositionSource>, unit "", absent "the INS position if the flight has `ins_lat`, `ins_lon` and `ins_alt`, otherwise the true position";
-    /// Interpolation of the map: bilinear, or a natural cubic spline.
-    map_interpolation: MapInterpolation, unit "", default MapInterpolation::Linear;
+    /// Interpolation of the map. The field above its sources is smooth, so a spline is closer to it than a bilinear map.
+    map_interpolation: MapInterpolation, unit "", default MapInterpolation::Cubic;
     /// Heights above the WGS-84 ellipsoid, ascending, to which the map is continued.
     map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is used at its native height";
 }

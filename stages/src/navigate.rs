@@ -17,6 +17,7 @@ mod geometry;
 mod iekf;
 mod ins;
 mod ins_only;
+mod line_noise;
 mod mpf;
 mod prepared;
 mod rts;
@@ -88,7 +89,7 @@ stage! {
     /// over a known field. With `offset_window_s` the offset removes the slow error of the first seconds, and the
     /// variance and time constant of the remaining error are doubled. With `measurement_sigma_nt = "auto"` the error of
     /// bilinear interpolation between nodes is added to the white noise.
-    Navigate = "navigate", version 9, grain Line,
+    Navigate = "navigate", version 10, grain Line,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
     groups [noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec], example r#"
 [[stages]]
@@ -116,8 +117,9 @@ core_field      = false
         absent "true if the flight has the column and the measurement still contains it";
     /// Date of the core field as a decimal year. Replaces the flight's date.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
-    /// Interpolation of the map: bilinear, or natural cubic spline.
-    map_interpolation: MapInterpolation, unit "", default MapInterpolation::Linear;
+    /// Interpolation of the map. The field above its sources is smooth, so a spline is closer to it than a bilinear map.
+    map_interpolation: Option<MapInterpolation>, unit "",
+        absent "`cubic` with `tuning = \"auto\"`, else `linear`";
     /// Heights above the ellipsoid, ascending, to which the map is continued. Between them the map is interpolated
     /// linearly.
     map_levels_m: Option<Vec<f64>>, unit "m",
@@ -166,6 +168,12 @@ pub fn entry(filters: Vec<&'static FilterDecl>) -> StageEntry {
 }
 
 impl Navigate {
+    /// Interpolation of the map.
+    fn interpolation(&self) -> MapInterpolation {
+        let usual = if self.is_auto() { MapInterpolation::Cubic } else { MapInterpolation::Linear };
+        self.map_interpolation.unwrap_or(usual)
+    }
+
     /// Magnetometers that the filter uses.
     fn magnetometers(&self) -> &[String] {
         if self.filter.keys.takes_field() { &self.mag } else { &[] }
@@ -296,7 +304,7 @@ impl Stage for Navigate {
             mags: &self.mag,
             has_direction: self.geometry.vector.is_some(),
             core_field: self.core_field,
-            interpolation: self.map_interpolation,
+            interpolation: self.interpolation(),
         };
         let filter = &self.filter.keys;
         faults.extend(self.geometry.faults(shape, filter.takes_direction()));
@@ -383,7 +391,7 @@ impl LineStage for Navigate {
 
     fn prepare_key(&self) -> String {
         let (own_error, tuning) = (self.map_error_length_m.is_some(), self.tuning.word());
-        format!("{} {:?} {own_error} {tuning}", self.map_interpolation.word(), self.map_levels_m)
+        format!("{} {:?} {own_error} {tuning}", self.interpolation().word(), self.map_levels_m)
     }
 }
 

@@ -23,8 +23,8 @@ params! {
     /// Measurements in addition to the scalar field.
     pub struct AuxiliaryMeasurements;
     /// Two compensated scalar magnetometers. Their difference, first minus second, measures the slope of the map along
-    /// the line between them. The temporal variation and all other common errors cancel in it. Requires
-    /// `map_interpolation = "cubic"`, because the slope of a bilinear map has steps.
+    /// the line between them. The temporal variation and all other common errors cancel in it. Not
+    /// with `map_interpolation = "linear"`, because the slope of a bilinear map has steps.
     gradient: Option<[String; 2]>, unit "nT", absent "the difference is not measured";
     /// Vector from the second magnetometer of `gradient` to the first, body frame: nose, right, down. It is rotated by
     /// the attitude of the INS. The estimated error of this attitude is part of the measurement model.

@@ -85,7 +85,7 @@ impl NavigationMaps {
         let has_own_error = stage.takes_map_error(table);
         let mut maps = Self {
             table: table.clone(),
-            interpolation: stage.map_interpolation,
+            interpolation: stage.interpolation(),
             levels_m: stage.map_levels_m.clone(),
             has_own_error,
             ladder: None,
