@@ -43,6 +43,7 @@ mod models;
 mod navigation;
 mod networks;
 mod openlineage;
+mod other_simulator;
 mod plausible;
 mod power_loss;
 mod publish;

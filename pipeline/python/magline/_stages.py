@@ -2570,7 +2570,8 @@ class StageMethods:
             Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
             1900 to 2030. Unset: the flight's own date.
         map_interpolation : {"linear", "quadratic", "cubic"}, optional
-            Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+            Interpolation of the map. The field above its sources is smooth, so a spline is closer
+            to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
         map_levels_m : ListLike, optional
             Heights above the ellipsoid, ascending, to which the map is continued. Between them the
             map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
@@ -2748,9 +2749,9 @@ class StageMethods:
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `crlb`: Two compensated scalar magnetometers. Their difference, first
             minus second, measures the slope of the map along the line between them. The temporal
-            variation and all other common errors cancel in it. Requires `map_interpolation =
-            "cubic"`, because the slope of a bilinear map has steps. Unit: nT. Unset: the difference
-            is not measured.
+            variation and all other common errors cancel in it. Not with `map_interpolation =
+            "linear"`, because the slope of a bilinear map has steps. Unit: nT. Unset: the
+            difference is not measured.
         gradient_baseline_m : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `crlb`: Vector from the second magnetometer of `gradient` to the first,
@@ -3147,7 +3148,8 @@ class StageMethods:
             requires `allow_truth`. Unset: the INS position if the flight has `ins_lat`, `ins_lon`
             and `ins_alt`, otherwise the true position.
         map_interpolation : {"linear", "quadratic", "cubic"}, optional
-            Interpolation of the map: bilinear, or a natural cubic spline. Default: `"linear"`.
+            Interpolation of the map. The field above its sources is smooth, so a spline is closer
+            to it than a bilinear map. Default: `"cubic"`.
         map_levels_m : ListLike, optional
             Heights above the WGS-84 ellipsoid, ascending, to which the map is continued. Unit: m.
             Unset: the map is used at its native height.
@@ -3232,7 +3234,8 @@ class StageMethods:
         unknown_constant : bool, optional
             Treats a constant of the measurement as unknown. Default: `false`.
         map_interpolation : {"linear", "quadratic", "cubic"}, optional
-            Interpolation of the map: bilinear, or a natural cubic spline. Default: `"linear"`.
+            Interpolation of the map. The field above its sources is smooth, so a spline is closer
+            to it than a bilinear map. Default: `"cubic"`.
         map_levels_m : ListLike, optional
             Heights above the WGS-84 ellipsoid, ascending, to which the map is continued. Unit: m.
             Unset: the map is used at its native height.

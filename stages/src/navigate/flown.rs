@@ -13,9 +13,10 @@ use super::{
     Navigate,
     filter::{self, FilterDecl, FilterInput, FilterMagnetometer},
     ins::{self, InsColumns},
+    line_noise::{LineNoiseEstimate, LineNoiseInputs},
     prepared::NavigationMap,
     start::InitialCondition,
-    tuning::{AssumedNoise, LineNoiseEstimate, LineNoiseInputs},
+    tuning::AssumedNoise,
 };
 use crate::columns::data;
 
@@ -145,7 +146,8 @@ fn flown<'a>(
         ..InsErrorModel::from_sources(stage.ins_sources(batch)?)
     };
     let series = ins.series();
-    errors.start = begin.covariance(&errors, &series);
+    let starts = begin.covariances(&errors, &series);
+    errors.start = starts.first().copied();
     let field_nt = stage.geometry.field(batch)?;
     let cosines = field_nt.map(|field| stage.geometry.cosines(field));
     let factors = |cosines: &Vec<f64>| cosines.iter().map(|cosine| stage.geometry.noise_factor(*cosine)).collect();
@@ -180,7 +182,7 @@ fn flown<'a>(
     let finds_noise = stage.finds_noise(map.is_some());
     flown.permanent = stage.given_permanent(&flown);
     if let Some(map) = map.filter(|_| finds_noise) {
-        stage.tune(&mut flown, map, &AssumedNoise { sigma_nt, ..expected }, found)?;
+        stage.tune(&mut flown, map, &starts, &AssumedNoise { sigma_nt, ..expected }, found)?;
     }
     if let Some((map, length_m)) = map.zip(stage.map_error_length_m) {
         flown.map_sigma_nt =

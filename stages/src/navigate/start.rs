@@ -27,8 +27,9 @@ choice! {
         /// rejected.
         Auto = "auto",
         /// A position and velocity fix corrects the INS at the first sample of the line. Tilts and biases of the INS
-        /// have the uncertainty since the alignment, from the column `ins_aligned`. Without this column, an alignment
-        /// one hour before the fix is assumed.
+        /// have the uncertainty since the alignment, from the column `ins_aligned`. Without this column, the alignment
+        /// is at the fix or one hour before it: the one with the larger likelihood of the innovations. Where no
+        /// likelihood is computed, it is one hour before.
         Fix = "fix",
         /// The initial standard deviations apply at the alignment, at the time in the column `ins_aligned`. The
         /// covariance of the fix is propagated to the first sample of the line, assuming straight and level flight.
@@ -66,9 +67,9 @@ const TRUTH: [&str; 3] = ["lat", "lon", "alt"];
 const TRUE_VELOCITY: [&str; 3] = ["vn", "ve", "vd"];
 /// Longest time from the start of a line to the position and velocity fix of the line, in s.
 const FIX_WITHIN_S: f64 = 2.0;
-/// Assumed time from an unknown alignment to a fix, in s. Within an hour, about two thirds of a Schuler period, the
-/// tilts reach their largest errors.
-const ASSUMED_AGE_S: f64 = 3600.0;
+/// Times from an unknown alignment to a fix, in s: an old alignment, and one at the fix. Within an hour, about two
+/// thirds of a Schuler period, the tilts reach their largest errors.
+const ASSUMED_AGES_S: [f64; 2] = [3600.0, 0.0];
 /// Longest time from an alignment to a line, in s.
 const LONGEST_AGE_S: f64 = 2.0 * 86_400.0;
 
@@ -88,8 +89,8 @@ pub(super) enum InitialCondition {
         fix: StartFix,
         /// Row of the fix.
         row: usize,
-        /// Time from the alignment to the fix, in s.
-        age_s: f64,
+        /// Time from the alignment to the fix, in s; `None` if it is unknown.
+        age_s: Option<f64>,
     },
 }
 
@@ -213,8 +214,8 @@ impl Navigate {
                 Some(format!("filters start from a fix ({}) at the first sample of each line", fix()))
             }
             StartSource::Fix => Some(format!(
-                "filters start from a fix ({}) at the first sample of each line; an alignment of the INS one hour before \
-                 is assumed, because the flight has no column `{ALIGNED}`",
+                "filters start from a fix ({}) at the first sample of each line; the flight has no column `{ALIGNED}`, so \
+                 the likelihood chooses an alignment of the INS at the fix or one hour before",
                 fix()
             )),
             StartSource::Given => {
@@ -270,7 +271,7 @@ impl Navigate {
         }
         let vel_ned_mps = velocity.is_some().then(|| [values[3], values[4], values[5]]);
         let fix = StartFix { lat_lon_deg: [values[0], values[1]], alt_m: values[2], vel_ned_mps, sigmas };
-        let age_s = if has(shape, &[ALIGNED]) { age_s(batch, tt_s[row])? } else { ASSUMED_AGE_S };
+        let age_s = has(shape, &[ALIGNED]).then(|| age_s(batch, tt_s[row])).transpose()?;
         Ok(InitialCondition::Fixed { fix, row, age_s })
     }
 }
@@ -289,14 +290,17 @@ fn age_s(batch: &RecordBatch, at_s: f64) -> Result<f64, Fault> {
 }
 
 impl InitialCondition {
-    /// Covariance of the state at the first sample; `None` for the initial standard deviations.
-    pub(super) fn covariance(&self, errors: &InsErrorModel, ins: &InsSeries<'_>) -> Option<StateMatrix> {
+    /// Covariances of the state at the first sample: one, or one for each possible time of an unknown alignment, the
+    /// largest first. None for the initial standard deviations.
+    pub(super) fn covariances(&self, errors: &InsErrorModel, ins: &InsSeries<'_>) -> Vec<StateMatrix> {
         match self {
-            InitialCondition::Given => None,
-            InitialCondition::Aligned { age_s } => Some(aligned_covariance(errors, ins, *age_s)),
+            InitialCondition::Given => vec![],
+            InitialCondition::Aligned { age_s } => vec![aligned_covariance(errors, ins, *age_s)],
             InitialCondition::Fixed { fix, row, age_s } => {
-                let aligned = aligned_covariance(errors, &ins.from(*row), *age_s);
-                Some(fix.covariance(errors, Some(&aligned)))
+                let known = age_s.map(|age_s| [age_s]);
+                let ages_s = known.as_ref().map_or(ASSUMED_AGES_S.as_slice(), <[f64; 1]>::as_slice);
+                let at = |age_s: &f64| aligned_covariance(errors, &ins.from(*row), *age_s);
+                ages_s.iter().map(|age_s| fix.covariance(errors, Some(&at(age_s)))).collect()
             }
         }
     }

@@ -4,17 +4,19 @@ use arrow_array::{ArrayRef, RecordBatch};
 use numerics::{
     navigation::{
         aided::field_direction,
-        likelihood::{self, IntervalEstimate, LineNoise, NoiseParameters, NoiseSearch, PARAMETERS},
+        likelihood::{self, IntervalEstimate, NoiseParameters, PARAMETERS},
         line::NavigationLine,
+        pinson::StateMatrix,
     },
     signal::gauss_markov::GaussMarkov,
 };
-use schemas::{Column, Fault, NumberOrAuto, Rule, TableShape, choice, flight, keys::HashKey, map::ERROR, params};
+use schemas::{Column, Fault, NumberOrAuto, Rule, TableShape, choice, flight, map::ERROR, params};
 
 use super::{
     Navigate,
     aircraft::AircraftCoefficientStates,
     filter::{FilterInput, FilterMagnetometer, PermanentStates, UpdateOutcome},
+    line_noise::{LineNoiseEstimate, LineNoiseInputs},
     prepared::NavigationMap,
 };
 use crate::{
@@ -63,9 +65,6 @@ pub(super) struct AssumedNoise {
 
 /// MagNav.jl's white noise (nT), standard deviation of the process (nT) and time constant (s).
 const MAGNAV: [f64; 3] = [5.0, 3.0, 600.0];
-
-/// Time between two measurements used to estimate the noise, in s. Errors with a shorter correlation time are white.
-const INTERVAL_S: f64 = 5.0;
 
 /// Columns of the estimated noise: name, unit and meaning.
 const FOUND: [(&str, &str, &str); PARAMETERS] = [
@@ -249,11 +248,13 @@ impl Navigate {
         of_filter.map(|(keys, walk_per_hour)| keys.states(flown, walk_per_hour)).transpose()
     }
 
-    /// Estimates the noise of a line, and removes the measurements that are not used.
+    /// Estimates the noise of a line, and removes the measurements that are not used. `starts` are the possible
+    /// covariances at the first sample; the most likely one is used.
     pub(super) fn tune(
         &self,
         flown: &mut FilterInput,
         map: &NavigationMap,
+        starts: &[StateMatrix],
         expected: &AssumedNoise,
         known: &mut Vec<(LineNoiseInputs, LineNoiseEstimate)>,
     ) -> Result<(), Fault> {
@@ -263,12 +264,8 @@ impl Navigate {
         let tuned = match known.iter().find(|(other, _)| *other == asked) {
             Some((_, tuned)) => tuned.clone(),
             None => {
-                let tuned = LineNoiseEstimate::new(
-                    flown,
-                    map.errors.has_own() && self.map_error_length_m.is_none(),
-                    map,
-                    (given, aircraft.as_ref()),
-                )?;
+                let of_map = map.errors.has_own() && self.map_error_length_m.is_none();
+                let tuned = LineNoiseEstimate::most_likely(flown, of_map, map, starts, (given, aircraft.as_ref()))?;
                 known.push((asked, tuned.clone()));
                 tuned
             }
@@ -295,139 +292,33 @@ impl Navigate {
     }
 }
 
-/// Inputs that determine the noise of a line.
-#[derive(PartialEq)]
-pub(super) struct LineNoiseInputs {
-    map: *const u8,
-    given: NoiseParameters,
-    offset_window_s: f64,
-    start: Vec<u64>,
-    values: Vec<u64>,
-    /// Hash of the terms of the aircraft field, of their prior and of their random walk. Terms are many times as large
-    /// as the measurements.
-    aircraft: Option<HashKey>,
-}
-
-impl LineNoiseInputs {
-    fn new(flown: &FilterInput, given: NoiseParameters, aircraft: Option<&AircraftCoefficientStates>) -> Self {
-        let errors = &flown.errors;
-        let first = errors.initial_covariance(flown.ins.lat_deg[0].to_radians(), flown.ins.alt_m[0]);
-        let density = errors.noise_density();
-        let start = first.as_flattened().iter().chain(&density).map(|x| x.to_bits()).collect();
-        let fixes = flown.fixes().map(|fixes| [&fixes.lat_deg, &fixes.lon_deg, &fixes.alt_m]);
-        let columns = [&flown.measured_nt].into_iter().chain(fixes.into_iter().flatten());
-        let more = flown.scale().into_iter().chain(flown.known_nt().into_iter().flatten());
-        let values = columns.flatten().copied().chain(more).map(f64::to_bits).collect();
-        let aircraft = aircraft.map(AircraftCoefficientStates::hash);
-        let map = flown.map.map_or(std::ptr::null(), |map| std::ptr::from_ref(map).cast());
-        Self { map, given, offset_window_s: flown.offset_window_s, start, values, aircraft }
-    }
-}
-
-/// Estimated noise of a line.
-#[derive(Clone)]
-pub(super) struct LineNoiseEstimate {
-    /// Noise; `None` if the line is too short.
-    noise: Option<LineNoise>,
-    /// Rows whose measurements are used; `None` selects all samples.
-    rows: Option<Vec<usize>>,
-    /// Map error at each sample, in nT.
-    map_nt: Option<Vec<f64>>,
-}
-
-impl LineNoiseEstimate {
-    fn new(
-        flown: &FilterInput,
-        of_map: bool,
-        map: &NavigationMap,
-        (given, aircraft): (NoiseParameters, Option<&AircraftCoefficientStates>),
-    ) -> Result<Self, Fault> {
-        let aircraft = aircraft.map(AircraftCoefficientStates::model);
-        let line = NavigationLine { fixes: flown.fixes(), ..flown.line()? };
-        let rows = likelihood::rows_at(flown.ins.tt_s, INTERVAL_S);
-        let (scale, known) = (flown.scale(), flown.known_nt());
-        let known_nt = known.as_deref();
-        let [_, _, _, permanent_nt, _] = given;
-        let directions = if permanent_nt == Some(0.0) { None } else { flown.field_directions(&rows) };
-        let direction = directions.as_deref();
-        let map_nt = None;
-        let first =
-            NoiseSearch { line: &line, rows: &rows, scale: &scale, known_nt, map_nt, direction, aircraft, given };
-        let mut noise = likelihood::search(&first).map_err(data)?;
-        let mut map_nt = None;
-        if let Some(found) = &noise
-            && of_map
-        {
-            let mut errors = line.errors;
-            (errors.fogm_sigma_nt, errors.fogm_tau_s) = (found.fogm_sigma_nt.value, found.fogm_tau_s.value);
-            let sigma_nt: Vec<f64> = scale.iter().map(|scale| scale * found.sigma_nt.value).collect();
-            let mut line = NavigationLine { sigma_nt: &sigma_nt, errors, ..line };
-            let compensated_nt: Vec<f64>;
-            if let Some(aircraft) = aircraft {
-                let own_nt = aircraft.along(&line).map_err(data)?.aircraft_nt;
-                compensated_nt = line.measurement_nt.iter().zip(own_nt).map(|(nt, own_nt)| nt - own_nt).collect();
-                line.measurement_nt = &compensated_nt;
-            }
-            map_nt = map.errors.at_nodes_nt(&line)?;
-            noise = likelihood::search(&NoiseSearch { map_nt: map_nt.as_deref(), ..first }).map_err(data)?;
-        }
-        let rows = (given[0].is_none() && noise.is_some()).then_some(rows);
-        Ok(Self { noise, rows, map_nt })
-    }
-
-    /// Whether the line is long enough to estimate its noise.
-    pub(super) fn has_noise(&self) -> bool {
-        self.noise.is_some()
-    }
-
-    /// Sets the noise, and removes the measurements that are not used.
-    fn apply(&self, flown: &mut FilterInput) {
-        if let Some(noise) = &self.noise {
-            flown.measurement_sigma_nt = noise.sigma_nt.value;
-            flown.errors.fogm_sigma_nt = noise.fogm_sigma_nt.value;
-            flown.errors.fogm_tau_s = noise.fogm_tau_s.value;
-            let process = noise.permanent.map(|[sigma, tau_s]| GaussMarkov { sigma: sigma.value, tau_s: tau_s.value });
-            flown.permanent = process.and_then(|process| flown.permanent_states(process));
-            let factor = noise.map_factor.sqrt();
-            let of_map = |nt: &Vec<f64>| nt.iter().map(|nt| if nt.is_finite() { factor * nt } else { 0.0 }).collect();
-            flown.map_sigma_nt = self.map_nt.as_ref().filter(|_| factor > 0.0).map(of_map);
-            flown.set_sigma();
-        }
-        if let Some(rows) = &self.rows {
-            let mut used = vec![false; flown.ins.len()];
-            rows.iter().for_each(|row| used[*row] = true);
-            flown.leave_out(UpdateOutcome::Unused, &used.iter().map(|used| !used).collect::<Vec<_>>());
-        }
-    }
-}
-
 impl FilterInput<'_> {
     /// Unit vectors of the core field along nose, right and down at some samples; `None` without a core field.
-    fn field_directions(&self, rows: &[usize]) -> Option<Vec<[f64; 3]>> {
+    pub(super) fn field_directions(&self, rows: &[usize]) -> Option<Vec<[f64; 3]>> {
         let core = self.core.as_ref()?;
         Some(rows.iter().map(|row| field_direction(core, &self.ins, *row)).collect())
     }
 
     /// States for a change of the permanent field by this process; `None` without a core field.
-    fn permanent_states(&self, process: GaussMarkov) -> Option<PermanentStates> {
+    pub(super) fn permanent_states(&self, process: GaussMarkov) -> Option<PermanentStates> {
         let rows: Vec<usize> = (0..self.ins.len()).collect();
         Some(PermanentStates { direction: self.field_directions(&rows)?, process })
     }
 
     /// Factor from the white noise of a magnetometer to that of each measurement.
-    fn scale(&self) -> Vec<f64> {
+    pub(super) fn scale(&self) -> Vec<f64> {
         let factor = |row: usize| self.noise_factors.as_ref().map_or(1.0, |factors| factors[row]);
         (0..self.ins.len()).map(|row| factor(row) / self.counts[row].sqrt()).collect()
     }
 
     /// Known standard deviation of each measurement, in nT.
-    fn known_nt(&self) -> Option<Vec<f64>> {
+    pub(super) fn known_nt(&self) -> Option<Vec<f64>> {
         let own = self.sample_sigma_nt.as_ref()?;
         Some(own.iter().zip(&self.counts).map(|(sigma, count)| sigma / count.sqrt()).collect())
     }
 
     /// Removes measurements and records their outcome.
-    fn leave_out(&mut self, fate: UpdateOutcome, which: &[bool]) {
+    pub(super) fn leave_out(&mut self, fate: UpdateOutcome, which: &[bool]) {
         self.left_out.resize(self.ins.len(), None);
         for (row, _) in which.iter().enumerate().filter(|(_, is)| **is) {
             if self.measured_nt[row].is_finite() {

@@ -21,6 +21,7 @@
 //! For an uncompensated magnetometer, the coefficients of the aircraft field are states of the filter, with their prior.
 
 mod aircraft;
+mod interval;
 mod outliers;
 mod permanent;
 mod thinned;
@@ -36,6 +37,7 @@ use crate::navigation::output::{NavigationError, NavigationOutput};
 use crate::regression::consistency::{normalised_innovations, statistical_inefficiency};
 
 pub use aircraft::{AircraftFieldAlong, AircraftStates};
+pub use interval::denser;
 pub use outliers::{GATE_NIS, outliers};
 use thinned::ThinnedLine;
 pub use thinned::rows_at;
@@ -56,6 +58,10 @@ pub struct LineNoise {
     pub map_factor: f64,
     /// Factor by which `sigma_nt` was increased; 1 for white innovations.
     pub inflation: f64,
+    /// Logarithm of the likelihood, with the prior and without its constant.
+    pub log_likelihood: f64,
+    /// Number of predicted measurements.
+    pub used: usize,
 }
 
 /// Estimated parameter with its 95 % interval; for a given parameter, the interval has zero width. The interval follows
@@ -68,6 +74,13 @@ pub struct IntervalEstimate {
     pub low: f64,
     /// Upper end of the interval.
     pub high: f64,
+}
+
+impl IntervalEstimate {
+    /// The estimate and its interval, times a factor.
+    fn scaled(self, by: f64) -> Self {
+        Self { value: by * self.value, low: by * self.low, high: by * self.high }
+    }
 }
 
 /// Line, and settings of the search for the noise of the line.
@@ -165,21 +178,23 @@ pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationE
     let factor = if search.given[0].is_some() { 1.0 } else { correlation_factor(&output) };
     let inflation = factor.sqrt();
     let has_permanent = has_permanent(&best.0);
+    let log_likelihood = best.1;
     let [sigma, fogm_sigma, fogm_tau, permanent @ ..] = likelihood.intervals(best, least_used);
-    let scaled =
-        |of: IntervalEstimate, by: f64| IntervalEstimate { value: by * of.value, low: by * of.low, high: by * of.high };
+    let used = InnovationLikelihood::used(&output);
     let map_factor = likelihood.map_factor;
     Ok(Some(LineNoise {
-        sigma_nt: scaled(sigma, inflation),
+        sigma_nt: sigma.scaled(inflation),
         fogm_sigma_nt: fogm_sigma,
         fogm_tau_s: fogm_tau,
         permanent: has_permanent.then(|| {
             let [permanent_nt, tau_s] = permanent;
             let is_given = search.given[PERMANENT[1]].is_some();
-            [permanent_nt, scaled(tau_s, if is_given { 1.0 } else { 1.0 / factor })]
+            [permanent_nt, tau_s.scaled(if is_given { 1.0 } else { 1.0 / factor })]
         }),
         map_factor,
         inflation,
+        log_likelihood,
+        used,
     }))
 }
 
@@ -234,6 +249,11 @@ struct InnovationLikelihood {
 }
 
 impl InnovationLikelihood {
+    /// Number of measurements that a filter predicted.
+    fn used(output: &NavigationOutput) -> usize {
+        output.report.updates + output.report.gated
+    }
+
     /// Logarithm of the likelihood; -infinity if fewer measurements were used.
     fn log_likelihood(&self, least_used: usize) -> f64 {
         if self.used >= least_used && self.log.is_finite() { self.log } else { f64::NEG_INFINITY }
@@ -297,6 +317,15 @@ impl NoiseLikelihood<'_> {
         }
     }
 
+    /// The point with each parameter within its range. A permanent field of 0 has no states.
+    fn within_ranges(&self, point: NoisePoint) -> NoisePoint {
+        let limited = |at: usize| {
+            let [low, high] = RANGES[at];
+            if self.search.given[at].is_some() || point[at] == 0.0 { point[at] } else { point[at].clamp(low, high) }
+        };
+        std::array::from_fn(limited)
+    }
+
     fn scores(&self, points: &[NoisePoint]) -> Vec<InnovationLikelihood> {
         let outputs = self.outputs(points);
         points.iter().zip(&outputs).map(|(point, output)| self.score(point, output)).collect()
@@ -313,7 +342,7 @@ impl NoiseLikelihood<'_> {
                 sum += ((point[at] / centre).ln() / sd).powi(2);
             }
         }
-        InnovationLikelihood { log: -0.5 * sum, used: output.report.updates + output.report.gated }
+        InnovationLikelihood { log: -0.5 * sum, used: InnovationLikelihood::used(output) }
     }
 
     /// Best point around some points, and the likelihood of this point.

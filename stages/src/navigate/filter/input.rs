@@ -15,7 +15,7 @@ use numerics::{
 use schemas::{Fault, TableShape};
 
 use super::{
-    super::{CalibrationPrior, aiding::GnssPositions, tuning::LineNoiseEstimate},
+    super::{CalibrationPrior, aiding::GnssPositions, line_noise::LineNoiseEstimate},
     UpdateOutcome,
 };
 

@@ -243,3 +243,44 @@ fn law_a_constant_permanent_field_is_rarely_found_to_change() {
     let changed = (0..10).filter(changed).count();
     assert!(changed <= 1, "{changed} of 10");
 }
+
+#[test]
+fn law_more_measurements_are_used_only_if_their_errors_are_independent() {
+    let (mut of_white, mut of_coloured) = (0, 0);
+    for seed in 0..5 {
+        let flight = flown(seed);
+        let series = flight.ins.series();
+        let mut normals = NormalGenerator::new(200 + seed);
+        let mut own = 0.0;
+        // Errors of 8 nT with a correlation time of 8 s, which the estimate at 10 s counts as white.
+        let decay = (-1.0_f64 / 8.0).exp();
+        let mut coloured = |nt: &f64| {
+            own = decay * own + 8.0 * (1.0 - decay * decay).sqrt() * normals.draw();
+            nt + own
+        };
+        let white = flight.measured(50 + seed, SIGMA_NT);
+        let measured = flight.measured(50 + seed, 0.1).iter().map(&mut coloured).collect::<Vec<f64>>();
+        for (measured, uses) in [(&white, &mut of_white), (&measured, &mut of_coloured)] {
+            let sigma_nt = vec![1.0; measured.len()];
+            let line = flight.line(&series, measured, &sigma_nt);
+            let [few, all] = [10.0, 1.0].map(|interval_s| rows_at(series.tt_s, interval_s));
+            let search_of = NoiseSearch {
+                line: &line,
+                rows: &few,
+                scale: &sigma_nt,
+                known_nt: None,
+                map_nt: None,
+                direction: None,
+                aircraft: None,
+                given: [None; PARAMETERS],
+            };
+            let noise = search(&search_of).unwrap().unwrap();
+            let found = denser(&NoiseSearch { rows: &all, ..search_of }, &noise, few.len()).unwrap();
+            if let Some(more) = found {
+                *uses += 1;
+                assert!((more.sigma_nt.value / SIGMA_NT - 1.0).abs() < 0.3 || more.inflation > 1.5, "{seed}: {more:?}");
+            }
+        }
+    }
+    assert!(of_white >= 4 && of_coloured <= 1, "{of_white} of 5 with white errors, {of_coloured} with correlated ones");
+}
