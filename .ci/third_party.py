@@ -1,7 +1,7 @@
-"""Writes the licences of all crates in the program, and its software bill of materials (CycloneDX 1.6).
+"""Writes the licences of all third-party code and data in the program, and its software bill of materials.
 
-``python third_party.py FEATURES LICENCES BILL``. The crates are those of a build on this platform without tests.
-Fails for a crate without a licence.
+``python third_party.py FEATURES LICENCES BILL``. The crates are those of a build on this platform without tests. The
+bill is in the format CycloneDX 1.6. Fails for a crate without a licence, and for a vendored file without an entry.
 """
 
 import json
@@ -13,6 +13,17 @@ from typing import Any
 
 # Files of a crate that hold its licence or a notice that must accompany copies.
 STEMS = ("licen", "copying", "notice", "unlicense", "copyright")
+
+# Folder of the files of others in the page, with their checksums.
+VENDOR = Path("pipeline/report/src/html/web/vendor")
+# Each file, its name and version, its licence, its source, and the file with the text of its licence.
+VENDORED = [
+    ("uPlot.iife.min.js", "uPlot", "1.6.32", "MIT", "https://github.com/leeoniya/uPlot", "uPlot.LICENSE"),
+    ("flechette.min.js", "@uwdata/flechette", "2.4.0", "BSD-3-Clause", "https://github.com/uwdata/flechette",
+     "flechette.LICENSE"),
+    ("coastline.bin", "Natural Earth coastline 1:50m", "2024-01-24", "public domain",
+     "https://www.naturalearthdata.com", None),
+]
 
 
 def metadata(features: str) -> dict[str, Any]:
@@ -54,7 +65,7 @@ def licence_files(package: dict[str, Any]) -> list[Path]:
 def licences(packages: list[dict[str, Any]]) -> str:
     """Licences of packages; equal texts appear once."""
     texts: dict[str, list[str]] = {}
-    parts = ["magline contains the following crates.\n"]
+    parts = ["magline contains the following crates, scripts and data.\n"]
     for package in packages:
         title = f"{package['name']} {package['version']}"
         licence = package["license"] or ""
@@ -65,6 +76,10 @@ def licences(packages: list[dict[str, Any]]) -> str:
         parts.append(f"{title}: {licence or 'see its text below'} {source}".rstrip())
         for path in files:
             texts.setdefault(path.read_text(errors="replace").strip(), []).append(title)
+    for _, name, version, licence, source, file in VENDORED:
+        parts.append(f"{name} {version}: {licence} {source}")
+        if file:
+            texts.setdefault((VENDOR / file).read_text().strip(), []).append(f"{name} {version}")
     for text, users in texts.items():
         parts.append(f"\n{'=' * 80}\n{', '.join(users)}\n{'=' * 80}\n{text}")
     return "\n".join(parts) + "\n"
@@ -90,7 +105,7 @@ def bill(packages: list[dict[str, Any]], root: str, checksums: dict[tuple[str, s
             found["hashes"] = [{"alg": "SHA-256", "content": checksum}]
         return found
 
-    everything = [component(package) for package in packages]
+    everything = [component(package) for package in packages] + vendored()
     top = next(c for c in everything if c["name"] == root)
     others = [c for c in everything if c is not top]
     return {
@@ -101,6 +116,28 @@ def bill(packages: list[dict[str, Any]], root: str, checksums: dict[tuple[str, s
         "metadata": {"component": top},
         "components": others,
     }
+
+
+def vendored() -> list[dict[str, Any]]:
+    """Components of the bill for the files of others in the page."""
+    lines = (VENDOR / "SHA256SUMS").read_text().splitlines()
+    sums = dict(reversed(line.split("  ")) for line in lines)
+    known = {name for file, *_, licence in VENDORED for name in (file, licence)} | {"notice.js"}
+    if unknown := set(sums) - known:
+        raise SystemExit(f"vendored files without an entry: {', '.join(sorted(unknown))}")
+    found = []
+    for file, name, version, licence, source, _ in VENDORED:
+        is_data = file.endswith(".bin")
+        found.append({
+            "type": "data" if is_data else "library",
+            "bom-ref": f"vendored:{file}",
+            "name": name,
+            "version": version,
+            "licenses": [{"license": {"name": licence}} if is_data else {"expression": licence}],
+            "hashes": [{"alg": "SHA-256", "content": sums[file]}],
+            "externalReferences": [{"type": "distribution", "url": source}],
+        })
+    return found
 
 
 def lock_checksums() -> dict[tuple[str, str], str]:

@@ -16,6 +16,7 @@ use serde_json::Value;
 
 use crate::support::{Bench, SPEC, anomaly, changed, line_of, numbers, read, stderr, stdout, write};
 
+mod runs;
 mod strangers;
 
 /// A server of the program, and the parts of its address.

@@ -45,8 +45,8 @@ def middle(page):
 def test_vendored_files_have_their_checksums_and_licences():
     folder = WEB / "vendor"
     listed = dict(reversed(line.split("  ")) for line in (folder / "SHA256SUMS").read_text().splitlines())
-    files = {f.name for f in folder.iterdir() if f.suffix in (".js", ".LICENSE")}
-    assert files == set(listed) and len(files) == 5
+    files = {f.name for f in folder.iterdir() if f.suffix in (".js", ".LICENSE", ".bin")}
+    assert files == set(listed) and len(files) == 6
     for name, digest in listed.items():
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest, name
     notice = (folder / "notice.js").read_text()

@@ -1,6 +1,7 @@
 //! Views of a plan and of the results of its runs: the HTML report, SQL, explain, why, lineage, and the reference of the
 //! stages. They read the store and change nothing.
 
+mod coast;
 mod explain;
 pub mod export;
 pub mod html;
@@ -9,6 +10,7 @@ pub mod openlineage;
 mod reference;
 mod schema;
 mod series;
+mod spectrum;
 pub mod sql;
 pub mod view;
 mod why;

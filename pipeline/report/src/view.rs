@@ -2,12 +2,15 @@
 //!
 //! Nothing is written. Tables are opened when they are first needed, and again after a run publishes a new version.
 
+mod against;
 mod catalogue;
+mod coast;
 mod lines;
 mod map;
 mod notes;
 mod progress;
 mod scores;
+mod spectra;
 mod table;
 
 use std::{
@@ -21,7 +24,9 @@ use arrow_schema::DataType;
 use schemas::{Fault, metric::Metric};
 use store::{PackReader, Version, current};
 
+pub use crate::coast::GeographicRegion;
 use crate::sql::{PublishedTableProvider, leads_out, pipeline_names};
+pub use against::report_against;
 pub use lines::SeriesRequest;
 use notes::PipelineNotes;
 pub use progress::RunProgress;

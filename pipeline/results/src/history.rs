@@ -1,7 +1,6 @@
 //! The history of runs: time and result of each, and the changes between two.
 
 use std::{
-    collections::BTreeMap,
     fs,
     io::{self, Write},
     path::{Path, PathBuf},
@@ -11,7 +10,7 @@ use schemas::{Fault, keys::HashKey, paths};
 use serde::{Deserialize, Serialize};
 use store::{Store, own_file, pipeline_name};
 
-use super::{record::Snapshot, text};
+use super::{record::Snapshot, run_changes::changes, text};
 
 /// One run of a pipeline.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -160,75 +159,41 @@ pub fn table(root: &Path, pipeline: Option<&str>) -> Result<String, Fault> {
     Ok(text::columns(&rows, 3))
 }
 
+/// The run of a pipeline with this number or, if no number is given, the newest run with this id.
+///
+/// # Errors
+/// Fails when there is no such run.
+pub fn find(root: &Path, pipeline: &str, run: &str) -> Result<RunRecord, Fault> {
+    let all = past(root, pipeline);
+    let known = all.iter().map(|p| p.number.to_string()).collect::<Vec<_>>();
+    let found = match run.parse::<u64>() {
+        Ok(number) => all.into_iter().find(|p| p.number == number),
+        Err(_) => all.into_iter().rev().find(|p| p.run == run),
+    };
+    found.ok_or_else(|| Fault::new(format!("the store has no run {run} of `{pipeline}`")).nearest(run, &known))
+}
+
+/// The inputs of the tables of a run.
+///
+/// # Errors
+/// Fails when they are no longer stored, or damaged.
+pub fn snapshot(root: &Path, pipeline: &str, past: &RunRecord) -> Result<Snapshot, Fault> {
+    let bytes = paths::read_regular(&root.join("runs").join(&past.snapshot));
+    let snapshot = bytes.ok().filter(|b| format!("{}.json", HashKey::from_parts([b])) == past.snapshot);
+    let missing =
+        || Fault::machine(format!("the record of the inputs of run {} of `{pipeline}` is missing", past.number));
+    snapshot.and_then(|b| serde_json::from_slice(&b).ok()).ok_or_else(missing)
+}
+
 /// Differences between two runs of a pipeline.
 ///
 /// # Errors
 /// Fails when a run does not exist, or its inputs are no longer stored.
 pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fault> {
-    let all = past(root, pipeline);
-    let open = |number: u64| -> Result<Snapshot, Fault> {
-        let known = || all.iter().map(|p| p.number.to_string()).collect::<Vec<_>>();
-        let no = || {
-            Fault::new(format!("the store has no run {number} of `{pipeline}`")).nearest(&number.to_string(), &known())
-        };
-        let past = all.iter().find(|p| p.number == number).ok_or_else(no)?;
-        let bytes = paths::read_regular(&root.join("runs").join(&past.snapshot));
-        let snapshot = bytes.ok().filter(|b| format!("{}.json", HashKey::from_parts([b])) == past.snapshot);
-        let snapshot = snapshot.and_then(|b| serde_json::from_slice(&b).ok());
-        snapshot.ok_or_else(|| {
-            Fault::machine(format!("the record of the inputs of run {number} of `{pipeline}` is missing"))
-        })
-    };
-    let (one, other) = (open(a)?, open(b)?);
-    let mut text = String::new();
-    if one.seed != other.seed {
-        text += &format!("seed: {} -> {}\n", one.seed, other.seed);
+    let open = |number: u64| snapshot(root, pipeline, &find(root, pipeline, &number.to_string())?);
+    let found = changes(&open(a)?, &open(b)?);
+    if found.is_empty() {
+        return Ok(format!("runs {a} and {b} of `{pipeline}` have the same spec and the same inputs\n"));
     }
-    let sources = |s: &Snapshot| -> BTreeMap<String, BTreeMap<String, String>> {
-        s.sources.iter().map(|x| (x.name.clone(), x.lines.clone())).collect()
-    };
-    differences(&mut text, "table of files", &sources(&one), &sources(&other), |text, name, x, y| {
-        differences(text, &format!("{name}: line"), x, y, |text, line, _, _| {
-            *text += &format!("{name}: line `{line}` has different data\n");
-        });
-    });
-    let tables = |s: &Snapshot| -> BTreeMap<String, serde_json::Value> {
-        s.tables.iter().filter_map(|t| Some((t.name.clone(), serde_json::to_value(t).ok()?))).collect()
-    };
-    differences(&mut text, "table", &tables(&one), &tables(&other), |text, name, x, y| {
-        let keys = x.as_object().into_iter().flat_map(|o| o.keys());
-        for key in keys.filter(|k| x.get(k.as_str()) != y.get(k.as_str())) {
-            let (x, y) =
-                (x.get(key).unwrap_or(&serde_json::Value::Null), y.get(key).unwrap_or(&serde_json::Value::Null));
-            let short = |v: &serde_json::Value| {
-                let text = v.to_string();
-                if text.chars().count() <= 100 { text } else { text.chars().take(97).collect::<String>() + "..." }
-            };
-            *text += &format!("{name}: {key}: {} -> {}\n", short(x), short(y));
-        }
-    });
-    if text.is_empty() {
-        text = format!("runs {a} and {b} of `{pipeline}` have the same spec and the same inputs\n");
-    }
-    Ok(text)
-}
-
-/// The added, the removed and the modified entries.
-fn differences<T: PartialEq>(
-    text: &mut String,
-    what: &str,
-    one: &BTreeMap<String, T>,
-    other: &BTreeMap<String, T>,
-    mut changed: impl FnMut(&mut String, &str, &T, &T),
-) {
-    for (name, x) in one {
-        match other.get(name) {
-            None => *text += &format!("{what} `{name}` was removed\n"),
-            Some(y) if x != y => changed(text, name, x, y),
-            Some(_) => {}
-        }
-    }
-    for name in other.keys().filter(|n| !one.contains_key(*n)) {
-        *text += &format!("{what} `{name}` was added\n");
-    }
+    Ok(found.iter().map(|change| format!("{change}\n")).collect())
 }

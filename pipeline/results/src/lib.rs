@@ -5,6 +5,7 @@ pub mod history;
 pub mod logical;
 pub mod pooled;
 pub mod record;
+pub mod run_changes;
 pub mod score_table;
 pub mod scores;
 pub mod text;

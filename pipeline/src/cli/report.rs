@@ -7,7 +7,10 @@ use std::{
 
 use clap::Args;
 use plan::read_spec;
-use report::html::{self, FigureFile, TrackSelection};
+use report::{
+    html::{self, FigureFile, ReportComparison, TrackSelection},
+    view::report_against,
+};
 use schemas::{Fault, StageEntry};
 
 use super::{ExitReason, SpecArgs, counted, explain::with_graph};
@@ -23,6 +26,9 @@ pub struct ReportArgs {
     /// earlier report in this folder are removed.
     #[arg(long, value_name = "DIR")]
     figures: Option<PathBuf>,
+    /// Compare the scores with those of an earlier run: its number or id, as listed by `magline runs`.
+    #[arg(long, value_name = "RUN")]
+    against: Option<String>,
     /// With .kml and .kmz: write only the tracks of these tables.
     #[arg(long, value_delimiter = ',')]
     table: Vec<String>,
@@ -64,6 +70,10 @@ pub fn run(catalogue: &[StageEntry], args: &ReportArgs) -> Result<(), ExitReason
         let fault = Fault::new("`--figures` cannot be combined with .kml or .kmz");
         return Err(fault.help("use the extension .html, or omit `-o`").into());
     }
+    if args.against.is_some() && !matches!(form, ReportFormat::Page) {
+        let fault = Fault::new("`--against` cannot be combined with .kml or .kmz");
+        return Err(fault.help("use the extension .html, or omit `--against`").into());
+    }
     let stem = output.and_then(Path::file_stem).map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     let choice = TrackSelection { tables: &args.table, lines: &args.line };
     with_graph(catalogue, &args.spec, |graph, store| {
@@ -74,7 +84,11 @@ pub fn run(catalogue: &[StageEntry], args: &ReportArgs) -> Result<(), ExitReason
         };
         match (form, output) {
             (ReportFormat::Page, _) => {
-                let page = html::report(graph, store)?;
+                let compared = |run: &String| -> Result<ReportComparison, Fault> {
+                    Ok(ReportComparison { run: run.clone(), blocks: report_against(graph, store, run)? })
+                };
+                let against = args.against.as_ref().map(compared).transpose()?;
+                let page = html::report_with(graph, store, against.as_ref())?;
                 if let Some(output) = output {
                     write(output, page.as_bytes())?;
                 }

@@ -49,6 +49,7 @@ pub fn answer(data: &ViewData, request: &ViewRequest) -> Result<AnswerBytes, Vie
         ViewRequest::Lines(table, point) => json(&store.lines(table, point)?),
         ViewRequest::Series(series) => (store.series(series)?.into(), ARROW),
         ViewRequest::Scores(table) => (Bytes::from_owner(SharedText(store.scores(table)?)), JSON),
+        ViewRequest::Against(table, against, run) => json(&store.against(table, against, run.as_deref())?),
         ViewRequest::Run => match data.run {
             Some(run) => {
                 let mut state = run.json()?;
@@ -58,6 +59,9 @@ pub fn answer(data: &ViewData, request: &ViewRequest) -> Result<AnswerBytes, Vie
             None => json(&store.runs()),
         },
         ViewRequest::Map(table, point, pixels) => json(&store.map(table, point, *pixels)?),
+        ViewRequest::Profile(table, point, ends) => json(&store.profile(table, point, *ends)?),
+        ViewRequest::Spectrum(series) => json(&store.spectrum(series)?),
+        ViewRequest::Coast(region) => json(&store.coast(*region)?),
         ViewRequest::Lineage(table) => {
             let found = lineage(store.root(), table, LineageFormat::Json).map_err(ViewFault::Missing)?;
             (found.into(), JSON)

@@ -39,6 +39,7 @@ pub fn page(data: &ViewData) -> String {
                             h2 { "Explore: " (table) }
                         }
                     }
+                    @if !scores.is_empty() { section.against id="against" { h2 { "Compare runs" } } }
                     section.series id="series" { h2 { "Lines" } }
                     section.maps id="maps" { h2 { "Maps" } }
                     section.lineage id="lineage" { h2 { "Lineage" } }

@@ -1,6 +1,6 @@
 //! Requests of the page, from the path and the query of an address.
 
-use report::view::{SeriesRequest, ViewPoint};
+use report::view::{GeographicRegion, SeriesRequest, ViewPoint};
 use schemas::Fault;
 use url::form_urlencoded;
 
@@ -20,10 +20,18 @@ pub enum ViewRequest {
     Series(SeriesRequest),
     /// Scores of a table.
     Scores(String),
+    /// Scores of a table in an earlier run and in another run, by default the newest.
+    Against(String, String, Option<String>),
     /// Progress of a run, or the list of runs.
     Run,
     /// Map at a point, and its maximum width.
     Map(String, ViewPoint, Option<usize>),
+    /// Map at a point along a line between two positions (latitude, longitude), deg.
+    Profile(String, ViewPoint, [(f64, f64); 2]),
+    /// Spectra of columns of a line.
+    Spectrum(SeriesRequest),
+    /// Coastlines of a region.
+    Coast(GeographicRegion),
     /// Lineage of a table.
     Lineage(String),
     /// Arguments of this program that write a table in a format.
@@ -96,6 +104,20 @@ impl ViewQuery {
         }
     }
 
+    fn degrees(&self, key: &str) -> Result<f64, Fault> {
+        self.need(key)?;
+        let found = self.number::<f64>(key)?.filter(|v| v.is_finite());
+        found.ok_or_else(|| Fault::new(format!("`{key}` is not an angle, in deg")))
+    }
+
+    /// Latitude and longitude, deg.
+    fn position(&self, key: &str) -> Result<(f64, f64), Fault> {
+        let text = self.need(key)?;
+        let pair = text.split_once(',').and_then(|(lat, lon)| Some((lat.parse().ok()?, lon.parse().ok()?)));
+        let wrong = || Fault::new(format!("`{key}={text}` is not a position")).help("write LAT,LON in deg");
+        pair.filter(|(lat, lon): &(f64, f64)| lat.is_finite() && lon.is_finite()).ok_or_else(wrong)
+    }
+
     fn point(&self) -> ViewPoint {
         let axis = |(key, value): &(String, String)| Some((key.strip_prefix("axis.")?.to_owned(), value.clone()));
         self.0.iter().filter_map(axis).collect()
@@ -127,8 +149,23 @@ impl ViewQuery {
             "lines" => ViewRequest::Lines(self.need("table")?, self.point()),
             "series" => ViewRequest::Series(self.series()?),
             "scores" => ViewRequest::Scores(self.need("table")?),
+            "against" => {
+                let run = self.find("run").filter(|run| !run.is_empty()).map(str::to_owned);
+                ViewRequest::Against(self.need("table")?, self.need("against")?, run)
+            }
             "run" => ViewRequest::Run,
             "map" => ViewRequest::Map(self.need("table")?, self.point(), self.number("pixels")?),
+            "profile" => {
+                let ends = [self.position("from")?, self.position("to")?];
+                ViewRequest::Profile(self.need("table")?, self.point(), ends)
+            }
+            "spectrum" => ViewRequest::Spectrum(self.series()?),
+            "coast" => ViewRequest::Coast(GeographicRegion {
+                west: self.degrees("west")?,
+                east: self.degrees("east")?,
+                south: self.degrees("south")?,
+                north: self.degrees("north")?,
+            }),
             "lineage" => ViewRequest::Lineage(self.need("table")?),
             _ => return Ok(None),
         }))
@@ -171,6 +208,19 @@ mod tests {
             let query = ViewQuery::read(&format!("table=a.b&flight=1&line=1&columns=x&{wrong}")).unwrap();
             assert!(query.request("series").is_err(), "{wrong}");
         }
+        for (path, wrong) in [
+            ("profile", "table=a.b&from=1,2"),
+            ("profile", "table=a.b&from=1,2&to=1;2"),
+            ("profile", "table=a.b&from=1,2&to=nan,2"),
+            ("coast", "west=1&east=2&south=3"),
+            ("coast", "west=1&east=2&south=3&north=inf"),
+            ("against", "table=a.b"),
+        ] {
+            assert!(ViewQuery::read(wrong).unwrap().request(path).is_err(), "{path}?{wrong}");
+        }
+        let query = ViewQuery::read("table=a.b&from=-1.5,2&to=3,-4&axis.x=1").unwrap();
+        let found = query.request("profile").unwrap();
+        assert!(matches!(found, Some(ViewRequest::Profile(_, _, [(-1.5, 2.0), (3.0, -4.0)]))), "{found:?}");
         assert!(ViewQuery::read("").unwrap().request("series").is_err());
         assert!(ViewQuery::read("").unwrap().request("../run").unwrap().is_none());
     }

@@ -69,7 +69,7 @@ pub fn block(
 }
 
 /// A block without the character that opens a tag.
-fn escaped(json: &str) -> String {
+pub fn escaped(json: &str) -> String {
     json.replace('<', "\\u003c")
 }
 
@@ -105,22 +105,25 @@ fn omitted(board: &ScoreBoard, rows: &[usize], lines: Option<&LineScores>) -> Ve
     out
 }
 
+/// A metric as JSON: name, unit, preference, meaning, pooling rule and baseline.
+pub fn metric_json(metric: &Metric) -> serde_json::Value {
+    let (better, target) = match metric.better {
+        MetricPreference::Lower => ("lower", None),
+        MetricPreference::Higher => ("higher", None),
+        MetricPreference::Near(target) => ("near", Some(target)),
+        MetricPreference::Neither => ("none", None),
+    };
+    json!({
+        "name": metric.name, "unit": metric.unit, "better": better, "target": target, "meaning": metric.meaning,
+        "pool": metric.pool.words(), "baseline": baseline(metric.name),
+    })
+}
+
 /// The pooled scores of `rows`, as members of an object.
 fn pooled(board: &ScoreBoard, rows: &[usize], pipeline: &str, table: &str) -> Result<String, Fault> {
     let scores = &board.scores;
-    let of = |metric: &Metric| {
-        let (better, target) = match metric.better {
-            MetricPreference::Lower => ("lower", None),
-            MetricPreference::Higher => ("higher", None),
-            MetricPreference::Near(target) => ("near", Some(target)),
-            MetricPreference::Neither => ("none", None),
-        };
-        json!({
-            "name": metric.name, "unit": metric.unit, "better": better, "target": target, "meaning": metric.meaning,
-            "pool": metric.pool.words(), "baseline": baseline(metric.name),
-        })
-    };
-    let metrics: Vec<_> = scores.metrics.iter().chain(board.more.iter().map(|more| &more.metric)).map(of).collect();
+    let metrics: Vec<_> =
+        scores.metrics.iter().chain(board.more.iter().map(|more| &more.metric)).map(metric_json).collect();
     let mut axes = vec![];
     let mut places = vec![];
     for (a, name) in scores.axes.iter().enumerate() {

@@ -3,6 +3,7 @@
 //! Data are read column by column and line by line, so that memory use does not grow with the sweep. The page holds no
 //! clock, host or path: the same store and spec give the same bytes.
 
+mod against;
 mod answer;
 mod atlas;
 mod beeswarm;
@@ -43,11 +44,12 @@ use results::warnings::{self, Warning};
 use schemas::{Fault, InputKind};
 use store::Store;
 
+pub use against::ReportComparison;
 pub(crate) use answer::baseline;
 use atlas::{Atlas, AtlasTracks, atlases};
 pub(crate) use board::{MoreScores, ScoreBoard};
 pub use earth::{TrackSelection, kml};
-pub(crate) use explorer::{LineScores, block as score_block, rows as score_rows};
+pub(crate) use explorer::{LineScores, block as score_block, metric_json, rows as score_rows};
 pub use figure_files::{FigureFile, figure_files, figure_list};
 pub use page::page_head;
 pub use scripts::{PageScript, SCRIPTS, STYLE};
@@ -79,12 +81,23 @@ fn not_run(spec: &Spec) -> Fault {
 /// # Errors
 /// Fails when there are no results of the plan, or the store is damaged.
 pub fn report(graph: &PlanGraph, store: &Store) -> Result<String, Fault> {
+    report_with(graph, store, None)
+}
+
+/// The report with a comparison of its scores with those of an earlier run.
+///
+/// # Errors
+/// Fails as [`report`].
+pub fn report_with(graph: &PlanGraph, store: &Store, against: Option<&ReportComparison>) -> Result<String, Fault> {
     let source = ReportSource::new(graph, store);
     let RunScores { current, warnings, boards } = scored(&source)?;
     let mut sections: Vec<Markup> = vec![];
     let mut left = explorer::BUDGET;
     for board in &boards {
         sections.push(explorer::section(&source, board, &warnings, &mut left)?);
+    }
+    if let Some(against) = against {
+        sections.push(against::section(against));
     }
     sections.extend(series::section(&source, &boards, &mut left)?);
     if current {

@@ -24,8 +24,13 @@ use super::{
     subject::{self, ReportSubject},
     track::DegreeTrack,
 };
+use crate::coast::{GeographicRegion, flat_coastlines};
 use crate::series::{DerivedColumn, SeriesColumn, SeriesPrecision, SeriesWindow, series};
 
+/// Least margin around the tracks in which coastlines are embedded, deg.
+const COAST_MARGIN: f64 = 0.2;
+/// Maximum size of the coastlines, bytes.
+const COAST_BYTES: usize = 120_000;
 /// Number of intervals of a block.
 const INTERVALS: usize = 2000;
 /// Maximum number of flagged points.
@@ -41,6 +46,7 @@ const ATTITUDE: [[&str; 3]; 2] = [["roll", "pitch", "yaw"], ["ins_roll", "ins_pi
 /// Fails when the store is damaged.
 pub fn section(source: &ReportSource, boards: &[ScoreBoard], left: &mut usize) -> Result<Option<Markup>, Fault> {
     let (mut blocks, mut omitted, mut described) = (vec![], vec![], vec![]);
+    let mut places: Vec<(f64, f64)> = vec![];
     for choice in choices(source, boards)? {
         for table in [compensation(source, &choice)?, navigation(source, &choice)?].into_iter().flatten() {
             let id = format!("series-{}", blocks.len());
@@ -54,9 +60,18 @@ pub fn section(source: &ReportSource, boards: &[ScoreBoard], left: &mut usize) -
                 continue;
             }
             *left -= text.len();
+            places.extend(table.places());
             blocks.push((id, text));
             described.push(about);
         }
+    }
+    let region = GeographicRegion::around(places.into_iter()).map(|region| region.widened(COAST_MARGIN));
+    let coast = region.map(flat_coastlines).filter(|lines| !lines.is_empty()).map(|lines| json!(lines).to_string());
+    let fits = coast.as_ref().is_none_or(|text| text.len() <= (*left).min(COAST_BYTES));
+    let coast = coast.filter(|_| fits);
+    *left -= coast.as_ref().map_or(0, String::len);
+    if !fits {
+        omitted.push("coastlines: the region of the tracks is too large".to_owned());
     }
     let index = json!({ "blocks": described, "omitted": omitted }).to_string().replace('<', "\\u003c");
     Ok((!blocks.is_empty()).then(|| {
@@ -64,6 +79,7 @@ pub fn section(source: &ReportSource, boards: &[ScoreBoard], left: &mut usize) -
             section.series id="series" {
                 h2 { "Lines" }
                 script type="application/json" class="series-index" { (PreEscaped(index)) }
+                @if let Some(coast) = &coast { script type="application/json" class="coast" { (PreEscaped(coast)) } }
                 @for (id, text) in &blocks {
                     script type="application/vnd.apache.arrow.stream+gzip" id=(id) { (PreEscaped(text)) }
                 }
@@ -91,6 +107,17 @@ struct SeriesTable {
     at: TableRef,
     tt: Vec<f64>,
     columns: Vec<SeriesColumn>,
+}
+
+impl SeriesTable {
+    /// True latitude and longitude of its rows, or their estimates without truth, deg; none without these columns. A
+    /// diverged estimate may be anywhere.
+    fn places(&self) -> Vec<(f64, f64)> {
+        let values = |name: &str| self.columns.iter().find(|c| c.name == name).map(|c| &c.values);
+        let pair = |lat, lon| values(lat).zip(values(lon));
+        let pair = pair("truth_lat", "truth_lon").or_else(|| pair("lat", "lon"));
+        pair.map(|(lat, lon)| lat.iter().copied().zip(lon.iter().copied()).collect()).unwrap_or_default()
+    }
 }
 
 /// The lines and points of the page, each once, the most important first.

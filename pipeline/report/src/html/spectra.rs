@@ -3,14 +3,12 @@
 
 use figures::chart::{ChartAxis, ChartLine, LineChart};
 use maud::Markup;
-use numerics::signal::{
-    segments::{STEP_TOLERANCE, sample_rate},
-    spectrum::{SpectralTaper, welch},
-};
+use numerics::signal::segments::{STEP_TOLERANCE, sample_rate};
 use plan::{LineId, TableRef};
 use schemas::{Column, Fault};
 
 use super::{source::ReportSource, subject::ReportSubject};
+use crate::spectrum::amplitude_spectrum;
 
 /// The spectrum of Boulder's record, made by `datasets/reference/make_observatory_spectrum.py`.
 const OBSERVATORY: &str = include_str!("observatory_spectrum.csv");
@@ -40,7 +38,7 @@ pub fn plots(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Re
     let mut lines = vec![];
     for (class, name) in CLASSES.into_iter().zip(recorded(columns)) {
         let Some(x) = source.floats(flights, line, &name)? else { continue };
-        lines.extend(amplitude(&x, rate_hz).map(|points| ChartLine { name, class, points }));
+        lines.extend(amplitude(&tt, &x).map(|points| ChartLine { name, class, points }));
     }
     Ok(chart(lines, rate_hz).and_then(|c| c.draw()).into_iter().collect())
 }
@@ -66,11 +64,10 @@ fn recorded(columns: &[Column]) -> Vec<String> {
 }
 
 /// Amplitude density in nT/√Hz; `None` for a signal that does not vary.
-fn amplitude(x: &[f64], rate_hz: f64) -> Option<Vec<(f64, f64)>> {
-    let quarter = (x.len() / 4).max(2);
-    let spectrum = welch(x, rate_hz, 1usize << quarter.ilog2().min(12), SpectralTaper::Hann).ok()?;
-    let points = spectrum.frequency_hz.iter().copied().zip(spectrum.density.iter().map(|d| d.sqrt()));
-    let points: Vec<(f64, f64)> = points.skip(1).filter(|p| p.1 > 0.0).collect();
+fn amplitude(tt: &[f64], x: &[f64]) -> Option<Vec<(f64, f64)>> {
+    let spectrum = amplitude_spectrum(tt, &[x]).ok()?;
+    let density = spectrum.columns.into_iter().next()?.density;
+    let points: Vec<(f64, f64)> = spectrum.frequency_hz.into_iter().zip(density).filter(|p| p.1 > 0.0).collect();
     (!points.is_empty()).then_some(points)
 }
 
@@ -125,6 +122,10 @@ mod tests {
 
     use super::*;
 
+    fn times(rows: u32) -> Vec<f64> {
+        (0..rows).map(|k| f64::from(k) / 10.0).collect()
+    }
+
     #[test]
     fn unit_white_noise_has_the_floor_of_its_sigma() {
         // A pseudo-random sequence of +s and -s is white, with the density s² / (rate / 2).
@@ -135,7 +136,7 @@ mod tests {
                 if state >> 63 == 0 { 0.2 } else { -0.2 }
             })
             .collect();
-        let points = amplitude(&x, 10.0).unwrap();
+        let points = amplitude(&times(40_000), &x).unwrap();
         let mean = points.iter().map(|p| p.1 * p.1).sum::<f64>() / points.len() as f64;
         assert!((mean.sqrt() / (0.2 / 5f64.sqrt()) - 1.0).abs() < 0.02, "{}", mean.sqrt());
     }
@@ -151,8 +152,8 @@ mod tests {
     #[test]
     fn unit_only_varying_signals_are_drawn() {
         let wave: Vec<f64> = (0..4000).map(|k| (TAU * 0.1 * f64::from(k)).sin()).collect();
-        let line = ChartLine { name: "mag_1_uc".into(), class: "s0", points: amplitude(&wave, 10.0).unwrap() };
-        assert!(amplitude(&[5.0; 4000], 10.0).is_none());
+        let line = ChartLine { name: "mag_1_uc".into(), class: "s0", points: amplitude(&times(4000), &wave).unwrap() };
+        assert!(amplitude(&times(4000), &[5.0; 4000]).is_none());
         let drawn = chart(vec![line], 10.0).unwrap().draw().unwrap().into_string();
         for part in ["mag_1_uc", "Boulder", "G-823A", "manoeuvres"] {
             assert!(drawn.contains(part), "{part}");

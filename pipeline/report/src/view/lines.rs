@@ -137,12 +137,12 @@ impl StoreView {
         Ok(json!({ "table": table.name, "point": point, "lines": found }))
     }
 
-    /// A series as an Arrow IPC stream.
+    /// The times of a line and all samples of the requested columns.
     ///
     /// # Errors
     /// Fails for an unknown table, line, point or column, for limits that are exceeded, and when the store is damaged.
-    pub fn series(&self, request: &SeriesRequest) -> Result<Vec<u8>, ViewFault> {
-        let window = window(request)?;
+    pub(super) fn samples(&self, request: &SeriesRequest) -> Result<(Arc<Vec<f64>>, Vec<SeriesColumn>), ViewFault> {
+        window(request)?;
         let (pipeline, table) = self.table(&request.table)?;
         if !table.is_by_sample() {
             let fault = Fault::new(format!("`{}` has no samples of lines", table.name));
@@ -158,9 +158,18 @@ impl StoreView {
         let reader = LineReader { view: self, pipeline: &pipeline, table: &table, units: &units, request };
         let tt = reader.read("tt")?;
         let columns = request.columns.iter().map(|name| reader.column(name)).collect::<Result<Vec<_>, _>>()?;
+        Ok((tt, columns))
+    }
+
+    /// A series as an Arrow IPC stream.
+    ///
+    /// # Errors
+    /// Fails for an unknown table, line, point or column, for limits that are exceeded, and when the store is damaged.
+    pub fn series(&self, request: &SeriesRequest) -> Result<Vec<u8>, ViewFault> {
+        let (window, (tt, columns)) = (window(request)?, self.samples(request)?);
         let point: serde_json::Map<String, Value> = request.point.iter().map(|(k, v)| (k.clone(), json!(v))).collect();
         let about = HashMap::from([
-            ("table".to_owned(), table.name.clone()),
+            ("table".to_owned(), request.table.clone()),
             ("flight".to_owned(), request.flight.clone()),
             ("line".to_owned(), request.line.clone()),
             ("point".to_owned(), Value::Object(point).to_string()),

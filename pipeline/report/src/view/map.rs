@@ -2,7 +2,10 @@
 
 use base64::{Engine, prelude::BASE64_STANDARD};
 use datasets::AnomalyGrid;
-use numerics::maps::map_surface::GeographicGrid;
+use numerics::{
+    earth::geodesy::{EarthModel, is_latitude_deg},
+    maps::map_surface::{GeographicGrid, MapInterpolation, MapSurface},
+};
 use schemas::{Fault, keys::HashKey};
 use serde_json::{Value, json};
 
@@ -11,6 +14,9 @@ use super::{StoreView, ViewFault, ViewPoint};
 /// Default and maximum number of columns and rows of a raster.
 const PIXELS: usize = 800;
 const MOST_PIXELS: usize = 2000;
+/// Least and largest number of steps of a profile.
+const LEAST_SAMPLES: usize = 100;
+const MOST_SAMPLES: usize = 4000;
 
 /// Map at most `pixels` wide and high: a cell is the mean of the known nodes in it.
 #[derive(Debug, PartialEq)]
@@ -44,6 +50,43 @@ impl MapRaster {
     }
 }
 
+/// Values of a map along a line.
+#[derive(Debug, Default, PartialEq)]
+pub struct MapProfile {
+    /// Distance from the first end, m.
+    pub distance_m: Vec<f64>,
+    /// Latitude, deg.
+    pub lat: Vec<f64>,
+    /// Longitude, deg.
+    pub lon: Vec<f64>,
+    /// Value, bilinear between the nodes; `None` off the map and at unknown nodes.
+    pub value: Vec<Option<f64>>,
+}
+
+impl MapProfile {
+    /// The profile between two positions (latitude, longitude), deg, with two samples per cell.
+    pub fn new(grid: &GeographicGrid, from: (f64, f64), to: (f64, f64)) -> MapProfile {
+        let cells = |a: f64, b: f64, step: f64| ((b - a) / step).abs();
+        let cells = cells(from.0, to.0, grid.lat().step_deg()).max(cells(from.1, to.1, grid.lon().step_deg()));
+        let samples = ((2.0 * cells).ceil() as usize).clamp(LEAST_SAMPLES, MOST_SAMPLES);
+        let surface = MapSurface::new(grid, MapInterpolation::Linear);
+        let mut found = MapProfile::default();
+        let (mut distance_m, mut before) = (0.0, from);
+        for k in 0..=samples {
+            let part = k as f64 / samples as f64;
+            let at = (from.0 + part * (to.0 - from.0), from.1 + part * (to.1 - from.1));
+            let (north, east) = EarthModel::default().offset_ne_m(before, at, 0.0);
+            distance_m += north.hypot(east);
+            before = at;
+            found.distance_m.push(distance_m);
+            found.lat.push(at.0);
+            found.lon.push(at.1);
+            found.value.push(surface.at(at.0, at.1).map(|field| field.value_nt).filter(|v| v.is_finite()));
+        }
+        found
+    }
+}
+
 impl StoreView {
     /// A map of files, or of a stage at a point, as a raster of at most `pixels` columns and rows.
     ///
@@ -55,6 +98,43 @@ impl StoreView {
             let fault = Fault::new(format!("{pixels} pixels are requested"));
             return Err(ViewFault::Wrong(fault.help(format!("request 1 to {MOST_PIXELS} pixels"))));
         }
+        let (grid, unit) = self.grid(name, point)?;
+        let raster = MapRaster::new(&grid, pixels);
+        let ends = |first: f64, last: f64, step: f64| (first - 0.5 * step, last + 0.5 * step);
+        let (south, north) = ends(grid.lat().first_deg(), grid.lat().last_deg(), grid.lat().step_deg());
+        let (west, east) = ends(grid.lon().first_deg(), grid.lon().last_deg(), grid.lon().step_deg());
+        let bytes: Vec<u8> = raster.values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        Ok(json!({
+            "table": name, "unit": unit, "width": raster.size.0, "height": raster.size.1, "west": west, "east": east,
+            "south": south, "north": north, "least": raster.range.0, "most": raster.range.1,
+            "of": [grid.lon().len(), grid.lat().len()],
+            "thinned": raster.size != (grid.lon().len(), grid.lat().len()), "values": BASE64_STANDARD.encode(bytes),
+        }))
+    }
+
+    /// The values of a map along a straight line of the plane of longitude and latitude, bilinear between its nodes, as
+    /// JSON. `ends` are latitude and longitude in degrees; distances are in metres on the WGS-84 ellipsoid.
+    ///
+    /// # Errors
+    /// Fails as [`StoreView::map`], and for ends that are equal or no positions.
+    pub fn profile(&self, name: &str, point: &ViewPoint, ends: [(f64, f64); 2]) -> Result<Value, ViewFault> {
+        let [from, to] = ends;
+        let is_position = |(lat, lon): (f64, f64)| is_latitude_deg(lat) && lon.is_finite() && lon.abs() <= 720.0;
+        if !is_position(from) || !is_position(to) || from == to {
+            let fault = Fault::new("a profile needs two different positions");
+            return Err(ViewFault::Wrong(fault.help("give `from=LAT,LON` and `to=LAT,LON`, in deg")));
+        }
+        let (grid, unit) = self.grid(name, point)?;
+        let found = MapProfile::new(&grid, from, to);
+        let known = found.value.iter().flatten().count();
+        Ok(json!({
+            "table": name, "unit": unit, "distance_m": found.distance_m, "lat": found.lat, "lon": found.lon,
+            "value": found.value, "known": known,
+        }))
+    }
+
+    /// The nodes of a map of files, or of a stage at a point, and the unit of its values.
+    fn grid(&self, name: &str, point: &ViewPoint) -> Result<(GeographicGrid, String), ViewFault> {
         let (pipeline, own) = name.split_once('.').unwrap_or((name, ""));
         let known = self.pipeline(pipeline)?;
         let source = known.notes.sources.iter().find(|s| s.name == own && s.kind == "map");
@@ -73,18 +153,7 @@ impl StoreView {
             |e: &dyn std::fmt::Display| ViewFault::Wrong(Fault::data(format!("`{name}` cannot be drawn: {e}")));
         let grid = datasets::geographic(&batch).map_err(|e| failed(&e))?;
         let grid = GeographicGrid::from_rows(grid.column("lat"), grid.column("lon"), grid.column("anomaly"));
-        let grid = grid.map_err(|e| failed(&e))?;
-        let raster = MapRaster::new(&grid, pixels);
-        let ends = |first: f64, last: f64, step: f64| (first - 0.5 * step, last + 0.5 * step);
-        let (south, north) = ends(grid.lat().first_deg(), grid.lat().last_deg(), grid.lat().step_deg());
-        let (west, east) = ends(grid.lon().first_deg(), grid.lon().last_deg(), grid.lon().step_deg());
-        let bytes: Vec<u8> = raster.values.iter().flat_map(|v| v.to_le_bytes()).collect();
-        Ok(json!({
-            "table": name, "unit": unit.unwrap_or_else(|| "nT".to_owned()),
-            "width": raster.size.0, "height": raster.size.1, "west": west, "east": east, "south": south, "north": north,
-            "least": raster.range.0, "most": raster.range.1, "of": [grid.lon().len(), grid.lat().len()],
-            "thinned": raster.size != (grid.lon().len(), grid.lat().len()), "values": BASE64_STANDARD.encode(bytes),
-        }))
+        Ok((grid.map_err(|e| failed(&e))?, unit.unwrap_or_else(|| "nT".to_owned())))
     }
 
     /// The rows of a map that a stage made, and the unit of its values.
@@ -106,6 +175,29 @@ mod tests {
     #![allow(clippy::unwrap_used)]
 
     use super::*;
+
+    #[test]
+    fn law_a_profile_of_a_plane_is_a_straight_line() {
+        let axis: Vec<f64> = (0..11).map(|k| f64::from(k) * 0.01).collect();
+        let mut values: Vec<f64> =
+            axis.iter().flat_map(|lat| axis.iter().map(move |lon| 100.0 * lat - 300.0 * lon)).collect();
+        let grid = GeographicGrid::new(&axis, &axis, &values).unwrap();
+        let found = MapProfile::new(&grid, (0.005, 0.02), (0.085, 0.06));
+        for ((lat, lon), value) in found.lat.iter().zip(&found.lon).zip(&found.value) {
+            assert!((value.unwrap() - (100.0 * lat - 300.0 * lon)).abs() < 1e-9);
+        }
+        // At the equator, 0.08 degrees north are 110,574.3 m/deg times 0.08, and 0.04 degrees east are 111,319.5 m/deg
+        // times 0.04 (WGS-84).
+        let length = (110_574.3f64 * 0.08).hypot(111_319.5 * 0.04);
+        assert!((found.distance_m.last().unwrap() / length - 1.0).abs() < 1e-5, "{:?}", found.distance_m.last());
+        assert_eq!((found.distance_m[0], found.lat[0], found.lon.last().copied()), (0.0, 0.005, Some(0.06)));
+        // Off the map and in cells with an unknown node there is no value.
+        values[60] = f64::NAN;
+        let holed = GeographicGrid::new(&axis, &axis, &values).unwrap();
+        let found = MapProfile::new(&holed, (0.05, 0.0), (0.05, 0.2));
+        let unknown = |lon: f64| found.value[found.lon.iter().position(|l| *l >= lon).unwrap()].is_none();
+        assert!(unknown(0.051) && unknown(0.11) && !unknown(0.02) && !unknown(0.07));
+    }
 
     #[test]
     fn law_a_cell_is_the_mean_of_its_known_nodes() {

@@ -70,8 +70,12 @@ pub struct NotedPoints {
 impl PipelineNotes {
     /// The notes of `pipeline` in the store at `root`; empty if there are none.
     pub fn read(root: &Path, pipeline: &str) -> PipelineNotes {
-        let bytes = paths::read_regular(&root.join("plans").join(format!("{pipeline}.json"))).unwrap_or_default();
-        serde_json::from_slice(&bytes).unwrap_or_default()
+        PipelineNotes::of_file(&root.join("plans").join(format!("{pipeline}.json")))
+    }
+
+    /// The notes in a file; empty if it cannot be read.
+    pub fn of_file(file: &Path) -> PipelineNotes {
+        serde_json::from_slice(&paths::read_regular(file).unwrap_or_default()).unwrap_or_default()
     }
 
     /// The column of the truth of the first scores downstream of a table.

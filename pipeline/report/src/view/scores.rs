@@ -32,28 +32,39 @@ const HELD_BYTES: usize = 96 << 20;
 pub type HeldBlocks = Vec<(String, u64, Arc<String>)>;
 
 /// One metric at one point.
-struct PooledCell {
-    point: usize,
-    metric: usize,
-    value: Option<f64>,
-    lines: usize,
-    in_sample: bool,
+pub(super) struct PooledCell {
+    /// Position of the point.
+    pub point: usize,
+    /// Position of the metric.
+    pub metric: usize,
+    /// Value over the held-out lines or, without any, over the lines in sample.
+    pub value: Option<f64>,
+    /// Number of samples or pairs of the value.
+    pub n: usize,
+    /// Number of lines of the value.
+    pub lines: usize,
+    /// Whether the value is of lines in sample.
+    pub in_sample: bool,
     value_in_sample: Option<f64>,
     lines_in_sample: usize,
 }
 
 /// Scores of a table by point.
 #[derive(Default)]
-struct PooledScores {
-    axes: Vec<Words>,
-    points: Vec<Vec<u32>>,
+pub(super) struct PooledScores {
+    /// Values of each axis.
+    pub axes: Vec<Words>,
+    /// Positions of the axis values of each point.
+    pub points: Vec<Vec<u32>>,
     known: HashMap<Vec<u32>, usize>,
-    metrics: Words,
-    cells: Vec<PooledCell>,
+    /// Names of the metrics.
+    pub metrics: Words,
+    /// The scores.
+    pub cells: Vec<PooledCell>,
 }
 
 /// The flagged lines of each point. The value is whether the filter is wrong and not only cautious.
-type FlaggedLines = HashMap<(usize, String, String), bool>;
+pub(super) type FlaggedLines = HashMap<(usize, String, String), bool>;
 
 impl StoreView {
     /// The block of the explorer for the scores of a table.
@@ -103,30 +114,34 @@ impl StoreView {
 }
 
 /// The column `name` of a batch; a column of another type counts as damage.
-fn numbers<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a arrow_array::Float64Array, Fault> {
+pub(super) fn numbers<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a arrow_array::Float64Array, Fault> {
     let found = batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
     found.ok_or_else(|| Fault::machine(format!("the scores have no numbers `{name}`")))
 }
 
-fn counts<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a arrow_array::Int64Array, Fault> {
+/// The counts of a column; a column of another type counts as damage.
+pub(super) fn counts<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a arrow_array::Int64Array, Fault> {
     let found = batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Int64Type>());
     found.ok_or_else(|| Fault::machine(format!("the scores have no counts `{name}`")))
 }
 
-fn truths<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a arrow_array::BooleanArray, Fault> {
+/// The marks of a column; a column of another type counts as damage.
+pub(super) fn truths<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a arrow_array::BooleanArray, Fault> {
     let found = batch.column_by_name(name).and_then(|a| a.as_boolean_opt());
     found.ok_or_else(|| Fault::machine(format!("the scores have no marks `{name}`")))
 }
 
-fn texts(batch: &RecordBatch, name: &str, words: &mut Words) -> Result<Vec<u32>, Fault> {
+/// Positions among `words` of the values of a column.
+pub(super) fn texts(batch: &RecordBatch, name: &str, words: &mut Words) -> Result<Vec<u32>, Fault> {
     let found = batch.column_by_name(name).map(|array| positions(array, words));
     found.ok_or_else(|| Fault::machine(format!("the scores have no column `{name}`")))
 }
 
 impl PooledScores {
-    fn read(table: &ViewTable, axes: &[String], stage: &str) -> Result<PooledScores, Fault> {
-        const COLUMNS: [&str; 7] =
-            ["stage", "metric", "value", "lines", "in_sample", "value_in_sample", "lines_in_sample"];
+    /// The pooled scores of the table of scores `stage`.
+    pub fn read(table: &ViewTable, axes: &[String], stage: &str) -> Result<PooledScores, Fault> {
+        const COLUMNS: [&str; 8] =
+            ["stage", "metric", "value", "n", "lines", "in_sample", "value_in_sample", "lines_in_sample"];
         let names: Vec<&str> = axes.iter().map(String::as_str).chain(COLUMNS).collect();
         let mut found = PooledScores::default();
         found.axes.resize_with(axes.len(), Words::default);
@@ -142,6 +157,7 @@ impl PooledScores {
                 .map(|(axis, words)| texts(&batch, axis, words))
                 .collect::<Result<_, _>>()?;
             let (value, value_in_sample) = (numbers(&batch, "value")?, numbers(&batch, "value_in_sample")?);
+            let n = counts(&batch, "n")?;
             let (lines, lines_in_sample) = (counts(&batch, "lines")?, counts(&batch, "lines_in_sample")?);
             let in_sample = truths(&batch, "in_sample")?;
             let number = |a: &arrow_array::Float64Array, row: usize| a.is_valid(row).then(|| a.value(row));
@@ -152,6 +168,7 @@ impl PooledScores {
                     point,
                     metric: metric[row] as usize,
                     value: number(value, row),
+                    n: count(n, row),
                     lines: count(lines, row),
                     in_sample: in_sample.value(row),
                     value_in_sample: number(value_in_sample, row),
@@ -177,7 +194,7 @@ impl PooledScores {
     }
 
     /// The number of a point with these words.
-    fn find(&self, words: &[String]) -> Option<usize> {
+    pub fn find(&self, words: &[String]) -> Option<usize> {
         let key: Vec<u32> = self.axes.iter().zip(words).map(|(axis, word)| axis.find(word)).collect::<Option<_>>()?;
         self.known.get(&key).copied()
     }
@@ -248,7 +265,7 @@ impl PooledScores {
 }
 
 /// The flagged lines of the points, from the table of warnings.
-fn flagged(
+pub(super) fn flagged(
     pipeline: &PublishedPipeline,
     pooled: &PooledScores,
     axes: &[String],

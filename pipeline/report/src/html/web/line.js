@@ -26,17 +26,19 @@ class LineView {
     this.presets = element("div", { class: "tabs", role: "group", "aria-label": "Panels" });
     this.tools = element("div", { class: "downloads" });
     this.charts = element("div", { class: "line-charts" });
+    this.spectra = element("div", { class: "line-spectra", hidden: true });
     this.track = element("div", { class: "track", hidden: true });
     this.columns = new ColumnList(() => this.pick(this.columns.chosen));
     this.side = element("div", { class: "line-side" }, [this.track, this.columns.home]);
     const help = element("p", { class: "note" }, ["Drag to zoom, Shift and drag to move, double-click for all. Keys: " +
       "arrows read values, + and \u2212 zoom, Page Up and Page Down move, 0 shows all."]);
     home.append(this.controls, this.presets, this.status, element("div", { class: "line-grid" }, [
-      element("div", { class: "line-main" }, [this.tools, this.charts, help]), this.side]));
+      element("div", { class: "line-main" }, [this.tools, this.charts, help, this.spectra]), this.side]));
     this.panels = new PanelSet(this.charts, { zoom: (range) => this.zoomed(range),
       hover: (t) => this.trackView.cursor(t) });
     this.trackView = new TrackView(this.track, (t) => this.panels.hover(t));
     this.tracks = new TrackLoader(source, this.trackView);
+    this.spectrumView = new SpectrumView(this.spectra, source);
     this.fillTools();
     addEventListener("hashchange", () => { this.state = stateOf(LINE_KEY); this.refresh(); });
     document.addEventListener("magline:place", (event) => this.go(/** @type {CustomEvent} */ (event).detail));
@@ -252,7 +254,13 @@ class LineView {
         if (this.state.each === "1") delete this.state.each; else this.state.each = "1";
         this.keep();
         this.refresh();
-      } }, ["One panel per column"]));
+      } }, ["One panel per column"]), element("button", { type: "button", "data-preset": "spectra",
+      "aria-pressed": String(this.state.spectra === "1"), onclick: () => {
+        if (this.state.spectra === "1") delete this.state.spectra; else this.state.spectra = "1";
+        this.keep();
+        this.fillPresets(pipeline);
+        this.load();
+      } }, ["Spectra"]));
     const again = focus && this.presets.querySelector(`[data-preset="${focus}"]`);
     if (again instanceof HTMLElement) again.focus();
   }
@@ -304,7 +312,10 @@ class LineView {
       this.panels.show(this.base, this.panels.full, own);
     }
     clearTimeout(this.waiting);
-    this.waiting = setTimeout(() => { this.keep(); if (this.source.live) this.load(); }, 150);
+    this.waiting = setTimeout(() => {
+      this.keep();
+      if (this.source.live) this.load(); else this.loadSpectra(range, new AbortController().signal);
+    }, 150);
   }
 
   showRange() {
@@ -332,6 +343,16 @@ class LineView {
     return answers;
   }
 
+  /** Spectra of the chosen columns in a range. @param {TimeRange | null} range @param {AbortSignal} signal */
+  async loadSpectra(range, signal) {
+    const pipeline = this.pipeline(), { place } = this, other = this.second();
+    this.spectra.hidden = this.state.spectra !== "1";
+    if (!pipeline || !place || this.spectra.hidden) return;
+    const points = [this.point("p."), ...(other ? [other] : [])];
+    const places = points.map((point) => ({ pipeline: pipeline.name, point, flight: place.flight, line: place.line }));
+    await this.spectrumView.load(pipeline, places, this.chosen(), (c) => this.info(c), range, signal);
+  }
+
   async load() {
     if (!this.place) { this.status.textContent = "No line at this point."; return; }
     this.stop?.abort();
@@ -346,6 +367,7 @@ class LineView {
       this.draw(chosen, answers, others, range);
       const pipeline = this.pipeline(), { flight, line } = this.place;
       if (!pipeline) return;
+      this.loadSpectra(range, signal);
       const place = { pipeline: pipeline.name, point: this.point("p."), flight, line };
       await this.tracks.load(pipeline, place, signal).catch((error) => {
         if (!signal.aborted) this.status.append(` The track cannot be drawn: ${visible(String(error?.message))}`);

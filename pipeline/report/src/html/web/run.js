@@ -8,7 +8,7 @@
  *   failures: {stage: string, error: string, times: number, example: string}[],
  *   best: {table: string, metric: string, unit: string, value: number, point: SweepPoint, points: number,
  *     in_sample: boolean, baseline: {metric: string, value: number} | null}[],
- *   runs: {number: number, time: string, seconds: number, computed: number, reused: number, failed: number}[],
+ *   runs: (RunInfo & {seconds: number, computed: number, reused: number, failed: number})[],
  *   changed: string}} RunState
  */
 
@@ -37,6 +37,7 @@ class RunView {
       /** @type {RunState} */
       const state = await answer.json();
       this.show(state);
+      document.dispatchEvent(new CustomEvent("magline:run", { detail: state }));
       if (this.changed !== undefined && this.changed !== state.changed) {
         document.dispatchEvent(new CustomEvent("magline:changed"));
       }

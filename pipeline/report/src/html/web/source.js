@@ -158,6 +158,25 @@ class ServerSource {
     return readSeries(new Uint8Array(await answer.arrayBuffer()));
   }
 
+  /** Spectra of all samples in a range. @param {SeriesRequest} request @returns {Promise<Spectrum>} */
+  async spectrum({ table, place, columns, range, signal }) {
+    const query = new URLSearchParams({ table: table.table, flight: place.flight, line: place.line });
+    for (const name of columns) query.append("column", name);
+    for (const [axis, value] of Object.entries(pointOf(table, place.point))) query.set("axis." + axis, value);
+    if (range) {
+      query.set("from", String(range[0]));
+      query.set("to", String(range[1]));
+    }
+    return (await this.get(this.base + "spectrum?" + query, signal)).json();
+  }
+
+  /** A map along a line. @param {string} table @param {Position} from @param {Position} to
+   * @returns {Promise<MapProfile>} */
+  async profile(table, from, to) {
+    const query = { table, from: from.join(","), to: to.join(",") };
+    return (await this.get(this.address(this.base + "profile", query))).json();
+  }
+
   /** @param {string} table @returns {Promise<MapImage>} */
   async map(table) {
     const found = await this.json(this.address(this.base + "map", { table }));

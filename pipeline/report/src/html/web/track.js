@@ -54,6 +54,8 @@ class TrackView {
     this.sigma = null;
     /** @type {{map: MapImage, canvas: HTMLCanvasElement} | null} */
     this.map = null;
+    /** @type {number[][]} Coastlines, as longitude and latitude by turns. */
+    this.coast = [];
     /** @type {TimeRange | null} */
     this.range = null;
     /** @type {number | null} */
@@ -62,12 +64,13 @@ class TrackView {
     this.canvas = /** @type {HTMLCanvasElement} */ (element("canvas", { class: "track-canvas", role: "img" }));
     this.legend = element("div", { class: "legend" });
     this.read = element("p", { class: "note" }, ["\u00a0"]);
+    this.source = element("p", { class: "note coast-note", hidden: true }, [COAST_NOTE]);
     const box = /** @type {HTMLInputElement} */ (element("input", { type: "checkbox", checked: true, onchange: () => {
       this.fit = box.checked;
       this.draw();
     } }));
     home.append(this.canvas, this.legend, element("label", { class: "note check" },
-      [box, " fit to the interval in sight"]), this.read);
+      [box, " fit to the interval in sight"]), this.source, this.read);
     new ResizeObserver(() => this.draw()).observe(home);
     this.canvas.addEventListener("pointermove", (event) => this.find(event));
     this.canvas.addEventListener("pointerleave", () => this.hover(null));
@@ -89,14 +92,21 @@ class TrackView {
     this.draw();
   }
 
+  /** Takes the coastlines around the tracks. @param {number[][]} lines */
+  showCoast(lines) {
+    this.coast = lines;
+    this.source.hidden = lines.length === 0;
+    this.draw();
+  }
+
   /** Whether a time is in sight. @param {number} t */
   inSight(t) { return this.range === null || (t >= this.range[0] && t <= this.range[1]); }
 
   /** Bounds in degrees of the whole tracks, or of the part in sight. */
-  bounds() {
+  bounds(fit = this.fit) {
     let [west, east, south, north] = [Infinity, -Infinity, Infinity, -Infinity];
-    for (const { x, lat, lon } of this.fit ? this.tracks : this.whole) for (let i = 0; i < x.length; i++) {
-      if (this.fit && !this.inSight(x[i])) continue;
+    for (const { x, lat, lon } of fit ? this.tracks : this.whole) for (let i = 0; i < x.length; i++) {
+      if (fit && !this.inSight(x[i])) continue;
       if (!Number.isFinite(lat[i]) || !Number.isFinite(lon[i])) continue;
       west = Math.min(west, lon[i]); east = Math.max(east, lon[i]);
       south = Math.min(south, lat[i]); north = Math.max(north, lat[i]);
@@ -133,6 +143,7 @@ class TrackView {
       const { map, canvas } = this.map, [left, top] = [place.x(map.west), place.y(map.north)];
       context.drawImage(canvas, left, top, place.x(map.east) - left, place.y(map.south) - top);
     }
+    drawCoast(context, this.coast, place.x, place.y);
     if (this.range) for (const track of this.whole) {
       this.stroke(context, track, place, "rgba(255,255,255,0.55)", 2.2, [], false);
       this.stroke(context, track, place, track.layer.hue, 0.7, [], false);

@@ -44,6 +44,8 @@ class TrackLoader {
     const [north, east] = [of(answer, "sd_n"), of(answer, "sd_e")];
     view.show(tracks(answer), north && east ? { x: answer.x, north, east } : null, tracks(whole));
     await this.loadMap(pipeline, table);
+    const lines = await coastOf(source, widened(view.bounds(false)));
+    if (!signal.aborted) view.showCoast(lines);
   }
 
   /** @param {PipelineInfo} pipeline @param {TableInfo} table */

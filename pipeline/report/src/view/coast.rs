@@ -1,0 +1,23 @@
+//! Coastlines of a region.
+
+use schemas::Fault;
+use serde_json::{Value, json};
+
+use super::{StoreView, ViewFault};
+use crate::coast::{GeographicRegion, flat_coastlines};
+
+impl StoreView {
+    /// The coastlines in a region as JSON: lists of longitude and latitude by turns, deg.
+    ///
+    /// # Errors
+    /// Fails for a region without extent, and for one of more than a full turn.
+    pub fn coast(&self, region: GeographicRegion) -> Result<Value, ViewFault> {
+        let GeographicRegion { west, east, south, north } = region;
+        let is_region = west < east && east - west <= 720.0 && west.abs() <= 720.0 && south < north;
+        if !is_region {
+            let fault = Fault::new(format!("there is no region from {west} to {east} and from {south} to {north} deg"));
+            return Err(ViewFault::Wrong(fault.help("give `west` below `east` and `south` below `north`, in deg")));
+        }
+        Ok(json!({ "lines": flat_coastlines(region) }))
+    }
+}
