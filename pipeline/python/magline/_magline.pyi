@@ -86,9 +86,34 @@ def tables(store: _Path) -> list[str]: ...
 def core_field(
     lat_deg: _Column, lon_deg: _Column, alt_m: _Column, decimal_year: _Column, wmm: bool
 ) -> tuple[_Column, _Column, _Column]: ...
+def navigate(
+    keys: Sequence[tuple[str, object]],
+    line: Sequence[tuple[str, object]],
+    rate_hz: float | None,
+    map: tuple[
+        _Column,
+        _Column,
+        NDArray[np.float64],
+        NDArray[np.float64],
+        int,
+        NDArray[np.float64] | None,
+        tuple[float, float] | None,
+    ]
+    | None,
+    models: Sequence[tuple[Sequence[str], Sequence[float], Sequence[float], float | None]],
+) -> tuple[list[tuple[str, str, Any]], list[str], str]: ...
 def open_map(
     path: _Path, epsg: int | None, alt_m: float | None, unit: str | None
-) -> tuple[_Column, _Column, NDArray[np.float64], NDArray[np.float64], int, str]: ...
+) -> tuple[
+    _Column,
+    _Column,
+    NDArray[np.float64],
+    NDArray[np.float64],
+    int,
+    str,
+    NDArray[np.float64] | None,
+    Sequence[float],
+]: ...
 def upward(
     grid: NDArray[np.float64], spacing_m: tuple[float, float], dz_m: float
 ) -> NDArray[np.float64]: ...

@@ -3750,21 +3750,20 @@ class StageMethods:
         the anomaly field is the gradient of a potential. For the direction f of the core field and
         the wavenumber k, the spectra of the components (east, north, up) are
 
-        B_e = i k_e A/d, B_n = i k_n A/d, B_u = -\|k\| A/d, with d = i (f_e k_e + f_n k_n) - f_u
-        \|k\|
+        B_e = i k_e A/d, B_n = i k_n A/d, B_u = -|k| A/d, with d = i (f_e k_e + f_n k_n) - f_u |k|
 
         of the spectrum A of the anomaly. The direction is that at the middle of the map, from
         `decimal_year`, or from `inclination_deg` and `declination_deg`. On a projected map, grid
         north is corrected to true north.
 
-        \|d\| is at least \|k\| sin \|I\| at the inclination I, so errors of the map are amplified
-        by up to 1/sin \|I\|. Near the magnetic equator a map does not contain waves across the core
-        field. Below 15 degrees of inclination these waves are damped, the components are too small,
-        and a warning is given. The mean and the trend of a map have no direction. They are assumed
-        to be parallel to the core field. The field beyond the map's edges is unknown; discard a
-        margin of 15 nodes. Inside it, components of dipoles below the map have errors of 1 % at
-        inclinations of 25 degrees and above, 2 % at 16 degrees, and 8 to 18 % at 5 degrees. Unknown
-        nodes are filled by minimum curvature for the transform and are unknown again in the result.
+        |d| is at least |k| sin |I| at the inclination I, so errors of the map are amplified by up
+        to 1/sin |I|. Near the magnetic equator a map does not contain waves across the core field.
+        Below 15 degrees of inclination these waves are damped, the components are too small, and a
+        warning is given. The mean and the trend of a map have no direction. They are assumed to be
+        parallel to the core field. The field beyond the map's edges is unknown; discard a margin of
+        15 nodes. Inside it, components of dipoles below the map have errors of 1 % at inclinations
+        of 25 degrees and above, 2 % at 16 degrees, and 8 to 18 % at 5 degrees. Unknown nodes are
+        filled by minimum curvature for the transform and are unknown again in the result.
 
         The result has the unit nT, but it is not a total-field anomaly: do not navigate with it.
         These are rejected: a draped map, a map of a derivative, and a direction that is missing or
