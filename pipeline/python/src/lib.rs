@@ -32,6 +32,7 @@ fn _magline(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(views::report, module)?)?;
     module.add_function(wrap_pyfunction!(tables::sql, module)?)?;
     module.add_function(wrap_pyfunction!(tables::tables, module)?)?;
+    module.add_function(wrap_pyfunction!(tables::table_parts, module)?)?;
     module.add_function(wrap_pyfunction!(core_field::core_field, module)?)?;
     module.add_function(wrap_pyfunction!(filters::navigate, module)?)?;
     module.add_function(wrap_pyfunction!(maps::open_map, module)?)?;
