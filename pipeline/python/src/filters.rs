@@ -26,7 +26,7 @@ use crate::{
 };
 
 /// Name, unit and values of a column.
-type MadeColumn<'py> = (String, String, Bound<'py, PyAny>);
+type TrackColumn<'py> = (String, String, Bound<'py, PyAny>);
 
 /// Coefficients of a calibration: terms, values, standard deviations, and the sample rate of the fit, Hz.
 type Calibration = (Vec<String>, Vec<f64>, Vec<f64>, Option<f64>);
@@ -43,7 +43,7 @@ pub fn navigate<'py>(
     rate_hz: Option<f64>,
     map: Option<MapArrays<'py>>,
     models: Vec<Calibration>,
-) -> PyResult<(Vec<MadeColumn<'py>>, Vec<String>, String)> {
+) -> PyResult<(Vec<TrackColumn<'py>>, Vec<String>, String)> {
     settle(py)?;
     let mut args = SpecEntries::new();
     for (key, value) in keys {

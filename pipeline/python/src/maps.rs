@@ -71,8 +71,8 @@ fn axis(coordinates: &[f64], step: Option<f64>, name: &str) -> PyResult<EvenAxis
         return Ok(axis);
     }
     let mean = of_step((last - first) / (len.max(2) - 1) as f64);
-    let off = |(node, x): (usize, &f64)| !((mean.at(node as f64) - x).abs() <= UNEVEN * mean.step.abs());
-    if coordinates.iter().enumerate().any(off) {
+    let even = |(node, x): (usize, &f64)| (mean.at(node as f64) - x).abs() <= UNEVEN * mean.step.abs();
+    if !coordinates.iter().enumerate().all(even) {
         return Err(value_error(format!("the coordinates `{name}` of the map are not evenly spaced")));
     }
     Ok(mean)

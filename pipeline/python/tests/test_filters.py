@@ -244,6 +244,9 @@ def test_wrong_data_are_data_errors(arrays: dict[str, Any]) -> None:
     backwards = arrays["tt_s"].to_numpy()[::-1]
     with pytest.raises(magline.DataError, match="tt"):
         filters.ekf(**{**arrays, "tt_s": backwards}, core_field=False)
+    dates = np.datetime64("2020-07-01T10:00:00") + np.arange(ROWS)
+    with pytest.raises(ValueError, match="convert times to seconds"):
+        filters.ekf(**{**arrays, "tt_s": dates}, core_field=False)
     with pytest.raises(magline.MaglineError):
         empty = dict.fromkeys(["tt_s", "ins_lat_deg", "ins_lon_deg", "ins_alt_m", "mag_nt"], np.zeros(0))
         filters.ekf(**empty, map=arrays["map"], core_field=False)

@@ -9,10 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import magline
+import nbformat
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from conftest import SPEC
+from nbclient import NotebookClient
 
 
 @magline.stage(reads={"tt": "s"}, makes={"slow": "s"}, version=1)
@@ -115,3 +118,15 @@ def test_an_interrupt_of_the_display_ends_the_run(
     assert bars[0].closed
     monkeypatch.undo()
     assert magline.run(spec(tmp_path), threads=1).failures == []
+
+
+def test_a_notebook_has_one_text_that_is_cleared(tmp_path: Path) -> None:
+    cells = [
+        "import sys; sys.modules['tqdm'] = sys.modules['tqdm.auto'] = None; import magline",
+        f"run = magline.run({str(SPEC)!r}, store={str(tmp_path / 'store')!r})",
+        f"run = magline.run({str(SPEC)!r}, store={str(tmp_path / 'other')!r}, progress=False)",
+    ]
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
+    NotebookClient(notebook, timeout=300, kernel_name="python3").execute()
+    outputs = [[one.get("data", one) for one in cell.outputs] for cell in notebook.cells]
+    assert outputs == [[], [{"text/plain": ""}], []]
