@@ -1,7 +1,7 @@
-"""Prints `magline/_stages.py`, made from the declarations of the stages.
+"""Prints `magline/_stages.py` or `magline/_filters.py`, made from the declarations of the stages.
 
-``python generate.py MAGLINE > magline/_stages.py``, with the path of the command `magline`. The declarations are the
-text of ``magline stages --markdown`` and ``magline stages search``. `read_declarations` and the functions that it calls
+``python generate.py MAGLINE > magline/_stages.py`` and ``python generate.py MAGLINE filters > magline/_filters.py``,
+with the path of the command `magline`. The declarations are the text of ``magline stages --markdown`` and ``magline stages search``. `read_declarations` and the functions that it calls
 are the only ones that know the form of this text.
 """
 
@@ -57,6 +57,16 @@ class Input:
 
 
 @dataclass
+class Variant:
+    """Declaration of a model or filter."""
+
+    name: str
+    text: list[str]
+    source: str
+    parameters: list[Parameter]
+
+
+@dataclass
 class Stage:
     """Declaration of one stage."""
 
@@ -64,7 +74,11 @@ class Stage:
     text: list[str]
     source: str
     inputs: list[Input]
+    #: Keys of the stage, then those of its models or filters.
     parameters: list[Parameter]
+    #: Keys of the stage.
+    shared: list[Parameter]
+    variants: list[Variant]
 
 
 @dataclass
@@ -95,15 +109,28 @@ def stage(chapter: str) -> Stage:
     kind = match(r"`(\w+)`", own)
     grain = match(r"^(Works on .*)$", own)
     inputs = [Input(key, text) for key, text in re.findall(r"`(\w+)` \(([^)]*)\)", grain)]
-    prose = own.partition("\n\n")[2].partition(grain)[0].strip()
-    source = re.search(r"^Source: (.*)$", prose, re.MULTILINE)
-    if source is not None:
-        prose = prose.replace(source.group(0), "").strip()
-    variants = [(f"`{match(r'^`(.+?)`', part)}`", rows(part)) for part in parts]
+    text, source = prose(own.partition("\n\n")[2].partition(grain)[0])
+    variants = [variant(part) for part in parts]
     shared = rows(own)
     known = {one.key for one in shared}
-    special = [one for one in merged(variants) if one.key not in known]
-    return Stage(kind, prose.split("\n\n"), source.group(1) if source else "", inputs, shared + special)
+    special = merged([(f"`{one.name}`", one.parameters) for one in variants])
+    special = [one for one in special if one.key not in known]
+    return Stage(kind, text, source, inputs, shared + special, shared, variants)
+
+
+def variant(part: str) -> Variant:
+    """Declaration of a model or filter in its section."""
+    text, source = prose(part.partition("\n\n")[2].partition("\n| parameter |")[0])
+    return Variant(match(r"^`(.+?)`", part), text, source, rows(part))
+
+
+def prose(text: str) -> tuple[list[str], str]:
+    """Paragraphs of a text, and its source."""
+    source = re.search(r"^Source: (.*)$", text, re.MULTILINE)
+    if source is not None:
+        text = text.replace(source.group(0), "")
+    # A bar in a cell of a table has a backslash, which Python would read as an escape.
+    return text.strip().replace(r"\|", "|").split("\n\n"), source.group(1) if source else ""
 
 
 def rows(text: str) -> list[Parameter]:
@@ -219,9 +246,10 @@ def about(variants: Sequence[Parameter], indent: str) -> list[str]:
 
 
 def method(
-    name: str, call: str, result: str, text: list[str], keys: list[Key], source: str = ""
+    name: str, call: str, result: str, text: list[str], keys: list[Key], source: str = "", more: Sequence[str] = ()
 ) -> list[str]:
-    """Lines of a method. A key has a name, a type hint, whether it must be given, and its description."""
+    """Lines of a method. A key has a name, a type hint, whether it must be given, and its description. `more` are the
+    sections of the docstring after the parameters."""
     positional = [key for key in keys if key[0].startswith("!")]
     named = [key for key in keys if not key[0].startswith("!")]
     lines = [f"    def {name}(", "        self,"]
@@ -234,12 +262,13 @@ def method(
     lines += [f"    ) -> {result}:", *paragraph('"""' + text[0], " " * 8)]
     for one in text[1:]:
         lines.append("")
-        lines += [" " * 8 + row for row in one.splitlines()] if one.startswith("|") else paragraph(one, " " * 8)
+        lines += [" " * 8 + row for row in one.splitlines()] if one.startswith("| ") else paragraph(one, " " * 8)
     lines += ["", "        Parameters", "        ----------"]
     for key, kind, needed, described in keys:
         plain = re.sub(r"\bLiteral\[([^]]*)\]", r"{\1}", kind.removesuffix(" | Axis"))
         lines += paragraph(f"{key.strip('!')} : {plain}{'' if needed else ', optional'}", " " * 8)
         lines += described
+    lines += more
     if source:
         lines += ["", "        References", "        ----------", *paragraph(source, " " * 8)]
     return [*lines, '        """', f"        return {call}", ""]
@@ -365,14 +394,164 @@ def leading(name: str, kind: str, text: str, needed: bool = True) -> Key:
     return f"!{name}", kind, needed, paragraph(text, " " * 12)
 
 
-def generate(program: str) -> str:
+FILTERS_HEAD = '''"""Filters of the stage `navigate` as functions on arrays.
+
+Made from the declarations by `generate.py filters`; do not edit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+from numpy.typing import ArrayLike
+
+from magline._track import ListLike, Magnetometers, Track, navigate_line
+from magline.maps import Map
+
+'''
+
+# Filters that require no map, or the table of a trained network. `magline.filters.navigate` runs them.
+OTHER_FILTERS = ("ekf_online_nn", "slam", "ins_only")
+# Filters that use terms of the aircraft field, and calibrations.
+AIRCRAFT_FILTERS = ("ekf_online_tl", "fixed_lag")
+
+LINE_INPUTS = [
+    ("!tt_s", "ArrayLike", True, "Times of the samples, s, ascending, of shape (samples,)."),
+    ("!ins_lat_deg", "ArrayLike", True, "Latitude of the INS, degrees, of shape (samples,)."),
+    ("!ins_lon_deg", "ArrayLike", True, "Longitude of the INS, degrees, of shape (samples,)."),
+    ("!ins_alt_m", "ArrayLike", True, "Height of the INS above the WGS-84 ellipsoid, m, of shape (samples,)."),
+    (
+        "!mag_nt",
+        "Magnetometers",
+        True,
+        "Measured field, nT, of shape (samples,); NaN where there is no measurement. A mapping holds several "
+        "magnetometers under the names of their columns, such as `mag_1_c` (compensated) or `mag_1_uc`.",
+    ),
+    ("!map", "Map", True, "Anomaly map, such as the result of `magline.maps.open`."),
+    (
+        "ins_velocity_ned_mps",
+        "ArrayLike",
+        False,
+        "Velocity of the INS north, east and down, m/s, of shape (samples, 3). Default: derived from its positions.",
+    ),
+    (
+        "ins_force_ned_mps2",
+        "ArrayLike",
+        False,
+        "Specific force of the INS north, east and down, m/s^2, of shape (samples, 3). Default: derived from its "
+        "velocities.",
+    ),
+    (
+        "ins_attitude_deg",
+        "ArrayLike",
+        False,
+        "Roll, pitch and yaw of the INS, degrees, of shape (samples, 3). Default: level, along the course.",
+    ),
+    (
+        "columns",
+        "Mapping[str, Any]",
+        False,
+        "Further columns of the flight table under their names, in its units: those that keys name, and those that "
+        "the stage uses if they are there, such as `diurnal` (nT), `year`, `doy`, `gnss_lat` (deg), `ins_aligned` "
+        "(s), and the truth `lat` and `lon` (deg) and `alt` (m). A value is an array of shape (samples,), one number "
+        "or text for all samples, or a pair of a matrix with one row per sample and the names of its columns.",
+    ),
+]
+AIRCRAFT_INPUTS = [
+    (
+        "models",
+        "Sequence[Any]",
+        False,
+        "Calibrations that give the prior of the coefficients: tables of `fit` as mappings or data frames with the "
+        "columns `term`, `value`, `std` (nT) and, if known, `rate_hz` (Hz). Default: a cold start.",
+    ),
+    (
+        "rate_hz",
+        "float",
+        False,
+        "Sample rate of the terms that are differences per sample, Hz. Default: the rate of `tt_s`.",
+    ),
+]
+TRACK_SECTIONS = """
+        Returns
+        -------
+        Track
+            Estimate at each sample, innovations, warnings and notes.
+
+        Raises
+        ------
+        SpecError
+            If a key is unknown, has an invalid value, or has no effect.
+        DataError
+            If the line cannot be filtered, such as an INS with a NaN or a line off the map.
+        ValueError
+            If the shapes of the arrays differ."""
+FLIGHT_EXAMPLE = """
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from magline import filters, maps
+        >>> lat, lon = np.linspace(45.0, 45.2, 201), np.linspace(-76.1, -75.9, 201)
+        >>> hills = 60.0 * np.sin(400.0 * lat[:, None]) + 50.0 * np.cos(500.0 * (lat[:, None] + lon))
+        >>> field = maps.Map(lon, lat, hills, np.full(hills.shape, 300.0), 4326, "deg")
+        >>> t = np.arange(100.0)  # northward over the nodes of a column; the INS is 11 m too far north
+        >>> ins = t, lat[50:150] + 1e-4, np.full(100, lon[100]), np.full(100, 300.0)
+        >>> start = {"start": "given", "init_position_sigma_m": 20.0}"""
+# Further columns of a filter in its example, and the lines after the call. The default compares the last position.
+FILTER_EXAMPLES = {
+    "crlb": (
+        '{"lat": lat[50:150], "lon": ins[2], "alt": ins[3]}  # the true positions',
+        [">>> bool(track.more['drms_bound'][-1] < 20.0)", "True"],
+    ),
+    **dict.fromkeys(
+        AIRCRAFT_FILTERS, ('{"tl": (np.sin(t)[:, None], ["x"])}  # one term of the aircraft field', [])
+    ),
+}
+LAST_POSITION = [">>> bool(abs(track.lat_deg[-1] - lat[149]) < 5e-5)", "True"]
+
+
+def filter_function(one: Variant, shared: Sequence[Parameter]) -> list[str]:
+    """Lines of the function of a filter."""
+    inputs = LINE_INPUTS + (AIRCRAFT_INPUTS if one.name in AIRCRAFT_FILTERS else [])
+    keys: list[Key] = [(key, kind, needed, paragraph(text, " " * 12)) for key, kind, needed, text in inputs]
+    own = [parameter for parameter in [*shared, *one.parameters] if parameter.key not in {"filter", "mag"}]
+    keys += plain_keys(own, {})
+    columns, check = FILTER_EXAMPLES.get(one.name, ("", []))
+    given = [f">>> columns = {columns}"] if columns else []
+    more = ", columns=columns" if columns else ""
+    call = f">>> track = filters.{one.name}(*ins, hills[50:150, 100], field{more}, core_field=False, **start)"
+    lines_of_call = [*given, call, *(check or LAST_POSITION)]
+    example = [*FLIGHT_EXAMPLE.splitlines(), *(f"        {line}" for line in lines_of_call)]
+    call = f'navigate_line("{one.name}", locals())'
+    text = summary(one.text[0]) + one.text[1:]
+    lines = method(one.name, call, "Track", text, keys, one.source, TRACK_SECTIONS.splitlines())
+    end = lines.index('        """')
+    lines[end:end] = example
+    plain = (line.replace(" : ArrayLike", " : array_like") for line in lines if line != "        self,")
+    return [line.removeprefix("    ") for line in plain] + [""]
+
+
+def filters_module(found: Declarations) -> str:
+    """Text of the module of the filters."""
+    navigate = next(one for one in found.stages if one.kind == "navigate")
+    variants = [one for one in navigate.variants if one.name not in OTHER_FILTERS]
+    names = ", ".join(quoted(name) for name in sorted(one.name for one in variants))
+    lines = [FILTERS_HEAD.rstrip(), "", *paragraph(f"__all__ = [{names}]", "", "    "), "", ""]
+    for one in variants:
+        lines += filter_function(one, navigate.shared)
+    return "\n".join(line.rstrip() for line in lines).rstrip() + "\n"
+
+
+def generate(program: str, wanted: str = "stages") -> str:
     """Text of the module for the command `program`."""
 
     def printed(*arguments: str) -> str:
         return subprocess.check_output([program, "stages", *arguments], text=True)
 
-    return module(read_declarations(printed("--markdown"), printed("search")))
+    makers = {"stages": module, "filters": filters_module}
+    return makers[wanted](read_declarations(printed("--markdown"), printed("search")))
 
 
 if __name__ == "__main__":
-    sys.stdout.write(generate(sys.argv[1]))
+    sys.stdout.write(generate(*sys.argv[1:3]))

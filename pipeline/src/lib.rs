@@ -24,7 +24,7 @@ mod shell;
 
 use schemas::StageEntry;
 
-pub use cli::{command, main, run_summary};
+pub use cli::{ProgressDisplay, ProgressSnapshot, command, main, run_summary};
 pub use expressions::deep;
 pub use stages::Catalogue;
 pub use {plan, report, results, run, store};

@@ -8,7 +8,7 @@ Examples
 >>> run.table("clean").pandas()  # doctest: +SKIP
 """
 
-from magline import core_field, maps, metrics, parts, signal, stream, tolles_lawson
+from magline import core_field, filters, maps, metrics, parts, signal, stream, tolles_lawson
 from magline._magline import __version__
 from magline.errors import BugError, DataError, Error, Fault, MachineError, MaglineError, SpecError
 from magline.parts import Column, Flight, Line, Param, filter, load_parts, metric, model, stage
@@ -45,6 +45,7 @@ __all__ = [
     "check",
     "core_field",
     "filter",
+    "filters",
     "load_parts",
     "maps",
     "metric",

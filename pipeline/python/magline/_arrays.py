@@ -6,6 +6,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Column = NDArray[np.float64]
+_FLOAT64 = np.dtype(np.float64)
+
+
+def _floats(values: ArrayLike) -> NDArray[np.float64]:
+    """Contiguous array of float64. NumPy would convert times to counts of their unit without a warning."""
+    if type(values) is np.ndarray and values.dtype is _FLOAT64 and values.ndim and values.flags.c_contiguous:
+        return values
+    array = np.asarray(values)
+    if array.dtype.kind in "mMc":
+        raise ValueError(f"expected real numbers, but the type is {array.dtype}; convert times to seconds")
+    return np.ascontiguousarray(array, dtype=np.float64)
 
 
 def column(values: ArrayLike) -> Column:
@@ -14,9 +25,9 @@ def column(values: ArrayLike) -> Column:
     Raises
     ------
     ValueError
-        If the values are not one-dimensional.
+        If the values are not one-dimensional, or are complex numbers or dates.
     """
-    array = np.ascontiguousarray(values, dtype=np.float64)
+    array = _floats(values)
     if array.ndim != 1:
         raise ValueError(f"expected an array of one dimension, but its shape is {array.shape}")
     return array
@@ -44,9 +55,9 @@ def matrix(values: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     ValueError
-        If the values are not two-dimensional.
+        If the values are not two-dimensional, or are complex numbers or dates.
     """
-    array = np.ascontiguousarray(values, dtype=np.float64)
+    array = _floats(values)
     if array.ndim != 2:
         raise ValueError(f"expected an array of two dimensions, but its shape is {array.shape}")
     return array

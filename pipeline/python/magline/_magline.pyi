@@ -1,4 +1,4 @@
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from typing import Any
 
@@ -76,19 +76,52 @@ class Flight:
 def register_part(kind: str, declaration: str, run: object) -> None: ...
 def registered_parts() -> list[tuple[str, str, int, str]]: ...
 def command(program: _Path, arguments: Sequence[str]) -> int: ...
-def run(file: _Path, folder: _Path, text: str | None, sets: Sequence[str], threads: int | None) -> str: ...
+def run(
+    file: _Path,
+    folder: _Path,
+    text: str | None,
+    sets: Sequence[str],
+    threads: int | None,
+    progress: Callable[[str, int, int], None] | None,
+) -> str: ...
 def check(file: _Path, folder: _Path, text: str | None, sets: Sequence[str]) -> str: ...
 def explain(file: _Path, folder: _Path, text: str | None, sets: Sequence[str]) -> str: ...
 def why(file: _Path, folder: _Path, text: str | None, sets: Sequence[str], table: str) -> str: ...
 def report(file: _Path, folder: _Path, text: str | None, sets: Sequence[str]) -> str: ...
 def sql(store: _Path, query: str, spill: _Path, memory_limit: int | None) -> QueryResult: ...
 def tables(store: _Path) -> list[str]: ...
+def table_parts(store: _Path, table: str) -> QueryResult: ...
 def core_field(
     lat_deg: _Column, lon_deg: _Column, alt_m: _Column, decimal_year: _Column, wmm: bool
 ) -> tuple[_Column, _Column, _Column]: ...
+def navigate(
+    keys: Sequence[tuple[str, object]],
+    line: Sequence[tuple[str, object]],
+    rate_hz: float | None,
+    map: tuple[
+        _Column,
+        _Column,
+        NDArray[np.float64],
+        NDArray[np.float64],
+        int,
+        NDArray[np.float64] | None,
+        tuple[float, float] | None,
+    ]
+    | None,
+    models: Sequence[tuple[Sequence[str], Sequence[float], Sequence[float], float | None]],
+) -> tuple[list[tuple[str, str, Any]], list[str], str]: ...
 def open_map(
     path: _Path, epsg: int | None, alt_m: float | None, unit: str | None
-) -> tuple[_Column, _Column, NDArray[np.float64], NDArray[np.float64], int, str]: ...
+) -> tuple[
+    _Column,
+    _Column,
+    NDArray[np.float64],
+    NDArray[np.float64],
+    int,
+    str,
+    NDArray[np.float64] | None,
+    Sequence[float],
+]: ...
 def upward(
     grid: NDArray[np.float64], spacing_m: tuple[float, float], dz_m: float
 ) -> NDArray[np.float64]: ...

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,9 @@ class Map:
     unit : str
         Unit of ``x`` and ``y``: ``deg``, ``m``, ``ft`` (international foot) or ``us-ft`` (US survey
         foot). It is empty for any other unit.
+    error_nt : numpy.ndarray, shape (rows, columns), or None
+        Standard deviation of the error of each node, nT; NaN where unknown. None if the file does
+        not give it.
     """
 
     x: NDArray[np.float64]
@@ -44,6 +47,9 @@ class Map:
     alt_m: NDArray[np.float64]
     epsg: int
     unit: str
+    error_nt: NDArray[np.float64] | None = None
+    #: Spacings of ``x`` and ``y``, from which the reader computed the coordinates.
+    _steps: tuple[float, float] | None = field(default=None, repr=False, compare=False)
 
     def xarray(self) -> Any:
         """Map as an `xarray.DataArray` with the dimensions ``y`` and ``x``.
@@ -103,7 +109,10 @@ def open(
     >>> found.anomaly_nt.shape == (found.y.size, found.x.size)
     True
     """
-    return Map(*_magline.open_map(Path(path), epsg, alt_m, unit))
+    x, y, anomaly_nt, heights_m, code, axis_unit, error_nt, steps = _magline.open_map(
+        Path(path), epsg, alt_m, unit
+    )
+    return Map(x, y, anomaly_nt, heights_m, code, axis_unit, error_nt, (steps[0], steps[1]))
 
 
 def upward(grid: ArrayLike, spacing_m: float | tuple[float, float], dz_m: float) -> Any:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from magline import _html, _magline, _toml
+from magline._progress import display
 from magline.errors import Fault
 from magline.spec import Spec
 from magline.tables import Store, Table
@@ -357,6 +358,7 @@ def run(
     set: Mapping[str, Any] | None = None,
     threads: int | None = None,
     store: str | os.PathLike[str] | None = None,
+    progress: bool | None = None,
 ) -> Run:
     """Run a spec: compute the results that are missing from the store.
 
@@ -377,6 +379,9 @@ def run(
     store : path, optional
         Folder of the store, relative to the current folder, or its address, such as
         ``s3://BUCKET/PREFIX``. It overrides the spec. Default: the store of the spec.
+    progress : bool, optional
+        Whether to display the progress: a bar of tqdm if tqdm is installed, otherwise text. Default:
+        in a notebook and on a terminal.
 
     Returns
     -------
@@ -407,7 +412,8 @@ def run(
     if threads is not None and threads < 1:
         raise ValueError(f"`threads` must be 1 or more, but is {threads}")
     source = _source(spec, set, store)
-    return Run(json.loads(_magline.run(*source, threads)), source)
+    with display(progress) as show:
+        return Run(json.loads(_magline.run(*source, threads, show)), source)
 
 
 def check(spec: SpecLike, *, set: Mapping[str, Any] | None = None) -> Check:

@@ -352,11 +352,12 @@ class Spec(StageMethods):
         set: Mapping[str, Any] | None = None,
         threads: int | None = None,
         store: str | os.PathLike[str] | None = None,
+        progress: bool | None = None,
     ) -> Run:
         """Run the spec: compute the results that are missing from the store. See `magline.run`."""
         from magline import runs
 
-        return runs.run(self, set=set, threads=threads, store=store)
+        return runs.run(self, set=set, threads=threads, store=store, progress=progress)
 
     def __repr__(self) -> str:
         return _html.visible(f"<magline.Spec {self.name}: {', '.join(self.tables)}>")

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from magline import _html, _magline
+from magline import _html, _lazy, _magline
 
 if TYPE_CHECKING:
     import polars as pl
@@ -36,10 +36,19 @@ class Table:
     (['one'], 1)
     """
 
-    def __init__(self, store: Path | str, query: str, memory_limit: int | None = None) -> None:
+    def __init__(
+        self,
+        store: Path | str,
+        query: str,
+        memory_limit: int | None = None,
+        *,
+        name: str | None = None,
+    ) -> None:
         self._store = store
         self._query = query
         self._memory_limit = memory_limit
+        #: Name of a table of the store, as ``pipeline.table``; None for a query.
+        self._name = name
 
     @cached_property
     def _rows(self) -> _magline.QueryResult:
@@ -82,23 +91,12 @@ class Table:
     def lazy(self) -> pl.LazyFrame:
         """Lazy table as a `polars.LazyFrame`. Requires polars.
 
-        ``collect`` reads only the required columns and, after ``head(n)``, only n rows. Polars
-        applies filters after the columns are read. For large tables, use a ``where`` in `sql`.
+        ``collect`` reads only the required columns and, after ``head(n)``, only n rows. For a table
+        of a store, a filter on ``flight``, ``line`` and axes reads only the files and row groups
+        that can contain rows of the result. Polars applies other filters after the columns are read;
+        use a ``where`` in `sql` for a large table.
         """
-        import polars
-        from polars.io.plugins import register_io_source
-
-        def batches(
-            columns: list[str] | None, predicate: Any, rows: int | None, size: int | None
-        ) -> Iterator[Any]:
-            chosen = "*" if columns is None else ", ".join(map(_quoted, columns)) or "null"
-            limit = "" if rows is None else f" limit {rows}"
-            query = f"select {chosen} from ({self._query}) as whole{limit}"
-            frame = polars.DataFrame(Table(self._store, query, self._memory_limit))
-            yield frame if predicate is None else frame.filter(predicate)
-
-        head = Table(self._store, f"select * from ({self._query}) as whole limit 0")
-        return register_io_source(batches, schema=polars.DataFrame(head).schema)
+        return _lazy.frame(self)
 
     def __repr__(self) -> str:
         return _html.visible(f"<magline.Table: {len(self)} rows of {', '.join(self.columns)}>")
@@ -138,7 +136,8 @@ class Pipeline:
         known = self.tables
         if table not in known:
             raise KeyError(f"`{self.name}` has no table `{table}`; its tables are {', '.join(known)}")
-        return Table(self._store.path, f'select * from "{self.name}"."{table}"')
+        query = f'select * from "{self.name}"."{table}"'
+        return Table(self._store.path, query, name=f"{self.name}.{table}")
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.tables)
@@ -284,8 +283,3 @@ def sql(
     """
     found = store if isinstance(store, Store) else Store(store)
     return found.sql(query, memory_limit=memory_limit)
-
-
-def _quoted(name: str) -> str:
-    """Quoted name of a column for SQL."""
-    return '"' + name.replace('"', '""') + '"'

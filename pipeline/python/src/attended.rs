@@ -28,6 +28,20 @@ pub fn attended<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
     interrupt: impl Fn(),
 ) -> PyResult<T> {
+    attended_with(py, work, interrupt, || Ok(()))
+}
+
+/// [`attended`] that calls `look` on the calling thread at each check for signals. An exception of `look` counts as an
+/// interrupt.
+///
+/// # Errors
+/// Fails in the cases of [`attended`], and with the exception of `look`.
+pub fn attended_with<T: Send + 'static>(
+    py: Python<'_>,
+    work: impl FnOnce() -> T + Send + 'static,
+    interrupt: impl Fn(),
+    mut look: impl FnMut() -> PyResult<()>,
+) -> PyResult<T> {
     let result: Arc<Mutex<Option<thread::Result<T>>>> = Arc::default();
     let (slot, waiting) = (result.clone(), thread::current());
     let run = move || {
@@ -50,7 +64,8 @@ pub fn attended<T: Send + 'static>(
         match (py.check_signals(), interrupted.is_some()) {
             (Err(e), true) => return Err(e),
             (Err(e), false) => interrupted = Some(e),
-            (Ok(()), _) => {}
+            (Ok(()), true) => {}
+            (Ok(()), false) => interrupted = look().err(),
         }
         if interrupted.is_some() {
             interrupt();

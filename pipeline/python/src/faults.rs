@@ -7,7 +7,14 @@ use serde_json::{Value, json};
 
 /// The exception for a fault.
 pub fn exception(py: Python<'_>, fault: &Fault) -> PyErr {
-    raised(py, &render(fault, "", ""), &[record(fault, None)])
+    exceptions(py, std::slice::from_ref(fault))
+}
+
+/// The exception for several faults.
+pub fn exceptions(py: Python<'_>, faults: &[Fault]) -> PyErr {
+    let text: Vec<String> = faults.iter().map(|fault| render(fault, "", "")).collect();
+    let records: Vec<Value> = faults.iter().map(|fault| record(fault, None)).collect();
+    raised(py, &text.join("\n"), &records)
 }
 
 /// The exception for the faults of a spec.

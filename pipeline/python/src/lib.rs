@@ -6,6 +6,7 @@ mod attended;
 mod command;
 mod core_field;
 mod faults;
+mod filters;
 mod maps;
 mod metrics;
 mod parts;
@@ -31,7 +32,9 @@ fn _magline(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(views::report, module)?)?;
     module.add_function(wrap_pyfunction!(tables::sql, module)?)?;
     module.add_function(wrap_pyfunction!(tables::tables, module)?)?;
+    module.add_function(wrap_pyfunction!(tables::table_parts, module)?)?;
     module.add_function(wrap_pyfunction!(core_field::core_field, module)?)?;
+    module.add_function(wrap_pyfunction!(filters::navigate, module)?)?;
     module.add_function(wrap_pyfunction!(maps::open_map, module)?)?;
     module.add_function(wrap_pyfunction!(maps::upward, module)?)?;
     module.add_function(wrap_pyfunction!(maps::vector, module)?)?;

@@ -2,17 +2,18 @@
 
 use std::{
     path::PathBuf,
-    sync::{Mutex, PoisonError, atomic::Ordering},
+    sync::{Arc, Mutex, PoisonError, atomic::Ordering},
     time::Instant,
 };
 
 use pipeline::{
+    ProgressDisplay,
     plan::{
         Plan, parse_spec, read_spec,
         spec::{Spec, SpecFaults},
     },
     results::{made_by_another, score_table},
-    run::{INTERRUPTED, RunOptions, STARTED, SilentListener, search},
+    run::{INTERRUPTED, Listener, RunOptions, STARTED, SilentListener, search},
     run_summary,
     store::Store,
 };
@@ -22,7 +23,7 @@ use schemas::Fault;
 use serde_json::{Value, json};
 
 use crate::{
-    attended::attended,
+    attended::{attended, attended_with},
     faults::{record, spec_exception},
     parts::{catalogue, settle},
 };
@@ -58,9 +59,10 @@ impl SpecSource {
     }
 }
 
-/// Runs a spec and returns its summary as JSON. Without `text`, the spec is read from `file`.
+/// Runs a spec and returns its summary as JSON. Without `text`, the spec is read from `file`. `progress` is called with
+/// the current stage, the number of finished parts and the number of all parts, 0 while unknown.
 #[pyfunction]
-#[pyo3(signature = (file, folder, text, sets, threads))]
+#[pyo3(signature = (file, folder, text, sets, threads, progress))]
 pub fn run(
     py: Python<'_>,
     file: PathBuf,
@@ -68,10 +70,26 @@ pub fn run(
     text: Option<String>,
     sets: Vec<String>,
     threads: Option<usize>,
+    progress: Option<Bound<'_, PyAny>>,
 ) -> PyResult<String> {
     settle(py)?;
     let source = SpecSource { file, folder, text, sets };
-    let done = attended(py, move || execute(&source, threads), || INTERRUPTED.store(true, Ordering::SeqCst))?;
+    let interrupt = || INTERRUPTED.store(true, Ordering::SeqCst);
+    let done = match progress {
+        None => attended(py, move || execute(&source, threads, &SilentListener), interrupt)?,
+        Some(show) => {
+            let display = Arc::new(ProgressDisplay::unseen());
+            let (listener, mut last) = (display.clone(), None);
+            let look = || {
+                let now = display.snapshot().filter(|now| last.as_ref() != Some(now));
+                let Some(now) = now else { return Ok(()) };
+                show.call1((&now.what, now.done, now.all))?;
+                last = Some(now);
+                Ok(())
+            };
+            attended_with(py, move || execute(&source, threads, &*listener), interrupt, look)?
+        }
+    };
     done.map(|summary| summary.to_string()).map_err(|faults| spec_exception(py, &faults))
 }
 
@@ -97,7 +115,7 @@ pub fn check(
     done.map(|found| found.to_string()).map_err(|faults| spec_exception(py, &faults))
 }
 
-fn execute(source: &SpecSource, threads: Option<usize>) -> Result<Value, SpecFaults> {
+fn execute(source: &SpecSource, threads: Option<usize>, listener: &dyn Listener) -> Result<Value, SpecFaults> {
     let _one = RUN.lock().unwrap_or_else(PoisonError::into_inner);
     INTERRUPTED.store(false, Ordering::SeqCst);
     STARTED.store(false, Ordering::SeqCst);
@@ -113,7 +131,7 @@ fn execute(source: &SpecSource, threads: Option<usize>) -> Result<Value, SpecFau
     let publisher = store.publisher(&plan.spec.name, false).map_err(|f| plan.spec.faults(vec![f]))?;
     let pool = ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build();
     let pool = pool.map_err(|e| plan.spec.faults(vec![Fault::machine(format!("cannot start threads: {e}"))]))?;
-    let ran = || search(plan, &catalogue, &store, &publisher, RunOptions::default(), &SilentListener);
+    let ran = || search(plan, &catalogue, &store, &publisher, RunOptions::default(), listener);
     let (plan, summary) = pool.install(ran)?;
     let mut found = run_summary(&summary, begun.elapsed().as_secs_f64());
     if let Some(failures) = found.get_mut("failures").and_then(Value::as_array_mut) {

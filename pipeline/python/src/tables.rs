@@ -40,6 +40,18 @@ pub fn tables(py: Python<'_>, store: PathBuf) -> PyResult<Vec<String>> {
     found.map_err(|fault| exception(py, &fault))
 }
 
+/// Columns with a single value in each part of the table `table`, as `pipeline.table`, one row per part. A query reads
+/// or skips a part as a whole.
+#[pyfunction]
+pub fn table_parts(py: Python<'_>, store: PathBuf, table: String) -> PyResult<QueryResult> {
+    let found = py.detach(|| {
+        pulled(&store)?;
+        pipeline::report::sql::parts(&store, &table)
+    });
+    let batch = found.map_err(|fault| exception(py, &fault))?;
+    Ok(QueryResult { schema: batch.schema(), batches: vec![batch] })
+}
+
 /// Result of a query over a store. `spill` is a private folder for temporary files. The memory limit does not count the
 /// result, which the caller keeps.
 #[pyfunction]

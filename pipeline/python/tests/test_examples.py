@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 from conftest import REPOSITORY
 
-MODULES = ["core_field", "maps", "metrics", "parts", "runs", "signal", "spec", "tables", "tolles_lawson"]
+MODULES = (
+    "_filters core_field filters maps metrics parts runs signal spec stream tables tolles_lawson".split()
+)
 
 
 @pytest.mark.parametrize("name", MODULES)

@@ -26,7 +26,7 @@ use schemas::Fault;
 
 pub(crate) use scan::PublishedTableProvider;
 pub use session::SqlSession;
-pub use tables::VersionPins;
+pub use tables::{VersionPins, parts};
 pub(crate) use tables::{leads_out, names as pipeline_names};
 
 /// Stack size of the worker threads, bytes. They evaluate operators by recursion over deeply nested expressions.

@@ -52,6 +52,7 @@ use std::{
 };
 
 pub use events::finished as run_summary;
+pub use progress::{ProgressDisplay, ProgressSnapshot};
 
 use clap::{Args, Parser, Subcommand};
 use invocation::Invocation;

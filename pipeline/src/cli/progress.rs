@@ -20,7 +20,8 @@ const INTERVAL: Duration = Duration::from_secs(10);
 /// Minimum elapsed time for an estimate of the remaining time.
 const KNOWN_AFTER: Duration = Duration::from_secs(1);
 
-/// Progress on standard error, until it is dropped. All methods may be called from several threads concurrently.
+/// Progress on standard error, or for another display, until it is dropped. All methods may be called from several
+/// threads concurrently.
 pub struct ProgressDisplay(Option<ProgressOutput>);
 
 struct ProgressOutput {
@@ -35,7 +36,30 @@ struct ProgressShared {
     over: Condvar,
 }
 
+/// Progress at one moment.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ProgressSnapshot {
+    /// Current stage, such as `computing track`.
+    pub what: String,
+    /// Number of finished parts of the stage.
+    pub done: usize,
+    /// Number of all parts; 0 while unknown.
+    pub all: usize,
+}
+
 impl ProgressDisplay {
+    /// Creates progress without output, for [`ProgressDisplay::snapshot`].
+    pub fn unseen() -> ProgressDisplay {
+        ProgressDisplay(Some(ProgressOutput { shared: ProgressShared::new(INTERVAL), bar: None, writer: None }))
+    }
+
+    /// Present progress; `None` before the first stage, and with quiet output.
+    pub fn snapshot(&self) -> Option<ProgressSnapshot> {
+        let state = self.0.as_ref()?.shared.lock();
+        let (what, done, all) = (state.subject(), state.done, state.all);
+        (!state.what.is_empty()).then_some(ProgressSnapshot { what, done, all })
+    }
+
     /// Creates a display on standard error; none if `quiet`.
     pub fn new(quiet: bool) -> ProgressDisplay {
         if quiet {
@@ -185,11 +209,14 @@ impl ProgressState {
         (!self.what.is_empty()).then(|| format!("{}:{:02} {}", seconds / 60, seconds % 60, self.text(now)))
     }
 
+    /// Stage and current part.
+    fn subject(&self) -> String {
+        let at = if self.at.is_empty() { String::new() } else { format!(", {}", self.at) };
+        one_line(&format!("{}{}{at}", self.within, self.what)).into_owned()
+    }
+
     fn text(&self, now: Duration) -> String {
-        let mut text = format!("{}{}", self.within, self.what);
-        if !self.at.is_empty() {
-            text.push_str(&format!(", {}", self.at));
-        }
+        let mut text = self.subject();
         if self.all > 0 {
             text.push_str(&format!(": {} of {}", self.done, self.all));
             if !self.parts.is_empty() {
@@ -380,6 +407,18 @@ mod tests {
         progress.on_event(&Event::Searching { rows: &[row(8, 1)], trials: 8, best: Some(&best) });
         progress.on_event(&Event::Publishing { table: "clean" });
         assert_eq!(text(), "trial 8 of 8, best 3.250 (trial 2): publishing clean");
+    }
+
+    #[test]
+    fn unit_a_snapshot_has_the_counts_of_the_stage() {
+        let progress = ProgressDisplay::unseen();
+        assert_eq!(progress.snapshot(), None);
+        progress.on_event(&Event::Computing { table: "clean", units: 3 });
+        let snapshot = |done| ProgressSnapshot { what: "computing clean".to_owned(), done, all: 3 };
+        assert_eq!(progress.snapshot(), Some(snapshot(0)));
+        progress.set(2, 3);
+        assert_eq!(progress.snapshot(), Some(snapshot(2)));
+        assert_eq!(ProgressDisplay::new(true).snapshot(), None);
     }
 
     #[test]

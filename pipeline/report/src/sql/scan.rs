@@ -11,8 +11,10 @@ use std::{
 };
 
 use arrow_array::{
-    Array, ArrayRef, BooleanArray, RecordBatch, RecordBatchOptions, UInt64Array, cast::AsArray, new_null_array,
-    types::Int64Type,
+    Array, ArrayRef, BooleanArray, RecordBatch, RecordBatchOptions, UInt64Array,
+    cast::AsArray,
+    new_null_array,
+    types::{Int64Type, UInt64Type},
 };
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 use async_trait::async_trait;
@@ -140,6 +142,32 @@ impl PublishedTableProvider {
     /// Fails for an unknown column, and when a file is damaged.
     pub(crate) fn read_group(&self, group: usize, names: &[&str]) -> Result<RecordBatch, Fault> {
         self.source.read(ScanPiece::Group(group), &self.projection(names)?)
+    }
+
+    /// Columns with a single value in each part of the table, one row per part. A part is a unit or a row group, which
+    /// queries read or skip as a whole.
+    pub(crate) fn parts(&self) -> Result<RecordBatch, Fault> {
+        let of_units = |logical: &LogicalUnits, field: &Field| {
+            let values = logical.of_units(field.name())?.clone();
+            let unit = |i: usize| logical.steps(i, field.name()).is_none() || values.is_valid(i);
+            (0..values.len()).all(unit).then_some(values)
+        };
+        let statistics = RowGroupStatistics(&self.source);
+        let found = |field: &Field| match &self.source.logical {
+            Some(logical) => of_units(logical, field),
+            None => statistics.single_values(field.name()),
+        };
+        let (mut fields, mut columns) = (vec![], vec![]);
+        for field in self.schema.fields() {
+            if let Some(values) = found(field) {
+                columns.push(typed(values, field)?);
+                fields.push(field.clone());
+            }
+        }
+        let rows = self.source.logical.as_ref().map_or(self.source.groups.len(), |logical| logical.units.num_rows());
+        let options = RecordBatchOptions::new().with_row_count(Some(rows));
+        RecordBatch::try_new_with_options(Arc::new(Schema::new(fields)), columns, &options)
+            .map_err(|e| Fault::machine(e.to_string()))
     }
 
     fn projection(&self, names: &[&str]) -> Result<SchemaRef, Fault> {
@@ -290,6 +318,16 @@ impl RowGroupStatistics<'_> {
             return None;
         }
         StatisticsConverter::try_new(&column.name, &self.0.stored, self.0.files.first()?.parquet_schema()).ok()
+    }
+
+    /// The value of a column in each row group, if each has one value and no null.
+    fn single_values(&self, name: &str) -> Option<ArrayRef> {
+        let column = Column::from_name(name);
+        let (least, most) = (self.min_values(&column)?, self.max_values(&column)?);
+        let nulls = self.null_counts(&column)?;
+        let nulls = nulls.as_primitive_opt::<UInt64Type>()?;
+        let whole = nulls.null_count() == 0 && nulls.values().iter().all(|count| *count == 0);
+        (whole && least.null_count() == 0 && least.to_data() == most.to_data()).then_some(least)
     }
 }
 

@@ -2,6 +2,8 @@
 
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
+use arrow_array::RecordBatch;
+use arrow_schema::Schema;
 use async_trait::async_trait;
 use datafusion::{
     catalog::{SchemaProvider, TableProvider},
@@ -108,6 +110,22 @@ pub fn register(context: &SessionContext, root: &Path, pins: Option<&VersionPins
     }
     known.tables.sort();
     Ok(known)
+}
+
+/// Columns with a single value in each part of the published table `table`, as `pipeline.table`, one row per part: flight,
+/// line and axes. A part is a unit or a row group, which queries read or skip as a whole. No column for an unknown table.
+///
+/// # Errors
+/// Fails when the store or the table cannot be read.
+pub fn parts(root: &Path, table: &str) -> Result<RecordBatch, Fault> {
+    let none = || Ok(RecordBatch::new_empty(Arc::new(Schema::empty())));
+    let (Ok(root), Some((pipeline, name))) = (root.canonicalize(), table.split_once('.')) else { return none() };
+    let Some(version) = current(&root, pipeline) else { return none() };
+    let listed = version.manifest.tables.iter().find(|listed| listed.name == name);
+    let listed = listed.filter(|_| !leads_out(&root.join("tables").join(pipeline).join(name), &root));
+    let Some(listed) = listed else { return none() };
+    version.at_hand(listed)?;
+    PublishedTableProvider::open(&Arc::new(PackReader::open(&root)?), &version, listed)?.parts()
 }
 
 /// The version of a pipeline that was current at an earlier moment.

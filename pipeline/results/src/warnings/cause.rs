@@ -6,7 +6,7 @@ use arrow_array::{
     types::{Float64Type, Int64Type},
 };
 use numerics::earth::dates::decimal_year;
-use plan::{LineId, PlanGraph, StageInstance, TableRef};
+use plan::{LineId, PlanGraph, TableRef};
 use schemas::Fault;
 use store::Store;
 
@@ -34,6 +34,60 @@ pub struct NavigationSettings {
     pub gnss_rejected_s: Option<f64>,
 }
 
+/// Table of a navigation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NavigationSide {
+    /// Its input.
+    Flight,
+    /// Its output.
+    Track,
+}
+
+impl NavigationSettings {
+    /// Settings of a navigation with the parameters `params` in canonical spelling. `first` returns the first value of
+    /// a column. Unset: `compensated` and `gnss_rejected_s`.
+    ///
+    /// # Errors
+    /// Fails when `first` fails.
+    pub fn new(
+        params: &[(&'static str, String)],
+        first: impl Fn(NavigationSide, &str) -> Result<Option<f64>, Fault>,
+    ) -> Result<NavigationSettings, Fault> {
+        use NavigationSide::{Flight, Track};
+        let param = |name: &str| params.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_str());
+        let number = |name: &str| param(name).and_then(|v| v.parse::<f64>().ok());
+        // `"auto"` uses the residual of the calibration, which is a column of the input. An unset key does not.
+        let found = |param_name: &str, column: &str| match param(param_name) {
+            Some("auto") => first(Flight, column),
+            _ => Ok(number(param_name)),
+        };
+        let likely_nt = first(Track, "noise_sigma")?;
+        let sigma_nt = match likely_nt {
+            Some(sigma_nt) => Some(sigma_nt),
+            None => found("measurement_sigma_nt", "mag_sigma")?,
+        };
+        let fogm_sigma_nt = match first(Track, "noise_fogm_sigma")? {
+            Some(fogm_nt) => Some(fogm_nt),
+            None => found("fogm_sigma_nt", "mag_fogm_sigma")?,
+        };
+        let declared_year = number("decimal_year").filter(|_| param("core_field") == Some("true"));
+        let flight_year = match declared_year {
+            Some(_) => flight_date(first(Flight, "year")?, first(Flight, "doy")?),
+            None => None,
+        };
+        Ok(NavigationSettings {
+            sigma_nt,
+            fogm_sigma_nt,
+            found: likely_nt.is_some(),
+            offset_window_s: number("offset_window_s").unwrap_or(0.0),
+            levels: param("map_levels_m").is_some_and(|v| v != "none"),
+            compensated: false,
+            dates: declared_year.zip(flight_year),
+            gnss_rejected_s: None,
+        })
+    }
+}
+
 /// Scores and navigation settings of one line.
 pub struct LineFacts<'a> {
     /// Its scores.
@@ -56,41 +110,19 @@ impl<'a> LineFacts<'a> {
     ) -> Result<LineFacts<'a>, Fault> {
         let Some((t, i)) = navigation(graph.plan, inputs) else { return Ok(LineFacts { row, settings: None }) };
         let it = graph.plan.instance(t, i);
-        let params = it.params();
-        let param = |name: &str| params.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_str());
-        let number = |name: &str| param(name).and_then(|v| v.parse::<f64>().ok());
-        // `"auto"` uses the residual of the calibration, which is a column of the input. An unset key does not.
-        let found = |param_name: &str, column: &str| match (param(param_name), it.first_input()) {
-            (Some("auto"), Some(input)) => first(graph, store, input, line, column),
-            _ => Ok(number(param_name)),
-        };
-        let tuned = |column: &str| first(graph, store, TableRef::Stage(t, i), line, column);
-        let likely_nt = tuned("noise_sigma")?;
-        let sigma_nt = match likely_nt {
-            Some(sigma_nt) => Some(sigma_nt),
-            None => found("measurement_sigma_nt", "mag_sigma")?,
-        };
-        let fogm_sigma_nt = match tuned("noise_fogm_sigma")? {
-            Some(fogm_nt) => Some(fogm_nt),
-            None => found("fogm_sigma_nt", "mag_fogm_sigma")?,
-        };
-        let declared_year = number("decimal_year").filter(|_| param("core_field") == Some("true"));
-        let flight_year = match declared_year {
-            Some(_) => flight_date(graph, store, &it, line)?,
-            None => None,
+        let track = TableRef::Stage(t, i);
+        let read = |side: NavigationSide, name: &str| match (side, it.first_input()) {
+            (NavigationSide::Track, _) => first(graph, store, track, line, name),
+            (NavigationSide::Flight, Some(input)) => first(graph, store, input, line, name),
+            (NavigationSide::Flight, None) => Ok(None),
         };
         let settings = NavigationSettings {
-            sigma_nt,
-            fogm_sigma_nt,
-            found: likely_nt.is_some(),
-            offset_window_s: number("offset_window_s").unwrap_or(0.0),
-            levels: param("map_levels_m").is_some_and(|v| v != "none"),
             compensated: graph.plan.upstream(&it.inputs(), "compensate").is_some(),
-            dates: declared_year.zip(flight_year),
             gnss_rejected_s: match row.counted("gnss_rejected") {
-                Some((count, _)) if count > 0.0 => gnss_rejected_s(graph, store, TableRef::Stage(t, i), line)?,
+                Some((count, _)) if count > 0.0 => gnss_rejected_s(graph, store, track, line)?,
                 Some(_) | None => None,
             },
+            ..NavigationSettings::new(&it.params(), read)?
         };
         Ok(LineFacts { row, settings: Some(settings) })
     }
@@ -261,11 +293,9 @@ impl<'a> LineFacts<'a> {
     }
 }
 
-/// The date at the first sample of the line, if the flight has columns for it.
-fn flight_date(graph: &PlanGraph, store: &Store, it: &StageInstance, line: LineId) -> Result<Option<f64>, Fault> {
-    let Some(flights) = it.first_input() else { return Ok(None) };
-    let (year, doy) = (first(graph, store, flights, line, "year")?, first(graph, store, flights, line, "doy")?);
-    Ok(year.zip(doy).and_then(|(year, doy)| decimal_year(year as i32, doy as u32, 0.0).ok()))
+/// The date at the first sample of the line, as a decimal year, if the flight has columns for it.
+fn flight_date(year: Option<f64>, doy: Option<f64>) -> Option<f64> {
+    year.zip(doy).and_then(|(year, doy)| decimal_year(year as i32, doy as u32, 0.0).ok())
 }
 
 /// Time of a track's first rejected GNSS position, in seconds from the start of its line.

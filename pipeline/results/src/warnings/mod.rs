@@ -16,6 +16,7 @@ use store::Store;
 
 use crate::text::number;
 use cause::LineFacts;
+pub use cause::{NavigationSettings, NavigationSide};
 pub use row::LineMetrics;
 pub use written::written;
 
@@ -216,6 +217,12 @@ fn of_score(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warn
     Ok(judged.chain(of_whole(graph, unit, WarningKind::Metric, row::left_out(&batch))).collect())
 }
 
+/// The warnings of the scores `row` of one line of a navigation with these settings. They have no stage, point and line.
+pub fn of_navigation(row: &LineMetrics, settings: NavigationSettings) -> Vec<Warning> {
+    let facts = LineFacts { row, settings: Some(settings) };
+    judge(&facts).into_iter().map(|found| found.in_place((String::new(), SweepPoint::new(), None))).collect()
+}
+
 /// Warning without stage, point and line.
 struct WarningDraft {
     kind: WarningKind,
@@ -226,15 +233,21 @@ struct WarningDraft {
     cause: Option<String>,
 }
 
+/// Stage, sweep point, and flight with line.
+type WarningPlace = (String, SweepPoint, Option<(String, String)>);
+
 impl WarningDraft {
     fn at(self, graph: &PlanGraph, unit: PlanUnit) -> Warning {
-        let (stage, point, line) = place(graph, unit);
+        self.in_place(place(graph, unit))
+    }
+
+    fn in_place(self, (stage, point, line): WarningPlace) -> Warning {
         let WarningDraft { kind, value, limit, unit, text, cause } = self;
         Warning { stage, point, line, kind, value: Some(value), limit: Some(limit), unit, text, cause }
     }
 }
 
-fn place(graph: &PlanGraph, unit: PlanUnit) -> (String, SweepPoint, Option<(String, String)>) {
+fn place(graph: &PlanGraph, unit: PlanUnit) -> WarningPlace {
     let node = &graph.plan.tables[unit.table];
     let line = unit.line.and_then(|l: LineId| graph.lines.get(l).cloned());
     (node.name.clone(), graph.plan.instance(unit.table, unit.instance).point(), line)

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use schemas::Literal;
 
-use super::{cause::NavigationSettings, *};
+use super::*;
 
 fn facts<'a>(row: &'a LineMetrics, settings: NavigationSettings) -> LineFacts<'a> {
     LineFacts { row, settings: Some(settings) }
@@ -233,4 +233,45 @@ fn unit_a_line_over_a_flat_map_is_flagged() {
     let warnings = judge(&facts(&row, given(5.0)));
     assert_eq!((warnings.len(), warnings[0].kind, warnings[0].value), (1, WarningKind::Flat, 0.6));
     assert!(warnings[0].text.contains("60 % of the samples") && warnings[0].cause.is_some(), "{}", warnings[0].text);
+}
+
+#[test]
+fn unit_settings_follow_from_parameters_and_columns() {
+    let params = |pairs: &[(&'static str, &str)]| -> Vec<(&'static str, String)> {
+        pairs.iter().map(|(name, value)| (*name, (*value).to_owned())).collect()
+    };
+    let first = |side: NavigationSide, name: &str| {
+        Ok(match (side, name) {
+            (NavigationSide::Flight, "mag_sigma") => Some(7.0),
+            (NavigationSide::Track, "noise_fogm_sigma") => Some(2.5),
+            (NavigationSide::Flight, "year") => Some(2020.0),
+            (NavigationSide::Flight, "doy") => Some(183.0),
+            _ => None,
+        })
+    };
+    let given = [
+        ("measurement_sigma_nt", "auto"),
+        ("fogm_sigma_nt", "3.0"),
+        ("offset_window_s", "1.0"),
+        ("map_levels_m", "none"),
+        ("core_field", "true"),
+        ("decimal_year", "2015.5"),
+    ];
+    let settings = NavigationSettings::new(&params(&given), first).unwrap();
+    // An estimate of the track replaces the parameter.
+    assert_eq!((settings.sigma_nt, settings.fogm_sigma_nt), (Some(7.0), Some(2.5)));
+    assert!(!settings.found && !settings.levels && settings.offset_window_s == 1.0);
+    let (declared, flight) = settings.dates.unwrap();
+    assert!(declared == 2015.5 && (flight - 2020.5).abs() < 0.01, "{flight}");
+    let fixed = params(&[("measurement_sigma_nt", "4.0"), ("core_field", "false"), ("decimal_year", "2015.5")]);
+    let settings = NavigationSettings::new(&fixed, |_, _| Ok(None)).unwrap();
+    assert_eq!((settings.sigma_nt, settings.dates), (Some(4.0), None));
+}
+
+#[test]
+fn unit_warnings_of_a_navigation_have_no_place() {
+    let row = LineMetrics::from([("nis", 9.0)]);
+    let found = of_navigation(&row, given(2.0));
+    assert_eq!(found.iter().map(|one| one.kind).collect::<Vec<_>>(), [WarningKind::NisHigh]);
+    assert!(found[0].place().is_empty() && found[0].cause.as_deref().is_some_and(|cause| cause.contains("of 2.000")));
 }

@@ -1,0 +1,4016 @@
+"""Filters of the stage `navigate` as functions on arrays.
+
+Made from the declarations by `generate.py filters`; do not edit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+from numpy.typing import ArrayLike
+
+from magline._track import ListLike, Magnetometers, Track, navigate_line
+from magline.maps import Map
+
+__all__ = ["crlb", "ekf", "ekf_adaptive", "ekf_online_tl", "fixed_lag", "iekf", "mpf", "rts", "ukf"]
+
+
+def ekf(
+    tt_s: ArrayLike,
+    ins_lat_deg: ArrayLike,
+    ins_lon_deg: ArrayLike,
+    ins_alt_m: ArrayLike,
+    mag_nt: Magnetometers,
+    map: Map,
+    *,
+    ins_velocity_ned_mps: ArrayLike | None = None,
+    ins_force_ned_mps2: ArrayLike | None = None,
+    ins_attitude_deg: ArrayLike | None = None,
+    columns: Mapping[str, Any] | None = None,
+    tuning: Literal["auto", "magnav"] | None = None,
+    core_field: bool | None = None,
+    remove_diurnal: bool | None = None,
+    decimal_year: float | None = None,
+    map_interpolation: Literal["linear", "quadratic", "cubic"] | None = None,
+    map_levels_m: ListLike | None = None,
+    map_error_length_m: float | None = None,
+    offset_window_s: float | None = None,
+    measurement_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_tau_s: float | Literal["auto"] | None = None,
+    noise_column: str | None = None,
+    start: Literal["auto", "fix", "alignment", "given"] | None = None,
+    fix: ListLike | None = None,
+    fix_velocity: ListLike | None = None,
+    fix_sigma_m: float | None = None,
+    fix_alt_sigma_m: float | None = None,
+    fix_velocity_sigma_mps: float | None = None,
+    vector: str | None = None,
+    sensor_axis: ListLike | None = None,
+    dead_zones: Literal["none", "polar", "polar_and_equatorial"] | None = None,
+    ins_grade: Literal["magnav", "navigation", "tactical", "commercial"] | None = None,
+    init_position_sigma_m: float | None = None,
+    init_altitude_sigma_m: float | None = None,
+    init_velocity_sigma_mps: float | None = None,
+    init_attitude_sigma_deg: float | None = None,
+    init_heading_sigma_deg: float | None = None,
+    vrw_sigma: float | None = None,
+    arw_sigma: float | None = None,
+    baro_sigma_m: float | None = None,
+    ha_sigma_m: float | None = None,
+    a_hat_sigma_mps2: float | None = None,
+    acc_sigma_mps2: float | None = None,
+    gyro_sigma_radps: float | None = None,
+    baro_tau_s: float | None = None,
+    acc_tau_s: float | None = None,
+    gyro_tau_s: float | None = None,
+    save_state: bool | None = None,
+    gate_nis: float | None = None,
+    discretisation: Literal["trapezoidal", "rectangular", "van_loan"] | None = None,
+    gnss_lost_s: ListLike | None = None,
+    gnss: ListLike | None = None,
+    gnss_interval_s: float | None = None,
+    gnss_sigma_m: float | None = None,
+    gnss_alt_sigma_m: float | None = None,
+    gnss_noise: bool | None = None,
+    gnss_test: bool | None = None,
+    gradient: ListLike | None = None,
+    gradient_baseline_m: ListLike | None = None,
+    gradient_sigma_nt: float | None = None,
+    gradient_bias_sigma_nt: float | None = None,
+    gradient_bias_tau_s: float | None = None,
+    gradient_slope_sigma: float | Literal["auto"] | None = None,
+    use_scalar: bool | None = None,
+    vector_sigma_nt: float | None = None,
+    vector_bias_sigma_nt: float | None = None,
+    vector_bias_tau_s: float | None = None,
+    vector_crustal_sigma_nt: float | None = None,
+    vector_crustal_length_m: float | None = None,
+    height: str | None = None,
+    height_sigma_m: float | None = None,
+    height_bias_sigma_m: float | None = None,
+    height_bias_tau_s: float | None = None,
+    map_sigma_nt: float | None = None,
+    map_sigma_length_m: float | None = None,
+    mag_latency_sigma_s: float | None = None,
+    permanent_change_sigma_nt: float | None = None,
+    permanent_change_tau_s: float | None = None,
+    flat_over_m: float | None = None,
+) -> Track:
+    """The 18-state extended Kalman filter: position, velocity, tilt, accelerometer and gyro
+    biases, barometer loop, and temporal variation.
+
+    The map is linearised at the estimated position of each sample.
+
+    With `tuning = "auto"` the innovation variance includes the map's curvature over the
+    position's uncertainty, by second-order divided differences [Nørgaard, Poulsen & Ravn 2000].
+    Without it, the first updates after a coarse start reduce the covariance too far.
+
+    Parameters
+    ----------
+    tt_s : array_like
+        Times of the samples, s, ascending, of shape (samples,).
+    ins_lat_deg : array_like
+        Latitude of the INS, degrees, of shape (samples,).
+    ins_lon_deg : array_like
+        Longitude of the INS, degrees, of shape (samples,).
+    ins_alt_m : array_like
+        Height of the INS above the WGS-84 ellipsoid, m, of shape (samples,).
+    mag_nt : Magnetometers
+        Measured field, nT, of shape (samples,); NaN where there is no measurement. A mapping
+        holds several magnetometers under the names of their columns, such as `mag_1_c`
+        (compensated) or `mag_1_uc`.
+    map : Map
+        Anomaly map, such as the result of `magline.maps.open`.
+    ins_velocity_ned_mps : array_like, optional
+        Velocity of the INS north, east and down, m/s, of shape (samples, 3). Default: derived
+        from its positions.
+    ins_force_ned_mps2 : array_like, optional
+        Specific force of the INS north, east and down, m/s^2, of shape (samples, 3). Default:
+        derived from its velocities.
+    ins_attitude_deg : array_like, optional
+        Roll, pitch and yaw of the INS, degrees, of shape (samples, 3). Default: level, along
+        the course.
+    columns : Mapping[str, Any], optional
+        Further columns of the flight table under their names, in its units: those that keys
+        name, and those that the stage uses if they are there, such as `diurnal` (nT), `year`,
+        `doy`, `gnss_lat` (deg), `ins_aligned` (s), and the truth `lat` and `lon` (deg) and
+        `alt` (m). A value is an array of shape (samples,), one number or text for all samples,
+        or a pair of a matrix with one row per sample and the names of its columns.
+    tuning : {"auto", "magnav"}, optional
+        Source of unset parameters. `auto` estimates the noise of each line from the likelihood
+        of its innovations, rejects outliers, and continues a map of known height to the flight
+        heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
+        height. A key in the spec overrides either. Default: `"auto"`.
+    core_field : bool, optional
+        Predicts the core field as part of the measurement. `false`: the measurement is an
+        anomaly. Default: `true`.
+    remove_diurnal : bool, optional
+        Subtracts the column `diurnal` from the measurement, so that the filter need not
+        estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
+        Unset: true if the flight has the column and the measurement still contains it.
+    decimal_year : float, optional
+        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
+        1900 to 2030. Unset: the flight's own date.
+    map_interpolation : {"linear", "quadratic", "cubic"}, optional
+        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+    map_levels_m : ListLike, optional
+        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
+        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
+        `tuning = "auto"`, else used at its own height.
+    map_error_length_m : float, optional
+        Correlation length of the map error, for a map with the column `error` (`map_grid`,
+        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
+        added to the measurement noise of each sample. An extended Kalman filter predicts the
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
+        assumed exact.
+    offset_window_s : float, optional
+        Length of the window from the start of a line over which the mean of measurement minus
+        prediction is computed. This offset is subtracted before filtering, because compensation
+        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
+        Default: `0.0`.
+    measurement_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the white noise of a measurement: sensor, map and residual of the
+        compensation. `"auto"` uses the residual of the calibration, from the column
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
+        "auto"`, else 5.0.
+    fogm_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the first-order Gauss-Markov process for the temporal variation
+        and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
+        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+    fogm_tau_s : float | {"auto"}, optional
+        Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
+        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+    noise_column : str, optional
+        Column with the standard deviation of an additional error of each sample:
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
+        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
+        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+    start : {"auto", "fix", "alignment", "given"}, optional
+        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
+        are not valid minutes later. Default: `"auto"`.
+    fix : ListLike, optional
+        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
+        2 s of the line's start are used. White noise with the fix's standard deviations is
+        added to columns with the role truth. It is reproducible for each line. Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    fix_velocity : ListLike, optional
+        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
+        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
+        if the flight has them; else the velocity of the INS.
+    fix_sigma_m : float, optional
+        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `3.0`.
+    fix_alt_sigma_m : float, optional
+        Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
+    fix_velocity_sigma_mps : float, optional
+        Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
+        Default: `0.1`.
+    vector : str, optional
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
+        and the aircraft field at its position are neglected here. Unset: equal noise in all
+        attitudes.
+    sensor_axis : ListLike, optional
+        Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
+        Allowed: finite. Default: `[1.0,0.0,0.0]`.
+    dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
+        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
+        and inversely proportional to the amplitude. A sample below a tenth of the largest
+        amplitude has no measurement. Default: `"none"`.
+    ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
+        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
+        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
+        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
+        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
+        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
+        `ins_grade` if it has one.
+    init_position_sigma_m : float, optional
+        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Allowed: 0 or above. Default: `3.0`.
+    init_altitude_sigma_m : float, optional
+        Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
+        `0.001`.
+    init_velocity_sigma_mps : float, optional
+        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
+        above. Default: `0.01`.
+    init_attitude_sigma_deg : float, optional
+        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
+        Default: `0.01`.
+    init_heading_sigma_deg : float, optional
+        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
+        than the level tilt errors, because the INS finds north by the earth's rotation, which
+        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
+        tilt error.
+    vrw_sigma : float, optional
+        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
+        above. Default: `0.000238`.
+    arw_sigma : float, optional
+        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
+        or above. Default: `5.81e-7`.
+    baro_sigma_m : float, optional
+        Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
+    ha_sigma_m : float, optional
+        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
+        Allowed: 0 or above. Default: `0.001`.
+    a_hat_sigma_mps2 : float, optional
+        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
+        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+    acc_sigma_mps2 : float, optional
+        Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
+        `0.000245`.
+    gyro_sigma_radps : float, optional
+        Standard deviation of the gyro bias. Unit: rad/s. Allowed: 0 or above. Default:
+        `7.27e-9`.
+    baro_tau_s : float, optional
+        Time constant of the barometer error. Unit: s. Allowed: above 0. Default: `3600.0`.
+    acc_tau_s : float, optional
+        Time constant of the accelerometer bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    gyro_tau_s : float, optional
+        Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    save_state : bool, optional
+        Appends the state `x` and its covariance `p` (row-major). Default: `false`.
+    gate_nis : float, optional
+        Largest accepted NIS (squared innovation divided by its variance) of a measurement.
+        Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
+    discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
+        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
+        exact. Default: `"trapezoidal"`.
+    gnss_lost_s : ListLike, optional
+        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
+        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
+        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
+        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
+        not used.
+    gnss : ListLike, optional
+        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    gnss_interval_s : float, optional
+        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+    gnss_sigma_m : float, optional
+        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `2.0`.
+    gnss_alt_sigma_m : float, optional
+        Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
+    gnss_noise : bool, optional
+        Adds white noise with these standard deviations to the positions. It is reproducible for
+        each line. The truth of a simulation is free of noise; a filter that assumes noise where
+        there is none appears better than it is. Unset: true if `gnss` names columns of the role
+        truth.
+    gnss_test : bool, optional
+        Tests each position against the INS, alone (chi-square) and together with earlier
+        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
+        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
+        Positions are accepted again after ten consecutive positions agree with the INS.
+        `gnss_update` is appended with and without the test. Default: `true`.
+    gradient : ListLike, optional
+        Two compensated scalar magnetometers. Their difference, first minus second, measures the
+        slope of the map along the line between them. The temporal variation and all other
+        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
+        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+    gradient_baseline_m : ListLike, optional
+        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
+        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
+        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
+        `gradient`.
+    gradient_sigma_nt : float, optional
+        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
+        Default: `0.1`.
+    gradient_bias_sigma_nt : float, optional
+        Standard deviation of the slow error of the difference, such as the undetermined
+        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+    gradient_bias_tau_s : float, optional
+        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    gradient_slope_sigma : float | {"auto"}, optional
+        Standard deviation of the error of the map's slope along that line. Multiplied by the
+        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
+        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
+        difference, which also detects maps made from sparse lines. For a map without a vertical
+        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
+        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+    use_scalar : bool, optional
+        Uses `mag` for the measurement update too. `false` uses only the difference and the
+        vector, for example in a magnetic storm. Default: `true`.
+    vector_sigma_nt : float, optional
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        is a measurement of the attitude about the field and of the scalar field. Requires
+        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
+        above 0. Unset: the vector is not measured.
+    vector_bias_sigma_nt : float, optional
+        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
+        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+    vector_bias_tau_s : float, optional
+        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    vector_crustal_sigma_nt : float, optional
+        Standard deviation of the part of each crustal-field component that a map of the scalar
+        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
+    vector_crustal_length_m : float, optional
+        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
+    height : str, optional
+        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
+        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        used.
+    height_sigma_m : float, optional
+        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
+        `3.0`.
+    height_bias_sigma_m : float, optional
+        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
+        m. Allowed: 0 or above. Default: `30.0`.
+    height_bias_tau_s : float, optional
+        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    map_sigma_nt : float, optional
+        Standard deviation of the map error as a state that is correlated along the track. Unit:
+        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+    map_sigma_length_m : float, optional
+        Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
+        above 0. Default: `500.0`.
+    mag_latency_sigma_s : float, optional
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
+        is a state of the filter, constant along the line. A sample stamped `t` was measured at
+        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
+        exact.
+    permanent_change_sigma_nt : float, optional
+        Standard deviation of each component (nose, right, down) of the change of the aircraft's
+        permanent field since its calibration. The change is three further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
+        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
+        0.
+    permanent_change_tau_s : float, optional
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
+        `tuning = "auto"`, else the change is constant along the line.
+    flat_over_m : float, optional
+        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
+        which the sample observes the position. Above it the sample is `flat` and corrects only
+        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
+        0. Unset: all samples observe the position.
+
+    Returns
+    -------
+    Track
+        Estimate at each sample, innovations, warnings and notes.
+
+    Raises
+    ------
+    SpecError
+        If a key is unknown, has an invalid value, or has no effect.
+    DataError
+        If the line cannot be filtered, such as an INS with a NaN or a line off the map.
+    ValueError
+        If the shapes of the arrays differ.
+
+    References
+    ----------
+    Gnadt 2022, section 5.3, with F and H verified by finite differences and the process noise
+    discretised.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magline import filters, maps
+    >>> lat, lon = np.linspace(45.0, 45.2, 201), np.linspace(-76.1, -75.9, 201)
+    >>> hills = 60.0 * np.sin(400.0 * lat[:, None]) + 50.0 * np.cos(500.0 * (lat[:, None] + lon))
+    >>> field = maps.Map(lon, lat, hills, np.full(hills.shape, 300.0), 4326, "deg")
+    >>> t = np.arange(100.0)  # northward over the nodes of a column; the INS is 11 m too far north
+    >>> ins = t, lat[50:150] + 1e-4, np.full(100, lon[100]), np.full(100, 300.0)
+    >>> start = {"start": "given", "init_position_sigma_m": 20.0}
+    >>> track = filters.ekf(*ins, hills[50:150, 100], field, core_field=False, **start)
+    >>> bool(abs(track.lat_deg[-1] - lat[149]) < 5e-5)
+    True
+    """
+    return navigate_line("ekf", locals())
+
+
+def iekf(
+    tt_s: ArrayLike,
+    ins_lat_deg: ArrayLike,
+    ins_lon_deg: ArrayLike,
+    ins_alt_m: ArrayLike,
+    mag_nt: Magnetometers,
+    map: Map,
+    *,
+    ins_velocity_ned_mps: ArrayLike | None = None,
+    ins_force_ned_mps2: ArrayLike | None = None,
+    ins_attitude_deg: ArrayLike | None = None,
+    columns: Mapping[str, Any] | None = None,
+    tuning: Literal["auto", "magnav"] | None = None,
+    core_field: bool | None = None,
+    remove_diurnal: bool | None = None,
+    decimal_year: float | None = None,
+    map_interpolation: Literal["linear", "quadratic", "cubic"] | None = None,
+    map_levels_m: ListLike | None = None,
+    map_error_length_m: float | None = None,
+    offset_window_s: float | None = None,
+    measurement_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_tau_s: float | Literal["auto"] | None = None,
+    noise_column: str | None = None,
+    start: Literal["auto", "fix", "alignment", "given"] | None = None,
+    fix: ListLike | None = None,
+    fix_velocity: ListLike | None = None,
+    fix_sigma_m: float | None = None,
+    fix_alt_sigma_m: float | None = None,
+    fix_velocity_sigma_mps: float | None = None,
+    vector: str | None = None,
+    sensor_axis: ListLike | None = None,
+    dead_zones: Literal["none", "polar", "polar_and_equatorial"] | None = None,
+    ins_grade: Literal["magnav", "navigation", "tactical", "commercial"] | None = None,
+    init_position_sigma_m: float | None = None,
+    init_altitude_sigma_m: float | None = None,
+    init_velocity_sigma_mps: float | None = None,
+    init_attitude_sigma_deg: float | None = None,
+    init_heading_sigma_deg: float | None = None,
+    vrw_sigma: float | None = None,
+    arw_sigma: float | None = None,
+    baro_sigma_m: float | None = None,
+    ha_sigma_m: float | None = None,
+    a_hat_sigma_mps2: float | None = None,
+    acc_sigma_mps2: float | None = None,
+    gyro_sigma_radps: float | None = None,
+    baro_tau_s: float | None = None,
+    acc_tau_s: float | None = None,
+    gyro_tau_s: float | None = None,
+    iterations: int | None = None,
+    tolerance_m: float | None = None,
+    save_state: bool | None = None,
+    gate_nis: float | None = None,
+    discretisation: Literal["trapezoidal", "rectangular", "van_loan"] | None = None,
+    gnss_lost_s: ListLike | None = None,
+    gnss: ListLike | None = None,
+    gnss_interval_s: float | None = None,
+    gnss_sigma_m: float | None = None,
+    gnss_alt_sigma_m: float | None = None,
+    gnss_noise: bool | None = None,
+    gnss_test: bool | None = None,
+    gradient: ListLike | None = None,
+    gradient_baseline_m: ListLike | None = None,
+    gradient_sigma_nt: float | None = None,
+    gradient_bias_sigma_nt: float | None = None,
+    gradient_bias_tau_s: float | None = None,
+    gradient_slope_sigma: float | Literal["auto"] | None = None,
+    use_scalar: bool | None = None,
+    vector_sigma_nt: float | None = None,
+    vector_bias_sigma_nt: float | None = None,
+    vector_bias_tau_s: float | None = None,
+    vector_crustal_sigma_nt: float | None = None,
+    vector_crustal_length_m: float | None = None,
+    height: str | None = None,
+    height_sigma_m: float | None = None,
+    height_bias_sigma_m: float | None = None,
+    height_bias_tau_s: float | None = None,
+    map_sigma_nt: float | None = None,
+    map_sigma_length_m: float | None = None,
+    mag_latency_sigma_s: float | None = None,
+    permanent_change_sigma_nt: float | None = None,
+    permanent_change_tau_s: float | None = None,
+    flat_over_m: float | None = None,
+) -> Track:
+    """The 18-state iterated extended Kalman filter.
+
+    At each sample it linearises the map again at each new estimate until it finds the most
+    probable state. If the position error is not small compared with the wavelengths of the map,
+    the single linearisation of `ekf` is inaccurate and overconfident. This filter tolerates
+    errors several times as large and takes little more time.
+
+    A step that would make the state less probable is halved. With `iterations = 1` the filter
+    is `ekf`.
+
+    Parameters
+    ----------
+    tt_s : array_like
+        Times of the samples, s, ascending, of shape (samples,).
+    ins_lat_deg : array_like
+        Latitude of the INS, degrees, of shape (samples,).
+    ins_lon_deg : array_like
+        Longitude of the INS, degrees, of shape (samples,).
+    ins_alt_m : array_like
+        Height of the INS above the WGS-84 ellipsoid, m, of shape (samples,).
+    mag_nt : Magnetometers
+        Measured field, nT, of shape (samples,); NaN where there is no measurement. A mapping
+        holds several magnetometers under the names of their columns, such as `mag_1_c`
+        (compensated) or `mag_1_uc`.
+    map : Map
+        Anomaly map, such as the result of `magline.maps.open`.
+    ins_velocity_ned_mps : array_like, optional
+        Velocity of the INS north, east and down, m/s, of shape (samples, 3). Default: derived
+        from its positions.
+    ins_force_ned_mps2 : array_like, optional
+        Specific force of the INS north, east and down, m/s^2, of shape (samples, 3). Default:
+        derived from its velocities.
+    ins_attitude_deg : array_like, optional
+        Roll, pitch and yaw of the INS, degrees, of shape (samples, 3). Default: level, along
+        the course.
+    columns : Mapping[str, Any], optional
+        Further columns of the flight table under their names, in its units: those that keys
+        name, and those that the stage uses if they are there, such as `diurnal` (nT), `year`,
+        `doy`, `gnss_lat` (deg), `ins_aligned` (s), and the truth `lat` and `lon` (deg) and
+        `alt` (m). A value is an array of shape (samples,), one number or text for all samples,
+        or a pair of a matrix with one row per sample and the names of its columns.
+    tuning : {"auto", "magnav"}, optional
+        Source of unset parameters. `auto` estimates the noise of each line from the likelihood
+        of its innovations, rejects outliers, and continues a map of known height to the flight
+        heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
+        height. A key in the spec overrides either. Default: `"auto"`.
+    core_field : bool, optional
+        Predicts the core field as part of the measurement. `false`: the measurement is an
+        anomaly. Default: `true`.
+    remove_diurnal : bool, optional
+        Subtracts the column `diurnal` from the measurement, so that the filter need not
+        estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
+        Unset: true if the flight has the column and the measurement still contains it.
+    decimal_year : float, optional
+        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
+        1900 to 2030. Unset: the flight's own date.
+    map_interpolation : {"linear", "quadratic", "cubic"}, optional
+        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+    map_levels_m : ListLike, optional
+        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
+        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
+        `tuning = "auto"`, else used at its own height.
+    map_error_length_m : float, optional
+        Correlation length of the map error, for a map with the column `error` (`map_grid`,
+        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
+        added to the measurement noise of each sample. An extended Kalman filter predicts the
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
+        assumed exact.
+    offset_window_s : float, optional
+        Length of the window from the start of a line over which the mean of measurement minus
+        prediction is computed. This offset is subtracted before filtering, because compensation
+        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
+        Default: `0.0`.
+    measurement_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the white noise of a measurement: sensor, map and residual of the
+        compensation. `"auto"` uses the residual of the calibration, from the column
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
+        "auto"`, else 5.0.
+    fogm_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the first-order Gauss-Markov process for the temporal variation
+        and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
+        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+    fogm_tau_s : float | {"auto"}, optional
+        Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
+        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+    noise_column : str, optional
+        Column with the standard deviation of an additional error of each sample:
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
+        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
+        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+    start : {"auto", "fix", "alignment", "given"}, optional
+        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
+        are not valid minutes later. Default: `"auto"`.
+    fix : ListLike, optional
+        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
+        2 s of the line's start are used. White noise with the fix's standard deviations is
+        added to columns with the role truth. It is reproducible for each line. Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    fix_velocity : ListLike, optional
+        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
+        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
+        if the flight has them; else the velocity of the INS.
+    fix_sigma_m : float, optional
+        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `3.0`.
+    fix_alt_sigma_m : float, optional
+        Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
+    fix_velocity_sigma_mps : float, optional
+        Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
+        Default: `0.1`.
+    vector : str, optional
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
+        and the aircraft field at its position are neglected here. Unset: equal noise in all
+        attitudes.
+    sensor_axis : ListLike, optional
+        Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
+        Allowed: finite. Default: `[1.0,0.0,0.0]`.
+    dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
+        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
+        and inversely proportional to the amplitude. A sample below a tenth of the largest
+        amplitude has no measurement. Default: `"none"`.
+    ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
+        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
+        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
+        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
+        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
+        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
+        `ins_grade` if it has one.
+    init_position_sigma_m : float, optional
+        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Allowed: 0 or above. Default: `3.0`.
+    init_altitude_sigma_m : float, optional
+        Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
+        `0.001`.
+    init_velocity_sigma_mps : float, optional
+        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
+        above. Default: `0.01`.
+    init_attitude_sigma_deg : float, optional
+        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
+        Default: `0.01`.
+    init_heading_sigma_deg : float, optional
+        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
+        than the level tilt errors, because the INS finds north by the earth's rotation, which
+        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
+        tilt error.
+    vrw_sigma : float, optional
+        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
+        above. Default: `0.000238`.
+    arw_sigma : float, optional
+        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
+        or above. Default: `5.81e-7`.
+    baro_sigma_m : float, optional
+        Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
+    ha_sigma_m : float, optional
+        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
+        Allowed: 0 or above. Default: `0.001`.
+    a_hat_sigma_mps2 : float, optional
+        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
+        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+    acc_sigma_mps2 : float, optional
+        Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
+        `0.000245`.
+    gyro_sigma_radps : float, optional
+        Standard deviation of the gyro bias. Unit: rad/s. Allowed: 0 or above. Default:
+        `7.27e-9`.
+    baro_tau_s : float, optional
+        Time constant of the barometer error. Unit: s. Allowed: above 0. Default: `3600.0`.
+    acc_tau_s : float, optional
+        Time constant of the accelerometer bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    gyro_tau_s : float, optional
+        Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    iterations : int, optional
+        Maximum number of linearisations of the map per sample. Allowed: 1 to 1000. Default:
+        `5`.
+    tolerance_m : float, optional
+        Position change of an iteration step below which the iteration ends. Unit: m. Allowed:
+        above 0. Default: `0.1`.
+    save_state : bool, optional
+        Appends the state `x` and its covariance `p` (row-major). Default: `false`.
+    gate_nis : float, optional
+        Largest accepted NIS (squared innovation divided by its variance) of a measurement.
+        Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
+    discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
+        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
+        exact. Default: `"trapezoidal"`.
+    gnss_lost_s : ListLike, optional
+        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
+        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
+        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
+        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
+        not used.
+    gnss : ListLike, optional
+        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    gnss_interval_s : float, optional
+        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+    gnss_sigma_m : float, optional
+        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `2.0`.
+    gnss_alt_sigma_m : float, optional
+        Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
+    gnss_noise : bool, optional
+        Adds white noise with these standard deviations to the positions. It is reproducible for
+        each line. The truth of a simulation is free of noise; a filter that assumes noise where
+        there is none appears better than it is. Unset: true if `gnss` names columns of the role
+        truth.
+    gnss_test : bool, optional
+        Tests each position against the INS, alone (chi-square) and together with earlier
+        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
+        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
+        Positions are accepted again after ten consecutive positions agree with the INS.
+        `gnss_update` is appended with and without the test. Default: `true`.
+    gradient : ListLike, optional
+        Two compensated scalar magnetometers. Their difference, first minus second, measures the
+        slope of the map along the line between them. The temporal variation and all other
+        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
+        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+    gradient_baseline_m : ListLike, optional
+        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
+        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
+        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
+        `gradient`.
+    gradient_sigma_nt : float, optional
+        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
+        Default: `0.1`.
+    gradient_bias_sigma_nt : float, optional
+        Standard deviation of the slow error of the difference, such as the undetermined
+        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+    gradient_bias_tau_s : float, optional
+        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    gradient_slope_sigma : float | {"auto"}, optional
+        Standard deviation of the error of the map's slope along that line. Multiplied by the
+        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
+        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
+        difference, which also detects maps made from sparse lines. For a map without a vertical
+        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
+        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+    use_scalar : bool, optional
+        Uses `mag` for the measurement update too. `false` uses only the difference and the
+        vector, for example in a magnetic storm. Default: `true`.
+    vector_sigma_nt : float, optional
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        is a measurement of the attitude about the field and of the scalar field. Requires
+        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
+        above 0. Unset: the vector is not measured.
+    vector_bias_sigma_nt : float, optional
+        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
+        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+    vector_bias_tau_s : float, optional
+        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    vector_crustal_sigma_nt : float, optional
+        Standard deviation of the part of each crustal-field component that a map of the scalar
+        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
+    vector_crustal_length_m : float, optional
+        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
+    height : str, optional
+        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
+        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        used.
+    height_sigma_m : float, optional
+        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
+        `3.0`.
+    height_bias_sigma_m : float, optional
+        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
+        m. Allowed: 0 or above. Default: `30.0`.
+    height_bias_tau_s : float, optional
+        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    map_sigma_nt : float, optional
+        Standard deviation of the map error as a state that is correlated along the track. Unit:
+        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+    map_sigma_length_m : float, optional
+        Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
+        above 0. Default: `500.0`.
+    mag_latency_sigma_s : float, optional
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
+        is a state of the filter, constant along the line. A sample stamped `t` was measured at
+        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
+        exact.
+    permanent_change_sigma_nt : float, optional
+        Standard deviation of each component (nose, right, down) of the change of the aircraft's
+        permanent field since its calibration. The change is three further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
+        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
+        0.
+    permanent_change_tau_s : float, optional
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
+        `tuning = "auto"`, else the change is constant along the line.
+    flat_over_m : float, optional
+        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
+        which the sample observes the position. Above it the sample is `flat` and corrects only
+        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
+        0. Unset: all samples observe the position.
+
+    Returns
+    -------
+    Track
+        Estimate at each sample, innovations, warnings and notes.
+
+    Raises
+    ------
+    SpecError
+        If a key is unknown, has an invalid value, or has no effect.
+    DataError
+        If the line cannot be filtered, such as an INS with a NaN or a line off the map.
+    ValueError
+        If the shapes of the arrays differ.
+
+    References
+    ----------
+    Jazwinski 1970, chapter 8; Bell & Cathey 1993, with a line search added.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magline import filters, maps
+    >>> lat, lon = np.linspace(45.0, 45.2, 201), np.linspace(-76.1, -75.9, 201)
+    >>> hills = 60.0 * np.sin(400.0 * lat[:, None]) + 50.0 * np.cos(500.0 * (lat[:, None] + lon))
+    >>> field = maps.Map(lon, lat, hills, np.full(hills.shape, 300.0), 4326, "deg")
+    >>> t = np.arange(100.0)  # northward over the nodes of a column; the INS is 11 m too far north
+    >>> ins = t, lat[50:150] + 1e-4, np.full(100, lon[100]), np.full(100, 300.0)
+    >>> start = {"start": "given", "init_position_sigma_m": 20.0}
+    >>> track = filters.iekf(*ins, hills[50:150, 100], field, core_field=False, **start)
+    >>> bool(abs(track.lat_deg[-1] - lat[149]) < 5e-5)
+    True
+    """
+    return navigate_line("iekf", locals())
+
+
+def ukf(
+    tt_s: ArrayLike,
+    ins_lat_deg: ArrayLike,
+    ins_lon_deg: ArrayLike,
+    ins_alt_m: ArrayLike,
+    mag_nt: Magnetometers,
+    map: Map,
+    *,
+    ins_velocity_ned_mps: ArrayLike | None = None,
+    ins_force_ned_mps2: ArrayLike | None = None,
+    ins_attitude_deg: ArrayLike | None = None,
+    columns: Mapping[str, Any] | None = None,
+    tuning: Literal["auto", "magnav"] | None = None,
+    core_field: bool | None = None,
+    remove_diurnal: bool | None = None,
+    decimal_year: float | None = None,
+    map_interpolation: Literal["linear", "quadratic", "cubic"] | None = None,
+    map_levels_m: ListLike | None = None,
+    map_error_length_m: float | None = None,
+    offset_window_s: float | None = None,
+    measurement_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_tau_s: float | Literal["auto"] | None = None,
+    noise_column: str | None = None,
+    start: Literal["auto", "fix", "alignment", "given"] | None = None,
+    fix: ListLike | None = None,
+    fix_velocity: ListLike | None = None,
+    fix_sigma_m: float | None = None,
+    fix_alt_sigma_m: float | None = None,
+    fix_velocity_sigma_mps: float | None = None,
+    vector: str | None = None,
+    sensor_axis: ListLike | None = None,
+    dead_zones: Literal["none", "polar", "polar_and_equatorial"] | None = None,
+    ins_grade: Literal["magnav", "navigation", "tactical", "commercial"] | None = None,
+    init_position_sigma_m: float | None = None,
+    init_altitude_sigma_m: float | None = None,
+    init_velocity_sigma_mps: float | None = None,
+    init_attitude_sigma_deg: float | None = None,
+    init_heading_sigma_deg: float | None = None,
+    vrw_sigma: float | None = None,
+    arw_sigma: float | None = None,
+    baro_sigma_m: float | None = None,
+    ha_sigma_m: float | None = None,
+    a_hat_sigma_mps2: float | None = None,
+    acc_sigma_mps2: float | None = None,
+    gyro_sigma_radps: float | None = None,
+    baro_tau_s: float | None = None,
+    acc_tau_s: float | None = None,
+    gyro_tau_s: float | None = None,
+    alpha: float | None = None,
+    beta: float | None = None,
+    kappa: float | None = None,
+    gate_nis: float | None = None,
+    discretisation: Literal["trapezoidal", "rectangular", "van_loan"] | None = None,
+    save_state: bool | None = None,
+    gnss_lost_s: ListLike | None = None,
+    gnss: ListLike | None = None,
+    gnss_interval_s: float | None = None,
+    gnss_sigma_m: float | None = None,
+    gnss_alt_sigma_m: float | None = None,
+    gnss_noise: bool | None = None,
+    gnss_test: bool | None = None,
+    gradient: ListLike | None = None,
+    gradient_baseline_m: ListLike | None = None,
+    gradient_sigma_nt: float | None = None,
+    gradient_bias_sigma_nt: float | None = None,
+    gradient_bias_tau_s: float | None = None,
+    gradient_slope_sigma: float | Literal["auto"] | None = None,
+    use_scalar: bool | None = None,
+    vector_sigma_nt: float | None = None,
+    vector_bias_sigma_nt: float | None = None,
+    vector_bias_tau_s: float | None = None,
+    vector_crustal_sigma_nt: float | None = None,
+    vector_crustal_length_m: float | None = None,
+    height: str | None = None,
+    height_sigma_m: float | None = None,
+    height_bias_sigma_m: float | None = None,
+    height_bias_tau_s: float | None = None,
+    map_sigma_nt: float | None = None,
+    map_sigma_length_m: float | None = None,
+    mag_latency_sigma_s: float | None = None,
+    permanent_change_sigma_nt: float | None = None,
+    permanent_change_tau_s: float | None = None,
+    flat_over_m: float | None = None,
+) -> Track:
+    """The unscented Kalman filter on the states of `ekf`.
+
+    Instead of linearising the map at the estimated position, the filter fits it by regression
+    over the position's uncertainty, from seven map values per sample. If the map is linear over
+    that uncertainty, the filter equals the EKF. Otherwise it treats the nonlinearity of the map
+    as noise. Use it if the position uncertainty exceeds the node spacing of the map.
+
+    Where an outer point is off the map, the map is linearised at the estimated position.
+    `sd_nonlinear` is the part of the innovation's standard deviation due to the nonlinearity of
+    the map; NaN where it is not computed.
+
+    Parameters
+    ----------
+    tt_s : array_like
+        Times of the samples, s, ascending, of shape (samples,).
+    ins_lat_deg : array_like
+        Latitude of the INS, degrees, of shape (samples,).
+    ins_lon_deg : array_like
+        Longitude of the INS, degrees, of shape (samples,).
+    ins_alt_m : array_like
+        Height of the INS above the WGS-84 ellipsoid, m, of shape (samples,).
+    mag_nt : Magnetometers
+        Measured field, nT, of shape (samples,); NaN where there is no measurement. A mapping
+        holds several magnetometers under the names of their columns, such as `mag_1_c`
+        (compensated) or `mag_1_uc`.
+    map : Map
+        Anomaly map, such as the result of `magline.maps.open`.
+    ins_velocity_ned_mps : array_like, optional
+        Velocity of the INS north, east and down, m/s, of shape (samples, 3). Default: derived
+        from its positions.
+    ins_force_ned_mps2 : array_like, optional
+        Specific force of the INS north, east and down, m/s^2, of shape (samples, 3). Default:
+        derived from its velocities.
+    ins_attitude_deg : array_like, optional
+        Roll, pitch and yaw of the INS, degrees, of shape (samples, 3). Default: level, along
+        the course.
+    columns : Mapping[str, Any], optional
+        Further columns of the flight table under their names, in its units: those that keys
+        name, and those that the stage uses if they are there, such as `diurnal` (nT), `year`,
+        `doy`, `gnss_lat` (deg), `ins_aligned` (s), and the truth `lat` and `lon` (deg) and
+        `alt` (m). A value is an array of shape (samples,), one number or text for all samples,
+        or a pair of a matrix with one row per sample and the names of its columns.
+    tuning : {"auto", "magnav"}, optional
+        Source of unset parameters. `auto` estimates the noise of each line from the likelihood
+        of its innovations, rejects outliers, and continues a map of known height to the flight
+        heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
+        height. A key in the spec overrides either. Default: `"auto"`.
+    core_field : bool, optional
+        Predicts the core field as part of the measurement. `false`: the measurement is an
+        anomaly. Default: `true`.
+    remove_diurnal : bool, optional
+        Subtracts the column `diurnal` from the measurement, so that the filter need not
+        estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
+        Unset: true if the flight has the column and the measurement still contains it.
+    decimal_year : float, optional
+        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
+        1900 to 2030. Unset: the flight's own date.
+    map_interpolation : {"linear", "quadratic", "cubic"}, optional
+        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+    map_levels_m : ListLike, optional
+        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
+        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
+        `tuning = "auto"`, else used at its own height.
+    map_error_length_m : float, optional
+        Correlation length of the map error, for a map with the column `error` (`map_grid`,
+        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
+        added to the measurement noise of each sample. An extended Kalman filter predicts the
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
+        assumed exact.
+    offset_window_s : float, optional
+        Length of the window from the start of a line over which the mean of measurement minus
+        prediction is computed. This offset is subtracted before filtering, because compensation
+        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
+        Default: `0.0`.
+    measurement_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the white noise of a measurement: sensor, map and residual of the
+        compensation. `"auto"` uses the residual of the calibration, from the column
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
+        "auto"`, else 5.0.
+    fogm_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the first-order Gauss-Markov process for the temporal variation
+        and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
+        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+    fogm_tau_s : float | {"auto"}, optional
+        Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
+        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+    noise_column : str, optional
+        Column with the standard deviation of an additional error of each sample:
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
+        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
+        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+    start : {"auto", "fix", "alignment", "given"}, optional
+        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
+        are not valid minutes later. Default: `"auto"`.
+    fix : ListLike, optional
+        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
+        2 s of the line's start are used. White noise with the fix's standard deviations is
+        added to columns with the role truth. It is reproducible for each line. Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    fix_velocity : ListLike, optional
+        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
+        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
+        if the flight has them; else the velocity of the INS.
+    fix_sigma_m : float, optional
+        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `3.0`.
+    fix_alt_sigma_m : float, optional
+        Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
+    fix_velocity_sigma_mps : float, optional
+        Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
+        Default: `0.1`.
+    vector : str, optional
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
+        and the aircraft field at its position are neglected here. Unset: equal noise in all
+        attitudes.
+    sensor_axis : ListLike, optional
+        Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
+        Allowed: finite. Default: `[1.0,0.0,0.0]`.
+    dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
+        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
+        and inversely proportional to the amplitude. A sample below a tenth of the largest
+        amplitude has no measurement. Default: `"none"`.
+    ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
+        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
+        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
+        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
+        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
+        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
+        `ins_grade` if it has one.
+    init_position_sigma_m : float, optional
+        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Allowed: 0 or above. Default: `3.0`.
+    init_altitude_sigma_m : float, optional
+        Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
+        `0.001`.
+    init_velocity_sigma_mps : float, optional
+        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
+        above. Default: `0.01`.
+    init_attitude_sigma_deg : float, optional
+        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
+        Default: `0.01`.
+    init_heading_sigma_deg : float, optional
+        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
+        than the level tilt errors, because the INS finds north by the earth's rotation, which
+        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
+        tilt error.
+    vrw_sigma : float, optional
+        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
+        above. Default: `0.000238`.
+    arw_sigma : float, optional
+        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
+        or above. Default: `5.81e-7`.
+    baro_sigma_m : float, optional
+        Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
+    ha_sigma_m : float, optional
+        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
+        Allowed: 0 or above. Default: `0.001`.
+    a_hat_sigma_mps2 : float, optional
+        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
+        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+    acc_sigma_mps2 : float, optional
+        Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
+        `0.000245`.
+    gyro_sigma_radps : float, optional
+        Standard deviation of the gyro bias. Unit: rad/s. Allowed: 0 or above. Default:
+        `7.27e-9`.
+    baro_tau_s : float, optional
+        Time constant of the barometer error. Unit: s. Allowed: above 0. Default: `3600.0`.
+    acc_tau_s : float, optional
+        Time constant of the accelerometer bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    gyro_tau_s : float, optional
+        Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    alpha : float, optional
+        Scale factor of the distance of the outer points. Allowed: above 0. Default: `1.0`.
+    beta : float, optional
+        Additional weight of the centre in the variance, compared with the mean; at least
+        -alpha² kappa/3. Averaged over directions, the variance computed for the nonlinearity of
+        the field is (5 + 4 beta)/8 of the true variance. The filter is therefore cautious with
+        a beta of 2. Allowed: finite. Default: `2.0`.
+    kappa : float, optional
+        Parameter of the outer points, which are alpha sqrt(3 + kappa) standard deviations from
+        the centre; above -3. With 0 the gain is exact to the fourth moment of a normal
+        distribution. Allowed: finite. Default: `0.0`.
+    gate_nis : float, optional
+        Largest accepted NIS (squared innovation divided by its variance) of a measurement.
+        Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
+    discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
+        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
+        exact. Default: `"trapezoidal"`.
+    save_state : bool, optional
+        Appends the state `x` and its covariance `p` (row-major). Default: `false`.
+    gnss_lost_s : ListLike, optional
+        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
+        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
+        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
+        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
+        not used.
+    gnss : ListLike, optional
+        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    gnss_interval_s : float, optional
+        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+    gnss_sigma_m : float, optional
+        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `2.0`.
+    gnss_alt_sigma_m : float, optional
+        Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
+    gnss_noise : bool, optional
+        Adds white noise with these standard deviations to the positions. It is reproducible for
+        each line. The truth of a simulation is free of noise; a filter that assumes noise where
+        there is none appears better than it is. Unset: true if `gnss` names columns of the role
+        truth.
+    gnss_test : bool, optional
+        Tests each position against the INS, alone (chi-square) and together with earlier
+        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
+        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
+        Positions are accepted again after ten consecutive positions agree with the INS.
+        `gnss_update` is appended with and without the test. Default: `true`.
+    gradient : ListLike, optional
+        Two compensated scalar magnetometers. Their difference, first minus second, measures the
+        slope of the map along the line between them. The temporal variation and all other
+        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
+        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+    gradient_baseline_m : ListLike, optional
+        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
+        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
+        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
+        `gradient`.
+    gradient_sigma_nt : float, optional
+        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
+        Default: `0.1`.
+    gradient_bias_sigma_nt : float, optional
+        Standard deviation of the slow error of the difference, such as the undetermined
+        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+    gradient_bias_tau_s : float, optional
+        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    gradient_slope_sigma : float | {"auto"}, optional
+        Standard deviation of the error of the map's slope along that line. Multiplied by the
+        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
+        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
+        difference, which also detects maps made from sparse lines. For a map without a vertical
+        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
+        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+    use_scalar : bool, optional
+        Uses `mag` for the measurement update too. `false` uses only the difference and the
+        vector, for example in a magnetic storm. Default: `true`.
+    vector_sigma_nt : float, optional
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        is a measurement of the attitude about the field and of the scalar field. Requires
+        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
+        above 0. Unset: the vector is not measured.
+    vector_bias_sigma_nt : float, optional
+        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
+        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+    vector_bias_tau_s : float, optional
+        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    vector_crustal_sigma_nt : float, optional
+        Standard deviation of the part of each crustal-field component that a map of the scalar
+        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
+    vector_crustal_length_m : float, optional
+        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
+    height : str, optional
+        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
+        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        used.
+    height_sigma_m : float, optional
+        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
+        `3.0`.
+    height_bias_sigma_m : float, optional
+        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
+        m. Allowed: 0 or above. Default: `30.0`.
+    height_bias_tau_s : float, optional
+        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    map_sigma_nt : float, optional
+        Standard deviation of the map error as a state that is correlated along the track. Unit:
+        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+    map_sigma_length_m : float, optional
+        Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
+        above 0. Default: `500.0`.
+    mag_latency_sigma_s : float, optional
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
+        is a state of the filter, constant along the line. A sample stamped `t` was measured at
+        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
+        exact.
+    permanent_change_sigma_nt : float, optional
+        Standard deviation of each component (nose, right, down) of the change of the aircraft's
+        permanent field since its calibration. The change is three further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
+        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
+        0.
+    permanent_change_tau_s : float, optional
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
+        `tuning = "auto"`, else the change is constant along the line.
+    flat_over_m : float, optional
+        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
+        which the sample observes the position. Above it the sample is `flat` and corrects only
+        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
+        0. Unset: all samples observe the position.
+
+    Returns
+    -------
+    Track
+        Estimate at each sample, innovations, warnings and notes.
+
+    Raises
+    ------
+    SpecError
+        If a key is unknown, has an invalid value, or has no effect.
+    DataError
+        If the line cannot be filtered, such as an INS with a NaN or a line off the map.
+    ValueError
+        If the shapes of the arrays differ.
+
+    References
+    ----------
+    Julier & Uhlmann 2004; Morelande & Ristic 2006, for a measurement that is nonlinear in the
+    position only.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magline import filters, maps
+    >>> lat, lon = np.linspace(45.0, 45.2, 201), np.linspace(-76.1, -75.9, 201)
+    >>> hills = 60.0 * np.sin(400.0 * lat[:, None]) + 50.0 * np.cos(500.0 * (lat[:, None] + lon))
+    >>> field = maps.Map(lon, lat, hills, np.full(hills.shape, 300.0), 4326, "deg")
+    >>> t = np.arange(100.0)  # northward over the nodes of a column; the INS is 11 m too far north
+    >>> ins = t, lat[50:150] + 1e-4, np.full(100, lon[100]), np.full(100, 300.0)
+    >>> start = {"start": "given", "init_position_sigma_m": 20.0}
+    >>> track = filters.ukf(*ins, hills[50:150, 100], field, core_field=False, **start)
+    >>> bool(abs(track.lat_deg[-1] - lat[149]) < 5e-5)
+    True
+    """
+    return navigate_line("ukf", locals())
+
+
+def ekf_adaptive(
+    tt_s: ArrayLike,
+    ins_lat_deg: ArrayLike,
+    ins_lon_deg: ArrayLike,
+    ins_alt_m: ArrayLike,
+    mag_nt: Magnetometers,
+    map: Map,
+    *,
+    ins_velocity_ned_mps: ArrayLike | None = None,
+    ins_force_ned_mps2: ArrayLike | None = None,
+    ins_attitude_deg: ArrayLike | None = None,
+    columns: Mapping[str, Any] | None = None,
+    tuning: Literal["auto", "magnav"] | None = None,
+    core_field: bool | None = None,
+    remove_diurnal: bool | None = None,
+    decimal_year: float | None = None,
+    map_interpolation: Literal["linear", "quadratic", "cubic"] | None = None,
+    map_levels_m: ListLike | None = None,
+    map_error_length_m: float | None = None,
+    offset_window_s: float | None = None,
+    measurement_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_tau_s: float | Literal["auto"] | None = None,
+    noise_column: str | None = None,
+    start: Literal["auto", "fix", "alignment", "given"] | None = None,
+    fix: ListLike | None = None,
+    fix_velocity: ListLike | None = None,
+    fix_sigma_m: float | None = None,
+    fix_alt_sigma_m: float | None = None,
+    fix_velocity_sigma_mps: float | None = None,
+    vector: str | None = None,
+    sensor_axis: ListLike | None = None,
+    dead_zones: Literal["none", "polar", "polar_and_equatorial"] | None = None,
+    ins_grade: Literal["magnav", "navigation", "tactical", "commercial"] | None = None,
+    init_position_sigma_m: float | None = None,
+    init_altitude_sigma_m: float | None = None,
+    init_velocity_sigma_mps: float | None = None,
+    init_attitude_sigma_deg: float | None = None,
+    init_heading_sigma_deg: float | None = None,
+    vrw_sigma: float | None = None,
+    arw_sigma: float | None = None,
+    baro_sigma_m: float | None = None,
+    ha_sigma_m: float | None = None,
+    a_hat_sigma_mps2: float | None = None,
+    acc_sigma_mps2: float | None = None,
+    gyro_sigma_radps: float | None = None,
+    baro_tau_s: float | None = None,
+    acc_tau_s: float | None = None,
+    gyro_tau_s: float | None = None,
+    adapt: Literal["r", "q", "both"] | None = None,
+    window: int | None = None,
+    sigma_min_nt: float | None = None,
+    sigma_max_nt: float | None = None,
+    form: Literal["residual", "matched", "compatible"] | None = None,
+    gate_nis: float | None = None,
+    discretisation: Literal["trapezoidal", "rectangular", "van_loan"] | None = None,
+    save_state: bool | None = None,
+    gnss_lost_s: ListLike | None = None,
+    gnss: ListLike | None = None,
+    gnss_interval_s: float | None = None,
+    gnss_sigma_m: float | None = None,
+    gnss_alt_sigma_m: float | None = None,
+    gnss_noise: bool | None = None,
+    gnss_test: bool | None = None,
+    gradient: ListLike | None = None,
+    gradient_baseline_m: ListLike | None = None,
+    gradient_sigma_nt: float | None = None,
+    gradient_bias_sigma_nt: float | None = None,
+    gradient_bias_tau_s: float | None = None,
+    gradient_slope_sigma: float | Literal["auto"] | None = None,
+    use_scalar: bool | None = None,
+    vector_sigma_nt: float | None = None,
+    vector_bias_sigma_nt: float | None = None,
+    vector_bias_tau_s: float | None = None,
+    vector_crustal_sigma_nt: float | None = None,
+    vector_crustal_length_m: float | None = None,
+    height: str | None = None,
+    height_sigma_m: float | None = None,
+    height_bias_sigma_m: float | None = None,
+    height_bias_tau_s: float | None = None,
+    map_sigma_nt: float | None = None,
+    map_sigma_length_m: float | None = None,
+    mag_latency_sigma_s: float | None = None,
+    permanent_change_sigma_nt: float | None = None,
+    permanent_change_tau_s: float | None = None,
+    flat_over_m: float | None = None,
+) -> Track:
+    """The extended Kalman filter of `ekf` that estimates its measurement noise from its
+    innovations.
+
+    Use it for a measurement whose noise is unknown or changes. With an assumed noise ten times
+    too small or too large, a filter loses more than half of its accuracy; an adaptive filter
+    loses a few percent. If the noise is known, `ekf` is simpler and as accurate. The filter
+    distinguishes noise from map errors only within the bounds.
+
+    `sigma_adapted` is the assumed noise of the sample's measurement. It starts at
+    `measurement_sigma_nt` and is estimated from the window before the sample. With several
+    magnetometers each has a column `sigma_adapted_<mag>`, and a magnetometer whose noise
+    increases loses weight.
+
+    `noise_column` holds the noise that a network or an ensemble predicts for each sample. With
+    it the filter estimates one scale factor and keeps the predicted variation over time. If the
+    position is less accurate than the measurement, as after an inaccurate start or a noisy
+    period, innovations contain little information on the noise. The default `form` then changes
+    the noise little; the other forms drive it to one of the bounds.
+
+    Parameters
+    ----------
+    tt_s : array_like
+        Times of the samples, s, ascending, of shape (samples,).
+    ins_lat_deg : array_like
+        Latitude of the INS, degrees, of shape (samples,).
+    ins_lon_deg : array_like
+        Longitude of the INS, degrees, of shape (samples,).
+    ins_alt_m : array_like
+        Height of the INS above the WGS-84 ellipsoid, m, of shape (samples,).
+    mag_nt : Magnetometers
+        Measured field, nT, of shape (samples,); NaN where there is no measurement. A mapping
+        holds several magnetometers under the names of their columns, such as `mag_1_c`
+        (compensated) or `mag_1_uc`.
+    map : Map
+        Anomaly map, such as the result of `magline.maps.open`.
+    ins_velocity_ned_mps : array_like, optional
+        Velocity of the INS north, east and down, m/s, of shape (samples, 3). Default: derived
+        from its positions.
+    ins_force_ned_mps2 : array_like, optional
+        Specific force of the INS north, east and down, m/s^2, of shape (samples, 3). Default:
+        derived from its velocities.
+    ins_attitude_deg : array_like, optional
+        Roll, pitch and yaw of the INS, degrees, of shape (samples, 3). Default: level, along
+        the course.
+    columns : Mapping[str, Any], optional
+        Further columns of the flight table under their names, in its units: those that keys
+        name, and those that the stage uses if they are there, such as `diurnal` (nT), `year`,
+        `doy`, `gnss_lat` (deg), `ins_aligned` (s), and the truth `lat` and `lon` (deg) and
+        `alt` (m). A value is an array of shape (samples,), one number or text for all samples,
+        or a pair of a matrix with one row per sample and the names of its columns.
+    tuning : {"auto", "magnav"}, optional
+        Source of unset parameters. `auto` estimates the noise of each line from the likelihood
+        of its innovations, rejects outliers, and continues a map of known height to the flight
+        heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
+        height. A key in the spec overrides either. Default: `"auto"`.
+    core_field : bool, optional
+        Predicts the core field as part of the measurement. `false`: the measurement is an
+        anomaly. Default: `true`.
+    remove_diurnal : bool, optional
+        Subtracts the column `diurnal` from the measurement, so that the filter need not
+        estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
+        Unset: true if the flight has the column and the measurement still contains it.
+    decimal_year : float, optional
+        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
+        1900 to 2030. Unset: the flight's own date.
+    map_interpolation : {"linear", "quadratic", "cubic"}, optional
+        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+    map_levels_m : ListLike, optional
+        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
+        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
+        `tuning = "auto"`, else used at its own height.
+    map_error_length_m : float, optional
+        Correlation length of the map error, for a map with the column `error` (`map_grid`,
+        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
+        added to the measurement noise of each sample. An extended Kalman filter predicts the
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
+        assumed exact.
+    offset_window_s : float, optional
+        Length of the window from the start of a line over which the mean of measurement minus
+        prediction is computed. This offset is subtracted before filtering, because compensation
+        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
+        Default: `0.0`.
+    measurement_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the white noise of a measurement: sensor, map and residual of the
+        compensation. `"auto"` uses the residual of the calibration, from the column
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
+        "auto"`, else 5.0.
+    fogm_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the first-order Gauss-Markov process for the temporal variation
+        and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
+        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+    fogm_tau_s : float | {"auto"}, optional
+        Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
+        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+    noise_column : str, optional
+        Column with the standard deviation of an additional error of each sample:
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
+        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
+        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+    start : {"auto", "fix", "alignment", "given"}, optional
+        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
+        are not valid minutes later. Default: `"auto"`.
+    fix : ListLike, optional
+        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
+        2 s of the line's start are used. White noise with the fix's standard deviations is
+        added to columns with the role truth. It is reproducible for each line. Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    fix_velocity : ListLike, optional
+        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
+        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
+        if the flight has them; else the velocity of the INS.
+    fix_sigma_m : float, optional
+        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `3.0`.
+    fix_alt_sigma_m : float, optional
+        Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
+    fix_velocity_sigma_mps : float, optional
+        Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
+        Default: `0.1`.
+    vector : str, optional
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
+        and the aircraft field at its position are neglected here. Unset: equal noise in all
+        attitudes.
+    sensor_axis : ListLike, optional
+        Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
+        Allowed: finite. Default: `[1.0,0.0,0.0]`.
+    dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
+        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
+        and inversely proportional to the amplitude. A sample below a tenth of the largest
+        amplitude has no measurement. Default: `"none"`.
+    ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
+        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
+        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
+        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
+        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
+        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
+        `ins_grade` if it has one.
+    init_position_sigma_m : float, optional
+        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Allowed: 0 or above. Default: `3.0`.
+    init_altitude_sigma_m : float, optional
+        Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
+        `0.001`.
+    init_velocity_sigma_mps : float, optional
+        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
+        above. Default: `0.01`.
+    init_attitude_sigma_deg : float, optional
+        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
+        Default: `0.01`.
+    init_heading_sigma_deg : float, optional
+        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
+        than the level tilt errors, because the INS finds north by the earth's rotation, which
+        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
+        tilt error.
+    vrw_sigma : float, optional
+        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
+        above. Default: `0.000238`.
+    arw_sigma : float, optional
+        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
+        or above. Default: `5.81e-7`.
+    baro_sigma_m : float, optional
+        Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
+    ha_sigma_m : float, optional
+        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
+        Allowed: 0 or above. Default: `0.001`.
+    a_hat_sigma_mps2 : float, optional
+        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
+        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+    acc_sigma_mps2 : float, optional
+        Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
+        `0.000245`.
+    gyro_sigma_radps : float, optional
+        Standard deviation of the gyro bias. Unit: rad/s. Allowed: 0 or above. Default:
+        `7.27e-9`.
+    baro_tau_s : float, optional
+        Time constant of the barometer error. Unit: s. Allowed: above 0. Default: `3600.0`.
+    acc_tau_s : float, optional
+        Time constant of the accelerometer bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    gyro_tau_s : float, optional
+        Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    adapt : {"r", "q", "both"}, optional
+        Estimated noise: of the measurement (`"r"`), of the process (`"q"`), or both. Default:
+        `"r"`.
+    window : int, optional
+        Number of past innovations in the estimate. With 50 the noise is accurate to 10 %, with
+        10, as in MagNav.jl, to 20 %. With 10 the forms `"matched"` and `"compatible"`
+        occasionally estimate a noise near 0. The filter is then far overconfident unless
+        `sigma_min_nt` is near the true noise. Allowed: 2 to 1000000. Default: `50`.
+    sigma_min_nt : float, optional
+        Lower bound of the estimated noise. Unit: nT. Allowed: above 0. Unset: half of the noise
+        that `tuning = "auto"` estimates, else a twentieth of `measurement_sigma_nt`; with
+        `noise_column` the smallest assumed noise.
+    sigma_max_nt : float, optional
+        Upper bound of the estimated noise. Unit: nT. Allowed: above 0. Unset: 20 times
+        `measurement_sigma_nt`, or with `noise_column` 20 times the largest assumed noise.
+    form : {"residual", "matched", "compatible"}, optional
+        Estimator of the noise. `"residual"` uses the a posteriori residual of each measurement.
+        `"matched"`, the default of version 1, subtracts from each squared innovation the
+        predicted covariance of its time. `"compatible"`, as in MagNav.jl, starts at the mean of
+        the bounds and subtracts the present covariance from all. Default: `"residual"`.
+    gate_nis : float, optional
+        Largest accepted NIS (squared innovation divided by its variance) of a measurement.
+        Rejected measurements are used only to estimate the noise. Allowed: above 0. Unset: no
+        gate; `tuning = "auto"` rejects outliers before the filter.
+    discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
+        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
+        exact. Default: `"trapezoidal"`.
+    save_state : bool, optional
+        Appends the state `x` and its covariance `p` (row-major). Default: `false`.
+    gnss_lost_s : ListLike, optional
+        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
+        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
+        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
+        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
+        not used.
+    gnss : ListLike, optional
+        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    gnss_interval_s : float, optional
+        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+    gnss_sigma_m : float, optional
+        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `2.0`.
+    gnss_alt_sigma_m : float, optional
+        Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
+    gnss_noise : bool, optional
+        Adds white noise with these standard deviations to the positions. It is reproducible for
+        each line. The truth of a simulation is free of noise; a filter that assumes noise where
+        there is none appears better than it is. Unset: true if `gnss` names columns of the role
+        truth.
+    gnss_test : bool, optional
+        Tests each position against the INS, alone (chi-square) and together with earlier
+        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
+        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
+        Positions are accepted again after ten consecutive positions agree with the INS.
+        `gnss_update` is appended with and without the test. Default: `true`.
+    gradient : ListLike, optional
+        Two compensated scalar magnetometers. Their difference, first minus second, measures the
+        slope of the map along the line between them. The temporal variation and all other
+        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
+        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+    gradient_baseline_m : ListLike, optional
+        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
+        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
+        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
+        `gradient`.
+    gradient_sigma_nt : float, optional
+        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
+        Default: `0.1`.
+    gradient_bias_sigma_nt : float, optional
+        Standard deviation of the slow error of the difference, such as the undetermined
+        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+    gradient_bias_tau_s : float, optional
+        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    gradient_slope_sigma : float | {"auto"}, optional
+        Standard deviation of the error of the map's slope along that line. Multiplied by the
+        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
+        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
+        difference, which also detects maps made from sparse lines. For a map without a vertical
+        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
+        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+    use_scalar : bool, optional
+        Uses `mag` for the measurement update too. `false` uses only the difference and the
+        vector, for example in a magnetic storm. Default: `true`.
+    vector_sigma_nt : float, optional
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        is a measurement of the attitude about the field and of the scalar field. Requires
+        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
+        above 0. Unset: the vector is not measured.
+    vector_bias_sigma_nt : float, optional
+        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
+        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+    vector_bias_tau_s : float, optional
+        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    vector_crustal_sigma_nt : float, optional
+        Standard deviation of the part of each crustal-field component that a map of the scalar
+        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
+    vector_crustal_length_m : float, optional
+        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
+    height : str, optional
+        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
+        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        used.
+    height_sigma_m : float, optional
+        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
+        `3.0`.
+    height_bias_sigma_m : float, optional
+        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
+        m. Allowed: 0 or above. Default: `30.0`.
+    height_bias_tau_s : float, optional
+        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    map_sigma_nt : float, optional
+        Standard deviation of the map error as a state that is correlated along the track. Unit:
+        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+    map_sigma_length_m : float, optional
+        Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
+        above 0. Default: `500.0`.
+    mag_latency_sigma_s : float, optional
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
+        is a state of the filter, constant along the line. A sample stamped `t` was measured at
+        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
+        exact.
+    permanent_change_sigma_nt : float, optional
+        Standard deviation of each component (nose, right, down) of the change of the aircraft's
+        permanent field since its calibration. The change is three further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
+        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
+        0.
+    permanent_change_tau_s : float, optional
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
+        `tuning = "auto"`, else the change is constant along the line.
+    flat_over_m : float, optional
+        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
+        which the sample observes the position. Above it the sample is `flat` and corrects only
+        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
+        0. Unset: all samples observe the position.
+
+    Returns
+    -------
+    Track
+        Estimate at each sample, innovations, warnings and notes.
+
+    Raises
+    ------
+    SpecError
+        If a key is unknown, has an invalid value, or has no effect.
+    DataError
+        If the line cannot be filtered, such as an INS with a NaN or a line off the map.
+    ValueError
+        If the shapes of the arrays differ.
+
+    References
+    ----------
+    Gnadt 2022, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magline import filters, maps
+    >>> lat, lon = np.linspace(45.0, 45.2, 201), np.linspace(-76.1, -75.9, 201)
+    >>> hills = 60.0 * np.sin(400.0 * lat[:, None]) + 50.0 * np.cos(500.0 * (lat[:, None] + lon))
+    >>> field = maps.Map(lon, lat, hills, np.full(hills.shape, 300.0), 4326, "deg")
+    >>> t = np.arange(100.0)  # northward over the nodes of a column; the INS is 11 m too far north
+    >>> ins = t, lat[50:150] + 1e-4, np.full(100, lon[100]), np.full(100, 300.0)
+    >>> start = {"start": "given", "init_position_sigma_m": 20.0}
+    >>> track = filters.ekf_adaptive(*ins, hills[50:150, 100], field, core_field=False, **start)
+    >>> bool(abs(track.lat_deg[-1] - lat[149]) < 5e-5)
+    True
+    """
+    return navigate_line("ekf_adaptive", locals())
+
+
+def ekf_online_tl(
+    tt_s: ArrayLike,
+    ins_lat_deg: ArrayLike,
+    ins_lon_deg: ArrayLike,
+    ins_alt_m: ArrayLike,
+    mag_nt: Magnetometers,
+    map: Map,
+    *,
+    ins_velocity_ned_mps: ArrayLike | None = None,
+    ins_force_ned_mps2: ArrayLike | None = None,
+    ins_attitude_deg: ArrayLike | None = None,
+    columns: Mapping[str, Any] | None = None,
+    models: Sequence[Any] | None = None,
+    rate_hz: float | None = None,
+    tuning: Literal["auto", "magnav"] | None = None,
+    core_field: bool | None = None,
+    remove_diurnal: bool | None = None,
+    decimal_year: float | None = None,
+    map_interpolation: Literal["linear", "quadratic", "cubic"] | None = None,
+    map_levels_m: ListLike | None = None,
+    map_error_length_m: float | None = None,
+    offset_window_s: float | None = None,
+    measurement_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_tau_s: float | Literal["auto"] | None = None,
+    noise_column: str | None = None,
+    start: Literal["auto", "fix", "alignment", "given"] | None = None,
+    fix: ListLike | None = None,
+    fix_velocity: ListLike | None = None,
+    fix_sigma_m: float | None = None,
+    fix_alt_sigma_m: float | None = None,
+    fix_velocity_sigma_mps: float | None = None,
+    vector: str | None = None,
+    sensor_axis: ListLike | None = None,
+    dead_zones: Literal["none", "polar", "polar_and_equatorial"] | None = None,
+    ins_grade: Literal["magnav", "navigation", "tactical", "commercial"] | None = None,
+    init_position_sigma_m: float | None = None,
+    init_altitude_sigma_m: float | None = None,
+    init_velocity_sigma_mps: float | None = None,
+    init_attitude_sigma_deg: float | None = None,
+    init_heading_sigma_deg: float | None = None,
+    vrw_sigma: float | None = None,
+    arw_sigma: float | None = None,
+    baro_sigma_m: float | None = None,
+    ha_sigma_m: float | None = None,
+    a_hat_sigma_mps2: float | None = None,
+    acc_sigma_mps2: float | None = None,
+    gyro_sigma_radps: float | None = None,
+    baro_tau_s: float | None = None,
+    acc_tau_s: float | None = None,
+    gyro_tau_s: float | None = None,
+    walk_per_hour: float | None = None,
+    flux_bias_sigma_nt: float | None = None,
+    flux_bias_tau_s: float | None = None,
+    bt_scale_nt: float | None = None,
+    gate_nis: float | None = None,
+    discretisation: Literal["trapezoidal", "rectangular", "van_loan"] | None = None,
+    save_state: bool | None = None,
+    gnss_lost_s: ListLike | None = None,
+    gnss: ListLike | None = None,
+    gnss_interval_s: float | None = None,
+    gnss_sigma_m: float | None = None,
+    gnss_alt_sigma_m: float | None = None,
+    gnss_noise: bool | None = None,
+    gnss_test: bool | None = None,
+    terms: str | None = None,
+    permanent_sigma_nt: float | None = None,
+    induced_sigma_nt: float | None = None,
+    eddy_sigma_nt_s: float | None = None,
+    bias_sigma_nt: float | None = None,
+    input_sigma_nt: float | None = None,
+    heading_error_sigma_nt: float | None = None,
+    prior_factor: float | None = None,
+    gradient: ListLike | None = None,
+    gradient_baseline_m: ListLike | None = None,
+    gradient_sigma_nt: float | None = None,
+    gradient_bias_sigma_nt: float | None = None,
+    gradient_bias_tau_s: float | None = None,
+    gradient_slope_sigma: float | Literal["auto"] | None = None,
+    use_scalar: bool | None = None,
+    vector_sigma_nt: float | None = None,
+    vector_bias_sigma_nt: float | None = None,
+    vector_bias_tau_s: float | None = None,
+    vector_crustal_sigma_nt: float | None = None,
+    vector_crustal_length_m: float | None = None,
+    height: str | None = None,
+    height_sigma_m: float | None = None,
+    height_bias_sigma_m: float | None = None,
+    height_bias_tau_s: float | None = None,
+    map_sigma_nt: float | None = None,
+    map_sigma_length_m: float | None = None,
+    mag_latency_sigma_s: float | None = None,
+    permanent_change_sigma_nt: float | None = None,
+    permanent_change_tau_s: float | None = None,
+    flat_over_m: float | None = None,
+) -> Track:
+    """The 18-state extended Kalman filter with the Tolles-Lawson coefficients of each
+    magnetometer as further states.
+
+    `mag` is uncompensated, and the coefficients follow changes of the aircraft field.
+
+    Use it if the calibration is old, from another aircraft, or absent, and the line has
+    manoeuvres. On a straight line at constant attitude the aircraft field is a constant, and
+    only the prior separates it from the map. A constant among the terms (`bias`) absorbs the
+    constant that map and compensation leave undetermined, so `offset_window_s` is not needed.
+
+    The prior comes from the calibrations in `model` (one or several tables of `fit`), converted
+    to the rate of the line. Without `model` the filter starts cold. A scalar magnetometer among
+    the terms is rejected: the filter would subtract its own measurement. `aircraft` is the
+    aircraft field computed with the coefficients estimated at the sample. With several
+    magnetometers each has a column `aircraft_<mag>`. `residual` is the innovation of the first
+    magnetometer used at a sample. `nis` is the mean over all magnetometers used at it.
+
+    Parameters
+    ----------
+    tt_s : array_like
+        Times of the samples, s, ascending, of shape (samples,).
+    ins_lat_deg : array_like
+        Latitude of the INS, degrees, of shape (samples,).
+    ins_lon_deg : array_like
+        Longitude of the INS, degrees, of shape (samples,).
+    ins_alt_m : array_like
+        Height of the INS above the WGS-84 ellipsoid, m, of shape (samples,).
+    mag_nt : Magnetometers
+        Measured field, nT, of shape (samples,); NaN where there is no measurement. A mapping
+        holds several magnetometers under the names of their columns, such as `mag_1_c`
+        (compensated) or `mag_1_uc`.
+    map : Map
+        Anomaly map, such as the result of `magline.maps.open`.
+    ins_velocity_ned_mps : array_like, optional
+        Velocity of the INS north, east and down, m/s, of shape (samples, 3). Default: derived
+        from its positions.
+    ins_force_ned_mps2 : array_like, optional
+        Specific force of the INS north, east and down, m/s^2, of shape (samples, 3). Default:
+        derived from its velocities.
+    ins_attitude_deg : array_like, optional
+        Roll, pitch and yaw of the INS, degrees, of shape (samples, 3). Default: level, along
+        the course.
+    columns : Mapping[str, Any], optional
+        Further columns of the flight table under their names, in its units: those that keys
+        name, and those that the stage uses if they are there, such as `diurnal` (nT), `year`,
+        `doy`, `gnss_lat` (deg), `ins_aligned` (s), and the truth `lat` and `lon` (deg) and
+        `alt` (m). A value is an array of shape (samples,), one number or text for all samples,
+        or a pair of a matrix with one row per sample and the names of its columns.
+    models : Sequence[Any], optional
+        Calibrations that give the prior of the coefficients: tables of `fit` as mappings or
+        data frames with the columns `term`, `value`, `std` (nT) and, if known, `rate_hz` (Hz).
+        Default: a cold start.
+    rate_hz : float, optional
+        Sample rate of the terms that are differences per sample, Hz. Default: the rate of
+        `tt_s`.
+    tuning : {"auto", "magnav"}, optional
+        Source of unset parameters. `auto` estimates the noise of each line from the likelihood
+        of its innovations, rejects outliers, and continues a map of known height to the flight
+        heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
+        height. A key in the spec overrides either. Default: `"auto"`.
+    core_field : bool, optional
+        Predicts the core field as part of the measurement. `false`: the measurement is an
+        anomaly. Default: `true`.
+    remove_diurnal : bool, optional
+        Subtracts the column `diurnal` from the measurement, so that the filter need not
+        estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
+        Unset: true if the flight has the column and the measurement still contains it.
+    decimal_year : float, optional
+        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
+        1900 to 2030. Unset: the flight's own date.
+    map_interpolation : {"linear", "quadratic", "cubic"}, optional
+        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+    map_levels_m : ListLike, optional
+        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
+        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
+        `tuning = "auto"`, else used at its own height.
+    map_error_length_m : float, optional
+        Correlation length of the map error, for a map with the column `error` (`map_grid`,
+        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
+        added to the measurement noise of each sample. An extended Kalman filter predicts the
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
+        assumed exact.
+    offset_window_s : float, optional
+        Length of the window from the start of a line over which the mean of measurement minus
+        prediction is computed. This offset is subtracted before filtering, because compensation
+        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
+        Default: `0.0`.
+    measurement_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the white noise of a measurement: sensor, map and residual of the
+        compensation. `"auto"` uses the residual of the calibration, from the column
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
+        "auto"`, else 5.0.
+    fogm_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the first-order Gauss-Markov process for the temporal variation
+        and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
+        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+    fogm_tau_s : float | {"auto"}, optional
+        Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
+        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+    noise_column : str, optional
+        Column with the standard deviation of an additional error of each sample:
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
+        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
+        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+    start : {"auto", "fix", "alignment", "given"}, optional
+        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
+        are not valid minutes later. Default: `"auto"`.
+    fix : ListLike, optional
+        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
+        2 s of the line's start are used. White noise with the fix's standard deviations is
+        added to columns with the role truth. It is reproducible for each line. Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    fix_velocity : ListLike, optional
+        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
+        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
+        if the flight has them; else the velocity of the INS.
+    fix_sigma_m : float, optional
+        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `3.0`.
+    fix_alt_sigma_m : float, optional
+        Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
+    fix_velocity_sigma_mps : float, optional
+        Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
+        Default: `0.1`.
+    vector : str, optional
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
+        and the aircraft field at its position are neglected here. Unset: equal noise in all
+        attitudes.
+    sensor_axis : ListLike, optional
+        Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
+        Allowed: finite. Default: `[1.0,0.0,0.0]`.
+    dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
+        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
+        and inversely proportional to the amplitude. A sample below a tenth of the largest
+        amplitude has no measurement. Default: `"none"`.
+    ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
+        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
+        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
+        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
+        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
+        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
+        `ins_grade` if it has one.
+    init_position_sigma_m : float, optional
+        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Allowed: 0 or above. Default: `3.0`.
+    init_altitude_sigma_m : float, optional
+        Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
+        `0.001`.
+    init_velocity_sigma_mps : float, optional
+        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
+        above. Default: `0.01`.
+    init_attitude_sigma_deg : float, optional
+        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
+        Default: `0.01`.
+    init_heading_sigma_deg : float, optional
+        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
+        than the level tilt errors, because the INS finds north by the earth's rotation, which
+        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
+        tilt error.
+    vrw_sigma : float, optional
+        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
+        above. Default: `0.000238`.
+    arw_sigma : float, optional
+        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
+        or above. Default: `5.81e-7`.
+    baro_sigma_m : float, optional
+        Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
+    ha_sigma_m : float, optional
+        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
+        Allowed: 0 or above. Default: `0.001`.
+    a_hat_sigma_mps2 : float, optional
+        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
+        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+    acc_sigma_mps2 : float, optional
+        Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
+        `0.000245`.
+    gyro_sigma_radps : float, optional
+        Standard deviation of the gyro bias. Unit: rad/s. Allowed: 0 or above. Default:
+        `7.27e-9`.
+    baro_tau_s : float, optional
+        Time constant of the barometer error. Unit: s. Allowed: above 0. Default: `3600.0`.
+    acc_tau_s : float, optional
+        Time constant of the accelerometer bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    gyro_tau_s : float, optional
+        Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    walk_per_hour : float, optional
+        Random walk of a coefficient: its standard deviation after one hour, divided by its
+        prior standard deviation. With 0 the coefficients are constants. The wide prior of a
+        cold start is no measure of the changes in flight. Allowed: 0 or above. Unset: 0.1 with
+        `model`, else 0.0.
+    flux_bias_sigma_nt : float, optional
+        Standard deviation of a bias of each axis of `vector`, from which the terms are
+        computed. If set, the bias is estimated. Unit: nT. Allowed: above 0. Unset: `vector` is
+        exact.
+    flux_bias_tau_s : float, optional
+        Time constant of that bias. Unit: s. Allowed: above 0. Unset: the bias is constant.
+    bt_scale_nt : float, optional
+        Field scale of the terms, as in the `a_matrix` that made them. Unit: nT. Allowed: above
+        0. Default: `50000.0`.
+    gate_nis : float, optional
+        Largest accepted NIS (squared innovation divided by its variance) of a measurement.
+        Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
+    discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
+        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
+        exact. Default: `"trapezoidal"`.
+    save_state : bool, optional
+        Appends the state `x` and its covariance `p` (row-major), of the 18 states of `ekf`.
+        Default: `false`.
+    gnss_lost_s : ListLike, optional
+        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
+        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
+        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
+        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
+        not used.
+    gnss : ListLike, optional
+        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    gnss_interval_s : float, optional
+        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+    gnss_sigma_m : float, optional
+        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `2.0`.
+    gnss_alt_sigma_m : float, optional
+        Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
+    gnss_noise : bool, optional
+        Adds white noise with these standard deviations to the positions. It is reproducible for
+        each line. The truth of a simulation is free of noise; a filter that assumes noise where
+        there is none appears better than it is. Unset: true if `gnss` names columns of the role
+        truth.
+    gnss_test : bool, optional
+        Tests each position against the INS, alone (chi-square) and together with earlier
+        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
+        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
+        Positions are accepted again after ten consecutive positions agree with the INS.
+        `gnss_update` is appended with and without the test. Default: `true`.
+    terms : str, optional
+        List column of the terms, as made by `a_matrix`. Default: `"tl"`.
+    permanent_sigma_nt : float, optional
+        Standard deviation of the zero-mean prior of a permanent coefficient, unless `model`
+        supplies a prior. Unit: nT. Allowed: above 0. Default: `2000.0`.
+    induced_sigma_nt : float, optional
+        Standard deviation of the prior of an induced coefficient, as for `permanent_sigma_nt`.
+        Unit: nT. Allowed: above 0. Default: `1000.0`.
+    eddy_sigma_nt_s : float, optional
+        Prior standard deviation of an eddy coefficient. Its term is the change of the field
+        from sample to sample divided by the scale. The value is multiplied by the sample rate
+        of the line. Unit: nT s. Allowed: above 0. Default: `500.0`.
+    bias_sigma_nt : float, optional
+        Prior standard deviation of the constant `bias`. Unit: nT. Allowed: above 0. Default:
+        `500.0`.
+    input_sigma_nt : float, optional
+        Prior standard deviation of any other term, such as a current, in nT per unit of its
+        column. A loop in the same cabin causes a few nT per ampere. Unit: nT. Allowed: above 0.
+        Default: `20.0`.
+    heading_error_sigma_nt : float, optional
+        Prior standard deviation of each harmonic of the magnetometer's heading error: the
+        first, second and fourth harmonic of the angle between its axis and the field,
+        `heading_1`, `heading_2` and `heading_4`. Requires `vector`. Unit: nT. Allowed: above 0.
+        Unset: the heading error is not estimated.
+    prior_factor : float, optional
+        Factor on the prior standard deviations from `model`. With one calibration these are the
+        standard deviations of its fit, with several they are the scatter between the
+        calibrations. Coefficients of differences per sample are converted from the rate of the
+        fit to that of the line. At rates below about 5 Hz the differences are inaccurate in
+        manoeuvres: they underestimate a change at frequency f by the fraction (2 pi f / rate)^2
+        / 6. Allowed: above 0. Default: `1.0`.
+    gradient : ListLike, optional
+        Two compensated scalar magnetometers. Their difference, first minus second, measures the
+        slope of the map along the line between them. The temporal variation and all other
+        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
+        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+    gradient_baseline_m : ListLike, optional
+        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
+        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
+        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
+        `gradient`.
+    gradient_sigma_nt : float, optional
+        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
+        Default: `0.1`.
+    gradient_bias_sigma_nt : float, optional
+        Standard deviation of the slow error of the difference, such as the undetermined
+        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+    gradient_bias_tau_s : float, optional
+        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    gradient_slope_sigma : float | {"auto"}, optional
+        Standard deviation of the error of the map's slope along that line. Multiplied by the
+        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
+        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
+        difference, which also detects maps made from sparse lines. For a map without a vertical
+        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
+        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+    use_scalar : bool, optional
+        Uses `mag` for the measurement update too. `false` uses only the difference and the
+        vector, for example in a magnetic storm. Default: `true`.
+    vector_sigma_nt : float, optional
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        is a measurement of the attitude about the field and of the scalar field. Requires
+        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
+        above 0. Unset: the vector is not measured.
+    vector_bias_sigma_nt : float, optional
+        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
+        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+    vector_bias_tau_s : float, optional
+        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    vector_crustal_sigma_nt : float, optional
+        Standard deviation of the part of each crustal-field component that a map of the scalar
+        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
+    vector_crustal_length_m : float, optional
+        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
+    height : str, optional
+        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
+        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        used.
+    height_sigma_m : float, optional
+        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
+        `3.0`.
+    height_bias_sigma_m : float, optional
+        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
+        m. Allowed: 0 or above. Default: `30.0`.
+    height_bias_tau_s : float, optional
+        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    map_sigma_nt : float, optional
+        Standard deviation of the map error as a state that is correlated along the track. Unit:
+        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+    map_sigma_length_m : float, optional
+        Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
+        above 0. Default: `500.0`.
+    mag_latency_sigma_s : float, optional
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
+        is a state of the filter, constant along the line. A sample stamped `t` was measured at
+        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
+        exact.
+    permanent_change_sigma_nt : float, optional
+        Standard deviation of each component (nose, right, down) of the change of the aircraft's
+        permanent field since its calibration. The change is three further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
+        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
+        0.
+    permanent_change_tau_s : float, optional
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
+        `tuning = "auto"`, else the change is constant along the line.
+    flat_over_m : float, optional
+        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
+        which the sample observes the position. Above it the sample is `flat` and corrects only
+        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
+        0. Unset: all samples observe the position.
+
+    Returns
+    -------
+    Track
+        Estimate at each sample, innovations, warnings and notes.
+
+    Raises
+    ------
+    SpecError
+        If a key is unknown, has an invalid value, or has no effect.
+    DataError
+        If the line cannot be filtered, such as an INS with a NaN or a line off the map.
+    ValueError
+        If the shapes of the arrays differ.
+
+    References
+    ----------
+    Gnadt 2022, section 5.5, without (5.39).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magline import filters, maps
+    >>> lat, lon = np.linspace(45.0, 45.2, 201), np.linspace(-76.1, -75.9, 201)
+    >>> hills = 60.0 * np.sin(400.0 * lat[:, None]) + 50.0 * np.cos(500.0 * (lat[:, None] + lon))
+    >>> field = maps.Map(lon, lat, hills, np.full(hills.shape, 300.0), 4326, "deg")
+    >>> t = np.arange(100.0)  # northward over the nodes of a column; the INS is 11 m too far north
+    >>> ins = t, lat[50:150] + 1e-4, np.full(100, lon[100]), np.full(100, 300.0)
+    >>> start = {"start": "given", "init_position_sigma_m": 20.0}
+    >>> columns = {"tl": (np.sin(t)[:, None], ["x"])}  # one term of the aircraft field
+    >>> track = filters.ekf_online_tl(*ins, hills[50:150, 100], field, columns=columns, core_field=False, **start)
+    >>> bool(abs(track.lat_deg[-1] - lat[149]) < 5e-5)
+    True
+    """
+    return navigate_line("ekf_online_tl", locals())
+
+
+def fixed_lag(
+    tt_s: ArrayLike,
+    ins_lat_deg: ArrayLike,
+    ins_lon_deg: ArrayLike,
+    ins_alt_m: ArrayLike,
+    mag_nt: Magnetometers,
+    map: Map,
+    *,
+    ins_velocity_ned_mps: ArrayLike | None = None,
+    ins_force_ned_mps2: ArrayLike | None = None,
+    ins_attitude_deg: ArrayLike | None = None,
+    columns: Mapping[str, Any] | None = None,
+    models: Sequence[Any] | None = None,
+    rate_hz: float | None = None,
+    tuning: Literal["auto", "magnav"] | None = None,
+    core_field: bool | None = None,
+    remove_diurnal: bool | None = None,
+    decimal_year: float | None = None,
+    map_interpolation: Literal["linear", "quadratic", "cubic"] | None = None,
+    map_levels_m: ListLike | None = None,
+    map_error_length_m: float | None = None,
+    offset_window_s: float | None = None,
+    measurement_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_tau_s: float | Literal["auto"] | None = None,
+    noise_column: str | None = None,
+    start: Literal["auto", "fix", "alignment", "given"] | None = None,
+    fix: ListLike | None = None,
+    fix_velocity: ListLike | None = None,
+    fix_sigma_m: float | None = None,
+    fix_alt_sigma_m: float | None = None,
+    fix_velocity_sigma_mps: float | None = None,
+    vector: str | None = None,
+    sensor_axis: ListLike | None = None,
+    dead_zones: Literal["none", "polar", "polar_and_equatorial"] | None = None,
+    ins_grade: Literal["magnav", "navigation", "tactical", "commercial"] | None = None,
+    init_position_sigma_m: float | None = None,
+    init_altitude_sigma_m: float | None = None,
+    init_velocity_sigma_mps: float | None = None,
+    init_attitude_sigma_deg: float | None = None,
+    init_heading_sigma_deg: float | None = None,
+    vrw_sigma: float | None = None,
+    arw_sigma: float | None = None,
+    baro_sigma_m: float | None = None,
+    ha_sigma_m: float | None = None,
+    a_hat_sigma_mps2: float | None = None,
+    acc_sigma_mps2: float | None = None,
+    gyro_sigma_radps: float | None = None,
+    baro_tau_s: float | None = None,
+    acc_tau_s: float | None = None,
+    gyro_tau_s: float | None = None,
+    window_s: float | None = None,
+    overlap: float | None = None,
+    lag_s: float | None = None,
+    measurement_interval_s: float | None = None,
+    loss: Literal["none", "huber", "cauchy"] | None = None,
+    loss_scale: float | None = None,
+    iterations: int | None = None,
+    aircraft_sigma_nt: float | None = None,
+    aircraft_tau_s: float | None = None,
+    walk_per_hour: float | None = None,
+    discretisation: Literal["trapezoidal", "rectangular", "van_loan"] | None = None,
+    terms: str | None = None,
+    permanent_sigma_nt: float | None = None,
+    induced_sigma_nt: float | None = None,
+    eddy_sigma_nt_s: float | None = None,
+    bias_sigma_nt: float | None = None,
+    input_sigma_nt: float | None = None,
+    heading_error_sigma_nt: float | None = None,
+    prior_factor: float | None = None,
+    gnss_lost_s: ListLike | None = None,
+    gnss: ListLike | None = None,
+    gnss_interval_s: float | None = None,
+    gnss_sigma_m: float | None = None,
+    gnss_alt_sigma_m: float | None = None,
+    gnss_noise: bool | None = None,
+    gnss_test: bool | None = None,
+    gradient: ListLike | None = None,
+    gradient_baseline_m: ListLike | None = None,
+    gradient_sigma_nt: float | None = None,
+    gradient_bias_sigma_nt: float | None = None,
+    gradient_bias_tau_s: float | None = None,
+    gradient_slope_sigma: float | Literal["auto"] | None = None,
+    use_scalar: bool | None = None,
+    vector_sigma_nt: float | None = None,
+    vector_bias_sigma_nt: float | None = None,
+    vector_bias_tau_s: float | None = None,
+    vector_crustal_sigma_nt: float | None = None,
+    vector_crustal_length_m: float | None = None,
+    height: str | None = None,
+    height_sigma_m: float | None = None,
+    height_bias_sigma_m: float | None = None,
+    height_bias_tau_s: float | None = None,
+    map_sigma_nt: float | None = None,
+    map_sigma_length_m: float | None = None,
+    mag_latency_sigma_s: float | None = None,
+    permanent_change_sigma_nt: float | None = None,
+    permanent_change_tau_s: float | None = None,
+    flat_over_m: float | None = None,
+) -> Track:
+    """A smoother over sliding windows that estimates the aircraft field while it navigates.
+
+    It has the 18 states of `ekf`, the coefficients of the line's A-matrix, and a first-order
+    Gauss-Markov error of the magnetometer. It can start cold with an uncompensated
+    magnetometer: while the INS is accurate to metres at the start of the line, the map
+    determines the coefficients.
+
+    Each window is solved by Gauss-Newton iterations, each with a new linearisation of the map.
+    It passes the filtered covariance of INS states and coefficients to the next window. Between
+    the ends of windows a filter continues from the last window; its innovations give `residual`
+    and `nis`, one per `measurement_interval_s`. With `lag_s = 0.0` the track corresponds to
+    real-time navigation.
+
+    `fogm_sigma_nt` describes the temporal variation common to all magnetometers.
+    `aircraft_sigma_nt` describes the residual of the linear aircraft model. Without
+    `aircraft_sigma_nt`, filters on cabin magnetometers are overconfident.
+
+    Parameters
+    ----------
+    tt_s : array_like
+        Times of the samples, s, ascending, of shape (samples,).
+    ins_lat_deg : array_like
+        Latitude of the INS, degrees, of shape (samples,).
+    ins_lon_deg : array_like
+        Longitude of the INS, degrees, of shape (samples,).
+    ins_alt_m : array_like
+        Height of the INS above the WGS-84 ellipsoid, m, of shape (samples,).
+    mag_nt : Magnetometers
+        Measured field, nT, of shape (samples,); NaN where there is no measurement. A mapping
+        holds several magnetometers under the names of their columns, such as `mag_1_c`
+        (compensated) or `mag_1_uc`.
+    map : Map
+        Anomaly map, such as the result of `magline.maps.open`.
+    ins_velocity_ned_mps : array_like, optional
+        Velocity of the INS north, east and down, m/s, of shape (samples, 3). Default: derived
+        from its positions.
+    ins_force_ned_mps2 : array_like, optional
+        Specific force of the INS north, east and down, m/s^2, of shape (samples, 3). Default:
+        derived from its velocities.
+    ins_attitude_deg : array_like, optional
+        Roll, pitch and yaw of the INS, degrees, of shape (samples, 3). Default: level, along
+        the course.
+    columns : Mapping[str, Any], optional
+        Further columns of the flight table under their names, in its units: those that keys
+        name, and those that the stage uses if they are there, such as `diurnal` (nT), `year`,
+        `doy`, `gnss_lat` (deg), `ins_aligned` (s), and the truth `lat` and `lon` (deg) and
+        `alt` (m). A value is an array of shape (samples,), one number or text for all samples,
+        or a pair of a matrix with one row per sample and the names of its columns.
+    models : Sequence[Any], optional
+        Calibrations that give the prior of the coefficients: tables of `fit` as mappings or
+        data frames with the columns `term`, `value`, `std` (nT) and, if known, `rate_hz` (Hz).
+        Default: a cold start.
+    rate_hz : float, optional
+        Sample rate of the terms that are differences per sample, Hz. Default: the rate of
+        `tt_s`.
+    tuning : {"auto", "magnav"}, optional
+        Source of unset parameters. `auto` estimates the noise of each line from the likelihood
+        of its innovations, rejects outliers, and continues a map of known height to the flight
+        heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
+        height. A key in the spec overrides either. Default: `"auto"`.
+    core_field : bool, optional
+        Predicts the core field as part of the measurement. `false`: the measurement is an
+        anomaly. Default: `true`.
+    remove_diurnal : bool, optional
+        Subtracts the column `diurnal` from the measurement, so that the filter need not
+        estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
+        Unset: true if the flight has the column and the measurement still contains it.
+    decimal_year : float, optional
+        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
+        1900 to 2030. Unset: the flight's own date.
+    map_interpolation : {"linear", "quadratic", "cubic"}, optional
+        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+    map_levels_m : ListLike, optional
+        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
+        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
+        `tuning = "auto"`, else used at its own height.
+    map_error_length_m : float, optional
+        Correlation length of the map error, for a map with the column `error` (`map_grid`,
+        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
+        added to the measurement noise of each sample. An extended Kalman filter predicts the
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
+        assumed exact.
+    offset_window_s : float, optional
+        Length of the window from the start of a line over which the mean of measurement minus
+        prediction is computed. This offset is subtracted before filtering, because compensation
+        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
+        Default: `0.0`.
+    measurement_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the white noise of a measurement: sensor, map and residual of the
+        compensation. `"auto"` uses the residual of the calibration, from the column
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
+        "auto"`, else 5.0.
+    fogm_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the first-order Gauss-Markov process for the temporal variation
+        and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
+        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+    fogm_tau_s : float | {"auto"}, optional
+        Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
+        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+    noise_column : str, optional
+        Column with the standard deviation of an additional error of each sample:
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
+        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
+        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+    start : {"auto", "fix", "alignment", "given"}, optional
+        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
+        are not valid minutes later. Default: `"auto"`.
+    fix : ListLike, optional
+        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
+        2 s of the line's start are used. White noise with the fix's standard deviations is
+        added to columns with the role truth. It is reproducible for each line. Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    fix_velocity : ListLike, optional
+        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
+        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
+        if the flight has them; else the velocity of the INS.
+    fix_sigma_m : float, optional
+        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `3.0`.
+    fix_alt_sigma_m : float, optional
+        Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
+    fix_velocity_sigma_mps : float, optional
+        Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
+        Default: `0.1`.
+    vector : str, optional
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
+        and the aircraft field at its position are neglected here. Unset: equal noise in all
+        attitudes.
+    sensor_axis : ListLike, optional
+        Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
+        Allowed: finite. Default: `[1.0,0.0,0.0]`.
+    dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
+        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
+        and inversely proportional to the amplitude. A sample below a tenth of the largest
+        amplitude has no measurement. Default: `"none"`.
+    ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
+        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
+        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
+        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
+        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
+        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
+        `ins_grade` if it has one.
+    init_position_sigma_m : float, optional
+        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Allowed: 0 or above. Default: `3.0`.
+    init_altitude_sigma_m : float, optional
+        Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
+        `0.001`.
+    init_velocity_sigma_mps : float, optional
+        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
+        above. Default: `0.01`.
+    init_attitude_sigma_deg : float, optional
+        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
+        Default: `0.01`.
+    init_heading_sigma_deg : float, optional
+        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
+        than the level tilt errors, because the INS finds north by the earth's rotation, which
+        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
+        tilt error.
+    vrw_sigma : float, optional
+        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
+        above. Default: `0.000238`.
+    arw_sigma : float, optional
+        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
+        or above. Default: `5.81e-7`.
+    baro_sigma_m : float, optional
+        Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
+    ha_sigma_m : float, optional
+        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
+        Allowed: 0 or above. Default: `0.001`.
+    a_hat_sigma_mps2 : float, optional
+        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
+        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+    acc_sigma_mps2 : float, optional
+        Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
+        `0.000245`.
+    gyro_sigma_radps : float, optional
+        Standard deviation of the gyro bias. Unit: rad/s. Allowed: 0 or above. Default:
+        `7.27e-9`.
+    baro_tau_s : float, optional
+        Time constant of the barometer error. Unit: s. Allowed: above 0. Default: `3600.0`.
+    acc_tau_s : float, optional
+        Time constant of the accelerometer bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    gyro_tau_s : float, optional
+        Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    window_s : float, optional
+        Length of a window. Unit: s. Allowed: above 0. Default: `300.0`.
+    overlap : float, optional
+        Fraction of a window that the next window shares: windows end every `window_s` (1 -
+        `overlap`) seconds. Allowed: 0 to 0.999. Default: `0.95`.
+    lag_s : float, optional
+        Maximum time by which a measurement in the estimate of a sample is later than the
+        sample. 0 gives real-time navigation. Unit: s. Allowed: 0 or above. Default: `0.0`.
+    measurement_interval_s : float, optional
+        Interval over which measurements are averaged into one. 0 uses every sample. Unit: s.
+        Allowed: 0 or above. Default: `1.0`.
+    loss : {"none", "huber", "cauchy"}, optional
+        Loss function of a residual: quadratic, or robust to outliers. Default: `"none"`.
+    loss_scale : float, optional
+        Residual above which a robust `loss` departs from the quadratic, in standard deviations
+        of the measurement. Allowed: above 0. Default: `2.5`.
+    iterations : int, optional
+        Maximum number of iterations per window. Default: `15`.
+    aircraft_sigma_nt : float, optional
+        Standard deviation of the slow aircraft field that its coefficients do not explain; 0
+        for none. Unit: nT. Allowed: 0 or above. Unset: 30.0, or 0 if `tuning = "auto"`
+        estimates the noise of the line, which then includes it.
+    aircraft_tau_s : float, optional
+        Time constant of that slow aircraft field. Unit: s. Allowed: above 0. Default: `300.0`.
+    walk_per_hour : float, optional
+        Random walk of every coefficient in one hour, as a fraction of its prior standard
+        deviation; 0 for constants. Allowed: 0 or above. Default: `0.0`.
+    discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
+        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
+        exact. Default: `"trapezoidal"`.
+    terms : str, optional
+        List column of the terms, as made by `a_matrix`. Default: `"tl"`.
+    permanent_sigma_nt : float, optional
+        Standard deviation of the zero-mean prior of a permanent coefficient, unless `model`
+        supplies a prior. Unit: nT. Allowed: above 0. Default: `2000.0`.
+    induced_sigma_nt : float, optional
+        Standard deviation of the prior of an induced coefficient, as for `permanent_sigma_nt`.
+        Unit: nT. Allowed: above 0. Default: `1000.0`.
+    eddy_sigma_nt_s : float, optional
+        Prior standard deviation of an eddy coefficient. Its term is the change of the field
+        from sample to sample divided by the scale. The value is multiplied by the sample rate
+        of the line. Unit: nT s. Allowed: above 0. Default: `500.0`.
+    bias_sigma_nt : float, optional
+        Prior standard deviation of the constant `bias`. Unit: nT. Allowed: above 0. Default:
+        `500.0`.
+    input_sigma_nt : float, optional
+        Prior standard deviation of any other term, such as a current, in nT per unit of its
+        column. A loop in the same cabin causes a few nT per ampere. Unit: nT. Allowed: above 0.
+        Default: `20.0`.
+    heading_error_sigma_nt : float, optional
+        Prior standard deviation of each harmonic of the magnetometer's heading error: the
+        first, second and fourth harmonic of the angle between its axis and the field,
+        `heading_1`, `heading_2` and `heading_4`. Requires `vector`. Unit: nT. Allowed: above 0.
+        Unset: the heading error is not estimated.
+    prior_factor : float, optional
+        Factor on the prior standard deviations from `model`. With one calibration these are the
+        standard deviations of its fit, with several they are the scatter between the
+        calibrations. Coefficients of differences per sample are converted from the rate of the
+        fit to that of the line. At rates below about 5 Hz the differences are inaccurate in
+        manoeuvres: they underestimate a change at frequency f by the fraction (2 pi f / rate)^2
+        / 6. Allowed: above 0. Default: `1.0`.
+    gnss_lost_s : ListLike, optional
+        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
+        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
+        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
+        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
+        not used.
+    gnss : ListLike, optional
+        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    gnss_interval_s : float, optional
+        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+    gnss_sigma_m : float, optional
+        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `2.0`.
+    gnss_alt_sigma_m : float, optional
+        Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
+    gnss_noise : bool, optional
+        Adds white noise with these standard deviations to the positions. It is reproducible for
+        each line. The truth of a simulation is free of noise; a filter that assumes noise where
+        there is none appears better than it is. Unset: true if `gnss` names columns of the role
+        truth.
+    gnss_test : bool, optional
+        Tests each position against the INS, alone (chi-square) and together with earlier
+        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
+        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
+        Positions are accepted again after ten consecutive positions agree with the INS.
+        `gnss_update` is appended with and without the test. Default: `true`.
+    gradient : ListLike, optional
+        Two compensated scalar magnetometers. Their difference, first minus second, measures the
+        slope of the map along the line between them. The temporal variation and all other
+        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
+        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+    gradient_baseline_m : ListLike, optional
+        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
+        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
+        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
+        `gradient`.
+    gradient_sigma_nt : float, optional
+        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
+        Default: `0.1`.
+    gradient_bias_sigma_nt : float, optional
+        Standard deviation of the slow error of the difference, such as the undetermined
+        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+    gradient_bias_tau_s : float, optional
+        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    gradient_slope_sigma : float | {"auto"}, optional
+        Standard deviation of the error of the map's slope along that line. Multiplied by the
+        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
+        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
+        difference, which also detects maps made from sparse lines. For a map without a vertical
+        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
+        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+    use_scalar : bool, optional
+        Uses `mag` for the measurement update too. `false` uses only the difference and the
+        vector, for example in a magnetic storm. Default: `true`.
+    vector_sigma_nt : float, optional
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        is a measurement of the attitude about the field and of the scalar field. Requires
+        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
+        above 0. Unset: the vector is not measured.
+    vector_bias_sigma_nt : float, optional
+        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
+        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+    vector_bias_tau_s : float, optional
+        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    vector_crustal_sigma_nt : float, optional
+        Standard deviation of the part of each crustal-field component that a map of the scalar
+        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
+    vector_crustal_length_m : float, optional
+        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
+    height : str, optional
+        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
+        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        used.
+    height_sigma_m : float, optional
+        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
+        `3.0`.
+    height_bias_sigma_m : float, optional
+        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
+        m. Allowed: 0 or above. Default: `30.0`.
+    height_bias_tau_s : float, optional
+        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    map_sigma_nt : float, optional
+        Standard deviation of the map error as a state that is correlated along the track. Unit:
+        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+    map_sigma_length_m : float, optional
+        Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
+        above 0. Default: `500.0`.
+    mag_latency_sigma_s : float, optional
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
+        is a state of the filter, constant along the line. A sample stamped `t` was measured at
+        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
+        exact.
+    permanent_change_sigma_nt : float, optional
+        Standard deviation of each component (nose, right, down) of the change of the aircraft's
+        permanent field since its calibration. The change is three further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
+        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
+        0.
+    permanent_change_tau_s : float, optional
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
+        `tuning = "auto"`, else the change is constant along the line.
+    flat_over_m : float, optional
+        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
+        which the sample observes the position. Above it the sample is `flat` and corrects only
+        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
+        0. Unset: all samples observe the position.
+
+    Returns
+    -------
+    Track
+        Estimate at each sample, innovations, warnings and notes.
+
+    Raises
+    ------
+    SpecError
+        If a key is unknown, has an invalid value, or has no effect.
+    DataError
+        If the line cannot be filtered, such as an INS with a NaN or a line off the map.
+    ValueError
+        If the shapes of the arrays differ.
+
+    References
+    ----------
+    windows and their prior as in fixed-lag factor-graph smoothing; each window is an iterated
+    smoother [Bell 1994] in Bryson-Frazier form [Bierman 1973].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magline import filters, maps
+    >>> lat, lon = np.linspace(45.0, 45.2, 201), np.linspace(-76.1, -75.9, 201)
+    >>> hills = 60.0 * np.sin(400.0 * lat[:, None]) + 50.0 * np.cos(500.0 * (lat[:, None] + lon))
+    >>> field = maps.Map(lon, lat, hills, np.full(hills.shape, 300.0), 4326, "deg")
+    >>> t = np.arange(100.0)  # northward over the nodes of a column; the INS is 11 m too far north
+    >>> ins = t, lat[50:150] + 1e-4, np.full(100, lon[100]), np.full(100, 300.0)
+    >>> start = {"start": "given", "init_position_sigma_m": 20.0}
+    >>> columns = {"tl": (np.sin(t)[:, None], ["x"])}  # one term of the aircraft field
+    >>> track = filters.fixed_lag(*ins, hills[50:150, 100], field, columns=columns, core_field=False, **start)
+    >>> bool(abs(track.lat_deg[-1] - lat[149]) < 5e-5)
+    True
+    """
+    return navigate_line("fixed_lag", locals())
+
+
+def rts(
+    tt_s: ArrayLike,
+    ins_lat_deg: ArrayLike,
+    ins_lon_deg: ArrayLike,
+    ins_alt_m: ArrayLike,
+    mag_nt: Magnetometers,
+    map: Map,
+    *,
+    ins_velocity_ned_mps: ArrayLike | None = None,
+    ins_force_ned_mps2: ArrayLike | None = None,
+    ins_attitude_deg: ArrayLike | None = None,
+    columns: Mapping[str, Any] | None = None,
+    tuning: Literal["auto", "magnav"] | None = None,
+    core_field: bool | None = None,
+    remove_diurnal: bool | None = None,
+    decimal_year: float | None = None,
+    map_interpolation: Literal["linear", "quadratic", "cubic"] | None = None,
+    map_levels_m: ListLike | None = None,
+    map_error_length_m: float | None = None,
+    offset_window_s: float | None = None,
+    measurement_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_tau_s: float | Literal["auto"] | None = None,
+    noise_column: str | None = None,
+    start: Literal["auto", "fix", "alignment", "given"] | None = None,
+    fix: ListLike | None = None,
+    fix_velocity: ListLike | None = None,
+    fix_sigma_m: float | None = None,
+    fix_alt_sigma_m: float | None = None,
+    fix_velocity_sigma_mps: float | None = None,
+    vector: str | None = None,
+    sensor_axis: ListLike | None = None,
+    dead_zones: Literal["none", "polar", "polar_and_equatorial"] | None = None,
+    ins_grade: Literal["magnav", "navigation", "tactical", "commercial"] | None = None,
+    init_position_sigma_m: float | None = None,
+    init_altitude_sigma_m: float | None = None,
+    init_velocity_sigma_mps: float | None = None,
+    init_attitude_sigma_deg: float | None = None,
+    init_heading_sigma_deg: float | None = None,
+    vrw_sigma: float | None = None,
+    arw_sigma: float | None = None,
+    baro_sigma_m: float | None = None,
+    ha_sigma_m: float | None = None,
+    a_hat_sigma_mps2: float | None = None,
+    acc_sigma_mps2: float | None = None,
+    gyro_sigma_radps: float | None = None,
+    baro_tau_s: float | None = None,
+    acc_tau_s: float | None = None,
+    gyro_tau_s: float | None = None,
+    iterations: int | None = None,
+    tolerance_m: float | None = None,
+    loss: Literal["none", "huber", "cauchy"] | None = None,
+    loss_scale: float | None = None,
+    save_state: bool | None = None,
+    discretisation: Literal["trapezoidal", "rectangular", "van_loan"] | None = None,
+    gnss_lost_s: ListLike | None = None,
+    gnss: ListLike | None = None,
+    gnss_interval_s: float | None = None,
+    gnss_sigma_m: float | None = None,
+    gnss_alt_sigma_m: float | None = None,
+    gnss_noise: bool | None = None,
+    gnss_test: bool | None = None,
+    gradient: ListLike | None = None,
+    gradient_baseline_m: ListLike | None = None,
+    gradient_sigma_nt: float | None = None,
+    gradient_bias_sigma_nt: float | None = None,
+    gradient_bias_tau_s: float | None = None,
+    gradient_slope_sigma: float | Literal["auto"] | None = None,
+    use_scalar: bool | None = None,
+    vector_sigma_nt: float | None = None,
+    vector_bias_sigma_nt: float | None = None,
+    vector_bias_tau_s: float | None = None,
+    vector_crustal_sigma_nt: float | None = None,
+    vector_crustal_length_m: float | None = None,
+    height: str | None = None,
+    height_sigma_m: float | None = None,
+    height_bias_sigma_m: float | None = None,
+    height_bias_tau_s: float | None = None,
+    map_sigma_nt: float | None = None,
+    map_sigma_length_m: float | None = None,
+    mag_latency_sigma_s: float | None = None,
+    permanent_change_sigma_nt: float | None = None,
+    permanent_change_tau_s: float | None = None,
+    flat_over_m: float | None = None,
+) -> Track:
+    """The most probable track of the whole line given all its measurements: a smoother for
+    post-processing.
+
+    Each iteration linearises the map along the track and passes forward and backward over the
+    line, until the track converges. It also returns the covariance. At the last sample its
+    error equals that of a filter; at earlier samples it is a few times smaller.
+
+    The position of a sample uses all measurements. `residual` and `nis` use only earlier
+    measurements, so the expected value of `nis` is 1, as for a filter. A robust loss limits the
+    influence of outliers. With `huber` the influence is constant. With `cauchy` it decreases
+    with distance, which requires a good initial track. `smoothing` is `converged`, or `stopped`
+    if the iteration ended before the track converged; `smoothing_step` is then its last change.
+
+    A line takes five to ten times as long as with `ekf`, and 0.8 kB per sample (2.6 kB more
+    with `save_state`). With further measurements it takes 15 kB per sample, the iteration has a
+    single start, and a robust loss applies only to the scalar field.
+
+    Parameters
+    ----------
+    tt_s : array_like
+        Times of the samples, s, ascending, of shape (samples,).
+    ins_lat_deg : array_like
+        Latitude of the INS, degrees, of shape (samples,).
+    ins_lon_deg : array_like
+        Longitude of the INS, degrees, of shape (samples,).
+    ins_alt_m : array_like
+        Height of the INS above the WGS-84 ellipsoid, m, of shape (samples,).
+    mag_nt : Magnetometers
+        Measured field, nT, of shape (samples,); NaN where there is no measurement. A mapping
+        holds several magnetometers under the names of their columns, such as `mag_1_c`
+        (compensated) or `mag_1_uc`.
+    map : Map
+        Anomaly map, such as the result of `magline.maps.open`.
+    ins_velocity_ned_mps : array_like, optional
+        Velocity of the INS north, east and down, m/s, of shape (samples, 3). Default: derived
+        from its positions.
+    ins_force_ned_mps2 : array_like, optional
+        Specific force of the INS north, east and down, m/s^2, of shape (samples, 3). Default:
+        derived from its velocities.
+    ins_attitude_deg : array_like, optional
+        Roll, pitch and yaw of the INS, degrees, of shape (samples, 3). Default: level, along
+        the course.
+    columns : Mapping[str, Any], optional
+        Further columns of the flight table under their names, in its units: those that keys
+        name, and those that the stage uses if they are there, such as `diurnal` (nT), `year`,
+        `doy`, `gnss_lat` (deg), `ins_aligned` (s), and the truth `lat` and `lon` (deg) and
+        `alt` (m). A value is an array of shape (samples,), one number or text for all samples,
+        or a pair of a matrix with one row per sample and the names of its columns.
+    tuning : {"auto", "magnav"}, optional
+        Source of unset parameters. `auto` estimates the noise of each line from the likelihood
+        of its innovations, rejects outliers, and continues a map of known height to the flight
+        heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
+        height. A key in the spec overrides either. Default: `"auto"`.
+    core_field : bool, optional
+        Predicts the core field as part of the measurement. `false`: the measurement is an
+        anomaly. Default: `true`.
+    remove_diurnal : bool, optional
+        Subtracts the column `diurnal` from the measurement, so that the filter need not
+        estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
+        Unset: true if the flight has the column and the measurement still contains it.
+    decimal_year : float, optional
+        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
+        1900 to 2030. Unset: the flight's own date.
+    map_interpolation : {"linear", "quadratic", "cubic"}, optional
+        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+    map_levels_m : ListLike, optional
+        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
+        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
+        `tuning = "auto"`, else used at its own height.
+    map_error_length_m : float, optional
+        Correlation length of the map error, for a map with the column `error` (`map_grid`,
+        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
+        added to the measurement noise of each sample. An extended Kalman filter predicts the
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
+        assumed exact.
+    offset_window_s : float, optional
+        Length of the window from the start of a line over which the mean of measurement minus
+        prediction is computed. This offset is subtracted before filtering, because compensation
+        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
+        Default: `0.0`.
+    measurement_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the white noise of a measurement: sensor, map and residual of the
+        compensation. `"auto"` uses the residual of the calibration, from the column
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
+        "auto"`, else 5.0.
+    fogm_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the first-order Gauss-Markov process for the temporal variation
+        and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
+        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+    fogm_tau_s : float | {"auto"}, optional
+        Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
+        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+    noise_column : str, optional
+        Column with the standard deviation of an additional error of each sample:
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
+        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
+        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+    start : {"auto", "fix", "alignment", "given"}, optional
+        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
+        are not valid minutes later. Default: `"auto"`.
+    fix : ListLike, optional
+        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
+        2 s of the line's start are used. White noise with the fix's standard deviations is
+        added to columns with the role truth. It is reproducible for each line. Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    fix_velocity : ListLike, optional
+        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
+        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
+        if the flight has them; else the velocity of the INS.
+    fix_sigma_m : float, optional
+        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `3.0`.
+    fix_alt_sigma_m : float, optional
+        Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
+    fix_velocity_sigma_mps : float, optional
+        Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
+        Default: `0.1`.
+    vector : str, optional
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
+        and the aircraft field at its position are neglected here. Unset: equal noise in all
+        attitudes.
+    sensor_axis : ListLike, optional
+        Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
+        Allowed: finite. Default: `[1.0,0.0,0.0]`.
+    dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
+        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
+        and inversely proportional to the amplitude. A sample below a tenth of the largest
+        amplitude has no measurement. Default: `"none"`.
+    ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
+        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
+        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
+        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
+        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
+        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
+        `ins_grade` if it has one.
+    init_position_sigma_m : float, optional
+        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Allowed: 0 or above. Default: `3.0`.
+    init_altitude_sigma_m : float, optional
+        Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
+        `0.001`.
+    init_velocity_sigma_mps : float, optional
+        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
+        above. Default: `0.01`.
+    init_attitude_sigma_deg : float, optional
+        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
+        Default: `0.01`.
+    init_heading_sigma_deg : float, optional
+        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
+        than the level tilt errors, because the INS finds north by the earth's rotation, which
+        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
+        tilt error.
+    vrw_sigma : float, optional
+        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
+        above. Default: `0.000238`.
+    arw_sigma : float, optional
+        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
+        or above. Default: `5.81e-7`.
+    baro_sigma_m : float, optional
+        Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
+    ha_sigma_m : float, optional
+        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
+        Allowed: 0 or above. Default: `0.001`.
+    a_hat_sigma_mps2 : float, optional
+        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
+        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+    acc_sigma_mps2 : float, optional
+        Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
+        `0.000245`.
+    gyro_sigma_radps : float, optional
+        Standard deviation of the gyro bias. Unit: rad/s. Allowed: 0 or above. Default:
+        `7.27e-9`.
+    baro_tau_s : float, optional
+        Time constant of the barometer error. Unit: s. Allowed: above 0. Default: `3600.0`.
+    acc_tau_s : float, optional
+        Time constant of the accelerometer bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    gyro_tau_s : float, optional
+        Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    iterations : int, optional
+        Maximum number of passes over the line. Allowed: 1 to 1000. Default: `20`.
+    tolerance_m : float, optional
+        Largest position change along the line in one iteration, below which the iteration ends.
+        Unit: m. Allowed: above 0. Default: `0.1`.
+    loss : {"none", "huber", "cauchy"}, optional
+        Loss function of a residual: quadratic, Huber's, or Cauchy's. Default: `"none"`.
+    loss_scale : float, optional
+        Residual above which a robust loss departs from the quadratic, in standard deviations of
+        the measurement. Allowed: above 0. Unset: 1.345 with `huber`, 2.385 with `cauchy`: 95 %
+        efficient for normal noise.
+    save_state : bool, optional
+        Appends the state `x` and its covariance `p` (row-major). Default: `false`.
+    discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
+        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
+        exact. Default: `"trapezoidal"`.
+    gnss_lost_s : ListLike, optional
+        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
+        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
+        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
+        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
+        not used.
+    gnss : ListLike, optional
+        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    gnss_interval_s : float, optional
+        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+    gnss_sigma_m : float, optional
+        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `2.0`.
+    gnss_alt_sigma_m : float, optional
+        Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
+    gnss_noise : bool, optional
+        Adds white noise with these standard deviations to the positions. It is reproducible for
+        each line. The truth of a simulation is free of noise; a filter that assumes noise where
+        there is none appears better than it is. Unset: true if `gnss` names columns of the role
+        truth.
+    gnss_test : bool, optional
+        Tests each position against the INS, alone (chi-square) and together with earlier
+        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
+        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
+        Positions are accepted again after ten consecutive positions agree with the INS.
+        `gnss_update` is appended with and without the test. Default: `true`.
+    gradient : ListLike, optional
+        Two compensated scalar magnetometers. Their difference, first minus second, measures the
+        slope of the map along the line between them. The temporal variation and all other
+        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
+        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+    gradient_baseline_m : ListLike, optional
+        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
+        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
+        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
+        `gradient`.
+    gradient_sigma_nt : float, optional
+        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
+        Default: `0.1`.
+    gradient_bias_sigma_nt : float, optional
+        Standard deviation of the slow error of the difference, such as the undetermined
+        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+    gradient_bias_tau_s : float, optional
+        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    gradient_slope_sigma : float | {"auto"}, optional
+        Standard deviation of the error of the map's slope along that line. Multiplied by the
+        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
+        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
+        difference, which also detects maps made from sparse lines. For a map without a vertical
+        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
+        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+    use_scalar : bool, optional
+        Uses `mag` for the measurement update too. `false` uses only the difference and the
+        vector, for example in a magnetic storm. Default: `true`.
+    vector_sigma_nt : float, optional
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        is a measurement of the attitude about the field and of the scalar field. Requires
+        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
+        above 0. Unset: the vector is not measured.
+    vector_bias_sigma_nt : float, optional
+        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
+        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+    vector_bias_tau_s : float, optional
+        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    vector_crustal_sigma_nt : float, optional
+        Standard deviation of the part of each crustal-field component that a map of the scalar
+        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
+    vector_crustal_length_m : float, optional
+        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
+    height : str, optional
+        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
+        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        used.
+    height_sigma_m : float, optional
+        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
+        `3.0`.
+    height_bias_sigma_m : float, optional
+        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
+        m. Allowed: 0 or above. Default: `30.0`.
+    height_bias_tau_s : float, optional
+        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    map_sigma_nt : float, optional
+        Standard deviation of the map error as a state that is correlated along the track. Unit:
+        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+    map_sigma_length_m : float, optional
+        Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
+        above 0. Default: `500.0`.
+    mag_latency_sigma_s : float, optional
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
+        is a state of the filter, constant along the line. A sample stamped `t` was measured at
+        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
+        exact.
+    permanent_change_sigma_nt : float, optional
+        Standard deviation of each component (nose, right, down) of the change of the aircraft's
+        permanent field since its calibration. The change is three further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
+        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
+        0.
+    permanent_change_tau_s : float, optional
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
+        `tuning = "auto"`, else the change is constant along the line.
+    flat_over_m : float, optional
+        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
+        which the sample observes the position. Above it the sample is `flat` and corrects only
+        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
+        0. Unset: all samples observe the position.
+
+    Returns
+    -------
+    Track
+        Estimate at each sample, innovations, warnings and notes.
+
+    Raises
+    ------
+    SpecError
+        If a key is unknown, has an invalid value, or has no effect.
+    DataError
+        If the line cannot be filtered, such as an INS with a NaN or a line off the map.
+    ValueError
+        If the shapes of the arrays differ.
+
+    References
+    ----------
+    Bierman 1973 (modified Bryson-Frazier form, which inverts no covariance); Bell 1994
+    (iterated Kalman smoother); Holland and Welsch 1977 (reweighting).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magline import filters, maps
+    >>> lat, lon = np.linspace(45.0, 45.2, 201), np.linspace(-76.1, -75.9, 201)
+    >>> hills = 60.0 * np.sin(400.0 * lat[:, None]) + 50.0 * np.cos(500.0 * (lat[:, None] + lon))
+    >>> field = maps.Map(lon, lat, hills, np.full(hills.shape, 300.0), 4326, "deg")
+    >>> t = np.arange(100.0)  # northward over the nodes of a column; the INS is 11 m too far north
+    >>> ins = t, lat[50:150] + 1e-4, np.full(100, lon[100]), np.full(100, 300.0)
+    >>> start = {"start": "given", "init_position_sigma_m": 20.0}
+    >>> track = filters.rts(*ins, hills[50:150, 100], field, core_field=False, **start)
+    >>> bool(abs(track.lat_deg[-1] - lat[149]) < 5e-5)
+    True
+    """
+    return navigate_line("rts", locals())
+
+
+def mpf(
+    tt_s: ArrayLike,
+    ins_lat_deg: ArrayLike,
+    ins_lon_deg: ArrayLike,
+    ins_alt_m: ArrayLike,
+    mag_nt: Magnetometers,
+    map: Map,
+    *,
+    ins_velocity_ned_mps: ArrayLike | None = None,
+    ins_force_ned_mps2: ArrayLike | None = None,
+    ins_attitude_deg: ArrayLike | None = None,
+    columns: Mapping[str, Any] | None = None,
+    tuning: Literal["auto", "magnav"] | None = None,
+    core_field: bool | None = None,
+    remove_diurnal: bool | None = None,
+    decimal_year: float | None = None,
+    map_interpolation: Literal["linear", "quadratic", "cubic"] | None = None,
+    map_levels_m: ListLike | None = None,
+    map_error_length_m: float | None = None,
+    offset_window_s: float | None = None,
+    measurement_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_tau_s: float | Literal["auto"] | None = None,
+    noise_column: str | None = None,
+    start: Literal["auto", "fix", "alignment", "given"] | None = None,
+    fix: ListLike | None = None,
+    fix_velocity: ListLike | None = None,
+    fix_sigma_m: float | None = None,
+    fix_alt_sigma_m: float | None = None,
+    fix_velocity_sigma_mps: float | None = None,
+    vector: str | None = None,
+    sensor_axis: ListLike | None = None,
+    dead_zones: Literal["none", "polar", "polar_and_equatorial"] | None = None,
+    ins_grade: Literal["magnav", "navigation", "tactical", "commercial"] | None = None,
+    init_position_sigma_m: float | None = None,
+    init_altitude_sigma_m: float | None = None,
+    init_velocity_sigma_mps: float | None = None,
+    init_attitude_sigma_deg: float | None = None,
+    init_heading_sigma_deg: float | None = None,
+    vrw_sigma: float | None = None,
+    arw_sigma: float | None = None,
+    baro_sigma_m: float | None = None,
+    ha_sigma_m: float | None = None,
+    a_hat_sigma_mps2: float | None = None,
+    acc_sigma_mps2: float | None = None,
+    gyro_sigma_radps: float | None = None,
+    baro_tau_s: float | None = None,
+    acc_tau_s: float | None = None,
+    gyro_tau_s: float | None = None,
+    particles: int | None = None,
+    seed: int | None = None,
+    resample_threshold: float | None = None,
+    regularise: bool | None = None,
+    smooth_over_m: float | None = None,
+    roughening: float | None = None,
+    gate_nis: float | None = None,
+    save_modes: bool | None = None,
+    gnss_lost_s: ListLike | None = None,
+    gnss: ListLike | None = None,
+    gnss_interval_s: float | None = None,
+    gnss_sigma_m: float | None = None,
+    gnss_alt_sigma_m: float | None = None,
+    gnss_noise: bool | None = None,
+    gnss_test: bool | None = None,
+    gradient: ListLike | None = None,
+    gradient_baseline_m: ListLike | None = None,
+    gradient_sigma_nt: float | None = None,
+    gradient_bias_sigma_nt: float | None = None,
+    gradient_bias_tau_s: float | None = None,
+    gradient_slope_sigma: float | Literal["auto"] | None = None,
+    use_scalar: bool | None = None,
+    vector_sigma_nt: float | None = None,
+    vector_bias_sigma_nt: float | None = None,
+    vector_bias_tau_s: float | None = None,
+    vector_crustal_sigma_nt: float | None = None,
+    vector_crustal_length_m: float | None = None,
+    height: str | None = None,
+    height_sigma_m: float | None = None,
+    height_bias_sigma_m: float | None = None,
+    height_bias_tau_s: float | None = None,
+    map_sigma_nt: float | None = None,
+    map_sigma_length_m: float | None = None,
+    mag_latency_sigma_s: float | None = None,
+    permanent_change_sigma_nt: float | None = None,
+    permanent_change_tau_s: float | None = None,
+    flat_over_m: float | None = None,
+) -> Track:
+    """The marginalised particle filter: particles for the horizontal position, and one Kalman
+    filter given the position for the other 16 states.
+
+    Use it for an INS lost by kilometres (`init_position_sigma_m`, with 10,000 particles), or on
+    a map with several similar places: `save_modes` returns the probability of each. For a
+    navigation-grade INS `ekf` is as accurate and seventy times as fast.
+
+    The estimate is the mean over all particles. Particles off the map keep their total weight
+    relative to the particles on it. A sample with less than a tenth of the weight on the map is
+    `off_map`. A measurement outside six standard deviations of every particle is `gated`,
+    regardless of `gate_nis`. Many such measurements in a row mean that the particles have lost
+    the aircraft. The line is rejected when most of its measurements are gated in this way.
+
+    Biases of further measurements and the map error are linear states of each particle. The
+    weights depend on the values of the map, not on its slope, so `flat_over_m` is rejected; use
+    `map_sigma_nt` for the map error.
+
+    Parameters
+    ----------
+    tt_s : array_like
+        Times of the samples, s, ascending, of shape (samples,).
+    ins_lat_deg : array_like
+        Latitude of the INS, degrees, of shape (samples,).
+    ins_lon_deg : array_like
+        Longitude of the INS, degrees, of shape (samples,).
+    ins_alt_m : array_like
+        Height of the INS above the WGS-84 ellipsoid, m, of shape (samples,).
+    mag_nt : Magnetometers
+        Measured field, nT, of shape (samples,); NaN where there is no measurement. A mapping
+        holds several magnetometers under the names of their columns, such as `mag_1_c`
+        (compensated) or `mag_1_uc`.
+    map : Map
+        Anomaly map, such as the result of `magline.maps.open`.
+    ins_velocity_ned_mps : array_like, optional
+        Velocity of the INS north, east and down, m/s, of shape (samples, 3). Default: derived
+        from its positions.
+    ins_force_ned_mps2 : array_like, optional
+        Specific force of the INS north, east and down, m/s^2, of shape (samples, 3). Default:
+        derived from its velocities.
+    ins_attitude_deg : array_like, optional
+        Roll, pitch and yaw of the INS, degrees, of shape (samples, 3). Default: level, along
+        the course.
+    columns : Mapping[str, Any], optional
+        Further columns of the flight table under their names, in its units: those that keys
+        name, and those that the stage uses if they are there, such as `diurnal` (nT), `year`,
+        `doy`, `gnss_lat` (deg), `ins_aligned` (s), and the truth `lat` and `lon` (deg) and
+        `alt` (m). A value is an array of shape (samples,), one number or text for all samples,
+        or a pair of a matrix with one row per sample and the names of its columns.
+    tuning : {"auto", "magnav"}, optional
+        Source of unset parameters. `auto` estimates the noise of each line from the likelihood
+        of its innovations, rejects outliers, and continues a map of known height to the flight
+        heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
+        height. A key in the spec overrides either. Default: `"auto"`.
+    core_field : bool, optional
+        Predicts the core field as part of the measurement. `false`: the measurement is an
+        anomaly. Default: `true`.
+    remove_diurnal : bool, optional
+        Subtracts the column `diurnal` from the measurement, so that the filter need not
+        estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
+        Unset: true if the flight has the column and the measurement still contains it.
+    decimal_year : float, optional
+        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
+        1900 to 2030. Unset: the flight's own date.
+    map_interpolation : {"linear", "quadratic", "cubic"}, optional
+        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+    map_levels_m : ListLike, optional
+        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
+        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
+        `tuning = "auto"`, else used at its own height.
+    map_error_length_m : float, optional
+        Correlation length of the map error, for a map with the column `error` (`map_grid`,
+        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
+        added to the measurement noise of each sample. An extended Kalman filter predicts the
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
+        assumed exact.
+    offset_window_s : float, optional
+        Length of the window from the start of a line over which the mean of measurement minus
+        prediction is computed. This offset is subtracted before filtering, because compensation
+        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
+        Default: `0.0`.
+    measurement_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the white noise of a measurement: sensor, map and residual of the
+        compensation. `"auto"` uses the residual of the calibration, from the column
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
+        "auto"`, else 5.0.
+    fogm_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the first-order Gauss-Markov process for the temporal variation
+        and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
+        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+    fogm_tau_s : float | {"auto"}, optional
+        Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
+        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+    noise_column : str, optional
+        Column with the standard deviation of an additional error of each sample:
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
+        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
+        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+    start : {"auto", "fix", "alignment", "given"}, optional
+        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
+        are not valid minutes later. Default: `"auto"`.
+    fix : ListLike, optional
+        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
+        2 s of the line's start are used. White noise with the fix's standard deviations is
+        added to columns with the role truth. It is reproducible for each line. Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    fix_velocity : ListLike, optional
+        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
+        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
+        if the flight has them; else the velocity of the INS.
+    fix_sigma_m : float, optional
+        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `3.0`.
+    fix_alt_sigma_m : float, optional
+        Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
+    fix_velocity_sigma_mps : float, optional
+        Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
+        Default: `0.1`.
+    vector : str, optional
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
+        and the aircraft field at its position are neglected here. Unset: equal noise in all
+        attitudes.
+    sensor_axis : ListLike, optional
+        Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
+        Allowed: finite. Default: `[1.0,0.0,0.0]`.
+    dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
+        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
+        and inversely proportional to the amplitude. A sample below a tenth of the largest
+        amplitude has no measurement. Default: `"none"`.
+    ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
+        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
+        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
+        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
+        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
+        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
+        `ins_grade` if it has one.
+    init_position_sigma_m : float, optional
+        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Allowed: 0 or above. Default: `3.0`.
+    init_altitude_sigma_m : float, optional
+        Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
+        `0.001`.
+    init_velocity_sigma_mps : float, optional
+        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
+        above. Default: `0.01`.
+    init_attitude_sigma_deg : float, optional
+        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
+        Default: `0.01`.
+    init_heading_sigma_deg : float, optional
+        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
+        than the level tilt errors, because the INS finds north by the earth's rotation, which
+        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
+        tilt error.
+    vrw_sigma : float, optional
+        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
+        above. Default: `0.000238`.
+    arw_sigma : float, optional
+        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
+        or above. Default: `5.81e-7`.
+    baro_sigma_m : float, optional
+        Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
+    ha_sigma_m : float, optional
+        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
+        Allowed: 0 or above. Default: `0.001`.
+    a_hat_sigma_mps2 : float, optional
+        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
+        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+    acc_sigma_mps2 : float, optional
+        Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
+        `0.000245`.
+    gyro_sigma_radps : float, optional
+        Standard deviation of the gyro bias. Unit: rad/s. Allowed: 0 or above. Default:
+        `7.27e-9`.
+    baro_tau_s : float, optional
+        Time constant of the barometer error. Unit: s. Allowed: above 0. Default: `3600.0`.
+    acc_tau_s : float, optional
+        Time constant of the accelerometer bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    gyro_tau_s : float, optional
+        Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    particles : int, optional
+        Number of particles: 1000 for an INS known to hundreds of metres; 10,000 for an INS lost
+        by kilometres or with a measurement as precise as `gradient`. Allowed: 1 to 1000000.
+        Default: `1000`.
+    seed : int, optional
+        Seed of all random draws. The same seed gives the same bits on any number of threads.
+        Default: `0`.
+    resample_threshold : float, optional
+        Effective number of particles, as a fraction of all, below which they are resampled. 0.5
+        is usual; more frequent resampling (MagNav.jl: 0.8) only adds noise. Allowed: 0 to 1.
+        Default: `0.5`.
+    regularise : bool, optional
+        Resamples from a kernel density. Without it, only copies of a few particles remain with
+        a good INS, whose position error has almost no driving noise. The covariance is then far
+        too small. Default: `true`.
+    smooth_over_m : float, optional
+        Distance over which the map is nearly linear; about its height above the sources. A
+        wider cloud has one kernel for each of its parts. The slope that `gradient` measures is
+        linear over a third of this distance. Unit: m. Allowed: above 0. Default: `200.0`.
+    roughening : float, optional
+        Standard deviation of the position noise of each resampled particle, per axis. It is in
+        units of the range of the particles divided by the square root of their number. Gordon,
+        Salmond & Smith 1993 use 0.2. Allowed: 0 or above. Default: `0.0`.
+    gate_nis : float, optional
+        Largest accepted NIS of a measurement, for the mean and variance of the whole cloud.
+        Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
+    save_modes : bool, optional
+        Appends the three most probable modes of the position to each sample. Takes 50 % more
+        time. Default: `false`.
+    gnss_lost_s : ListLike, optional
+        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
+        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
+        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
+        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
+        not used.
+    gnss : ListLike, optional
+        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    gnss_interval_s : float, optional
+        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+    gnss_sigma_m : float, optional
+        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `2.0`.
+    gnss_alt_sigma_m : float, optional
+        Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
+    gnss_noise : bool, optional
+        Adds white noise with these standard deviations to the positions. It is reproducible for
+        each line. The truth of a simulation is free of noise; a filter that assumes noise where
+        there is none appears better than it is. Unset: true if `gnss` names columns of the role
+        truth.
+    gnss_test : bool, optional
+        Tests each position against the INS, alone (chi-square) and together with earlier
+        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
+        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
+        Positions are accepted again after ten consecutive positions agree with the INS.
+        `gnss_update` is appended with and without the test. Default: `true`.
+    gradient : ListLike, optional
+        Two compensated scalar magnetometers. Their difference, first minus second, measures the
+        slope of the map along the line between them. The temporal variation and all other
+        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
+        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+    gradient_baseline_m : ListLike, optional
+        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
+        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
+        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
+        `gradient`.
+    gradient_sigma_nt : float, optional
+        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
+        Default: `0.1`.
+    gradient_bias_sigma_nt : float, optional
+        Standard deviation of the slow error of the difference, such as the undetermined
+        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+    gradient_bias_tau_s : float, optional
+        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    gradient_slope_sigma : float | {"auto"}, optional
+        Standard deviation of the error of the map's slope along that line. Multiplied by the
+        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
+        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
+        difference, which also detects maps made from sparse lines. For a map without a vertical
+        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
+        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+    use_scalar : bool, optional
+        Uses `mag` for the measurement update too. `false` uses only the difference and the
+        vector, for example in a magnetic storm. Default: `true`.
+    vector_sigma_nt : float, optional
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        is a measurement of the attitude about the field and of the scalar field. Requires
+        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
+        above 0. Unset: the vector is not measured.
+    vector_bias_sigma_nt : float, optional
+        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
+        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+    vector_bias_tau_s : float, optional
+        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    vector_crustal_sigma_nt : float, optional
+        Standard deviation of the part of each crustal-field component that a map of the scalar
+        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
+    vector_crustal_length_m : float, optional
+        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
+    height : str, optional
+        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
+        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        used.
+    height_sigma_m : float, optional
+        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
+        `3.0`.
+    height_bias_sigma_m : float, optional
+        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
+        m. Allowed: 0 or above. Default: `30.0`.
+    height_bias_tau_s : float, optional
+        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    map_sigma_nt : float, optional
+        Standard deviation of the map error as a state that is correlated along the track. Unit:
+        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+    map_sigma_length_m : float, optional
+        Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
+        above 0. Default: `500.0`.
+    mag_latency_sigma_s : float, optional
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
+        is a state of the filter, constant along the line. A sample stamped `t` was measured at
+        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
+        exact.
+    permanent_change_sigma_nt : float, optional
+        Standard deviation of each component (nose, right, down) of the change of the aircraft's
+        permanent field since its calibration. The change is three further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
+        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
+        0.
+    permanent_change_tau_s : float, optional
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
+        `tuning = "auto"`, else the change is constant along the line.
+    flat_over_m : float, optional
+        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
+        which the sample observes the position. Above it the sample is `flat` and corrects only
+        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
+        0. Unset: all samples observe the position.
+
+    Returns
+    -------
+    Track
+        Estimate at each sample, innovations, warnings and notes.
+
+    Raises
+    ------
+    SpecError
+        If a key is unknown, has an invalid value, or has no effect.
+    DataError
+        If the line cannot be filtered, such as an INS with a NaN or a line off the map.
+    ValueError
+        If the shapes of the arrays differ.
+
+    References
+    ----------
+    Schön, Gustafsson & Nordlund 2005; resampling from a kernel density (Musso, Oudjane & Le
+    Gland 2001) that is also marginalised over the linear states. The same seed gives the same
+    bits on any number of threads.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magline import filters, maps
+    >>> lat, lon = np.linspace(45.0, 45.2, 201), np.linspace(-76.1, -75.9, 201)
+    >>> hills = 60.0 * np.sin(400.0 * lat[:, None]) + 50.0 * np.cos(500.0 * (lat[:, None] + lon))
+    >>> field = maps.Map(lon, lat, hills, np.full(hills.shape, 300.0), 4326, "deg")
+    >>> t = np.arange(100.0)  # northward over the nodes of a column; the INS is 11 m too far north
+    >>> ins = t, lat[50:150] + 1e-4, np.full(100, lon[100]), np.full(100, 300.0)
+    >>> start = {"start": "given", "init_position_sigma_m": 20.0}
+    >>> track = filters.mpf(*ins, hills[50:150, 100], field, core_field=False, **start)
+    >>> bool(abs(track.lat_deg[-1] - lat[149]) < 5e-5)
+    True
+    """
+    return navigate_line("mpf", locals())
+
+
+def crlb(
+    tt_s: ArrayLike,
+    ins_lat_deg: ArrayLike,
+    ins_lon_deg: ArrayLike,
+    ins_alt_m: ArrayLike,
+    mag_nt: Magnetometers,
+    map: Map,
+    *,
+    ins_velocity_ned_mps: ArrayLike | None = None,
+    ins_force_ned_mps2: ArrayLike | None = None,
+    ins_attitude_deg: ArrayLike | None = None,
+    columns: Mapping[str, Any] | None = None,
+    tuning: Literal["auto", "magnav"] | None = None,
+    core_field: bool | None = None,
+    remove_diurnal: bool | None = None,
+    decimal_year: float | None = None,
+    map_interpolation: Literal["linear", "quadratic", "cubic"] | None = None,
+    map_levels_m: ListLike | None = None,
+    map_error_length_m: float | None = None,
+    offset_window_s: float | None = None,
+    measurement_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_tau_s: float | Literal["auto"] | None = None,
+    noise_column: str | None = None,
+    start: Literal["auto", "fix", "alignment", "given"] | None = None,
+    fix: ListLike | None = None,
+    fix_velocity: ListLike | None = None,
+    fix_sigma_m: float | None = None,
+    fix_alt_sigma_m: float | None = None,
+    fix_velocity_sigma_mps: float | None = None,
+    vector: str | None = None,
+    sensor_axis: ListLike | None = None,
+    dead_zones: Literal["none", "polar", "polar_and_equatorial"] | None = None,
+    ins_grade: Literal["magnav", "navigation", "tactical", "commercial"] | None = None,
+    init_position_sigma_m: float | None = None,
+    init_altitude_sigma_m: float | None = None,
+    init_velocity_sigma_mps: float | None = None,
+    init_attitude_sigma_deg: float | None = None,
+    init_heading_sigma_deg: float | None = None,
+    vrw_sigma: float | None = None,
+    arw_sigma: float | None = None,
+    baro_sigma_m: float | None = None,
+    ha_sigma_m: float | None = None,
+    a_hat_sigma_mps2: float | None = None,
+    acc_sigma_mps2: float | None = None,
+    gyro_sigma_radps: float | None = None,
+    baro_tau_s: float | None = None,
+    acc_tau_s: float | None = None,
+    gyro_tau_s: float | None = None,
+    discretisation: Literal["trapezoidal", "rectangular", "van_loan"] | None = None,
+    save_state: bool | None = None,
+    gnss_lost_s: ListLike | None = None,
+    gnss: ListLike | None = None,
+    gnss_interval_s: float | None = None,
+    gnss_sigma_m: float | None = None,
+    gnss_alt_sigma_m: float | None = None,
+    gnss_noise: bool | None = None,
+    gnss_test: bool | None = None,
+    gradient: ListLike | None = None,
+    gradient_baseline_m: ListLike | None = None,
+    gradient_sigma_nt: float | None = None,
+    gradient_bias_sigma_nt: float | None = None,
+    gradient_bias_tau_s: float | None = None,
+    gradient_slope_sigma: float | Literal["auto"] | None = None,
+    use_scalar: bool | None = None,
+    vector_sigma_nt: float | None = None,
+    vector_bias_sigma_nt: float | None = None,
+    vector_bias_tau_s: float | None = None,
+    vector_crustal_sigma_nt: float | None = None,
+    vector_crustal_length_m: float | None = None,
+    height: str | None = None,
+    height_sigma_m: float | None = None,
+    height_bias_sigma_m: float | None = None,
+    height_bias_tau_s: float | None = None,
+    map_sigma_nt: float | None = None,
+    map_sigma_length_m: float | None = None,
+    mag_latency_sigma_s: float | None = None,
+    permanent_change_sigma_nt: float | None = None,
+    permanent_change_tau_s: float | None = None,
+    flat_over_m: float | None = None,
+) -> Track:
+    """The Cramér-Rao bound: the smallest error of any filter with these models on this flight.
+
+    It reads the truth (`lat`, `lon`, `alt`) and evaluates the filter's covariance there.
+    Compared with the track of a filter, it shows whether an error is due to the filter or to
+    the flight.
+
+    It makes no estimate. Its positions are the truth, `score` gives no error for them, and its
+    `sd_n`, `sd_e` and `drms_bound` are the bound. The metric `drms_bound` is the bound over the
+    line; a search never selects a point by it. `residual` is the measurement minus the field at
+    the true position. `nis` is its square divided by its variance under the assumed noise; a
+    mean of 1 confirms the assumed noise. `vn`, `ve` and `vd` are those of the INS.
+
+    Parameters
+    ----------
+    tt_s : array_like
+        Times of the samples, s, ascending, of shape (samples,).
+    ins_lat_deg : array_like
+        Latitude of the INS, degrees, of shape (samples,).
+    ins_lon_deg : array_like
+        Longitude of the INS, degrees, of shape (samples,).
+    ins_alt_m : array_like
+        Height of the INS above the WGS-84 ellipsoid, m, of shape (samples,).
+    mag_nt : Magnetometers
+        Measured field, nT, of shape (samples,); NaN where there is no measurement. A mapping
+        holds several magnetometers under the names of their columns, such as `mag_1_c`
+        (compensated) or `mag_1_uc`.
+    map : Map
+        Anomaly map, such as the result of `magline.maps.open`.
+    ins_velocity_ned_mps : array_like, optional
+        Velocity of the INS north, east and down, m/s, of shape (samples, 3). Default: derived
+        from its positions.
+    ins_force_ned_mps2 : array_like, optional
+        Specific force of the INS north, east and down, m/s^2, of shape (samples, 3). Default:
+        derived from its velocities.
+    ins_attitude_deg : array_like, optional
+        Roll, pitch and yaw of the INS, degrees, of shape (samples, 3). Default: level, along
+        the course.
+    columns : Mapping[str, Any], optional
+        Further columns of the flight table under their names, in its units: those that keys
+        name, and those that the stage uses if they are there, such as `diurnal` (nT), `year`,
+        `doy`, `gnss_lat` (deg), `ins_aligned` (s), and the truth `lat` and `lon` (deg) and
+        `alt` (m). A value is an array of shape (samples,), one number or text for all samples,
+        or a pair of a matrix with one row per sample and the names of its columns.
+    tuning : {"auto", "magnav"}, optional
+        Source of unset parameters. `auto` estimates the noise of each line from the likelihood
+        of its innovations, rejects outliers, and continues a map of known height to the flight
+        heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
+        height. A key in the spec overrides either. Default: `"auto"`.
+    core_field : bool, optional
+        Predicts the core field as part of the measurement. `false`: the measurement is an
+        anomaly. Default: `true`.
+    remove_diurnal : bool, optional
+        Subtracts the column `diurnal` from the measurement, so that the filter need not
+        estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
+        Unset: true if the flight has the column and the measurement still contains it.
+    decimal_year : float, optional
+        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
+        1900 to 2030. Unset: the flight's own date.
+    map_interpolation : {"linear", "quadratic", "cubic"}, optional
+        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+    map_levels_m : ListLike, optional
+        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
+        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
+        `tuning = "auto"`, else used at its own height.
+    map_error_length_m : float, optional
+        Correlation length of the map error, for a map with the column `error` (`map_grid`,
+        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
+        added to the measurement noise of each sample. An extended Kalman filter predicts the
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
+        assumed exact.
+    offset_window_s : float, optional
+        Length of the window from the start of a line over which the mean of measurement minus
+        prediction is computed. This offset is subtracted before filtering, because compensation
+        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
+        Default: `0.0`.
+    measurement_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the white noise of a measurement: sensor, map and residual of the
+        compensation. `"auto"` uses the residual of the calibration, from the column
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
+        "auto"`, else 5.0.
+    fogm_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the first-order Gauss-Markov process for the temporal variation
+        and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
+        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+    fogm_tau_s : float | {"auto"}, optional
+        Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
+        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+    noise_column : str, optional
+        Column with the standard deviation of an additional error of each sample:
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
+        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
+        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+    start : {"auto", "fix", "alignment", "given"}, optional
+        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
+        are not valid minutes later. Default: `"auto"`.
+    fix : ListLike, optional
+        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
+        2 s of the line's start are used. White noise with the fix's standard deviations is
+        added to columns with the role truth. It is reproducible for each line. Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    fix_velocity : ListLike, optional
+        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
+        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
+        if the flight has them; else the velocity of the INS.
+    fix_sigma_m : float, optional
+        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `3.0`.
+    fix_alt_sigma_m : float, optional
+        Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
+    fix_velocity_sigma_mps : float, optional
+        Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
+        Default: `0.1`.
+    vector : str, optional
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
+        and the aircraft field at its position are neglected here. Unset: equal noise in all
+        attitudes.
+    sensor_axis : ListLike, optional
+        Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
+        Allowed: finite. Default: `[1.0,0.0,0.0]`.
+    dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
+        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
+        and inversely proportional to the amplitude. A sample below a tenth of the largest
+        amplitude has no measurement. Default: `"none"`.
+    ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
+        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
+        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
+        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
+        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
+        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
+        `ins_grade` if it has one.
+    init_position_sigma_m : float, optional
+        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Allowed: 0 or above. Default: `3.0`.
+    init_altitude_sigma_m : float, optional
+        Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
+        `0.001`.
+    init_velocity_sigma_mps : float, optional
+        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
+        above. Default: `0.01`.
+    init_attitude_sigma_deg : float, optional
+        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
+        Default: `0.01`.
+    init_heading_sigma_deg : float, optional
+        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
+        than the level tilt errors, because the INS finds north by the earth's rotation, which
+        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
+        tilt error.
+    vrw_sigma : float, optional
+        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
+        above. Default: `0.000238`.
+    arw_sigma : float, optional
+        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
+        or above. Default: `5.81e-7`.
+    baro_sigma_m : float, optional
+        Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
+    ha_sigma_m : float, optional
+        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
+        Allowed: 0 or above. Default: `0.001`.
+    a_hat_sigma_mps2 : float, optional
+        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
+        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+    acc_sigma_mps2 : float, optional
+        Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
+        `0.000245`.
+    gyro_sigma_radps : float, optional
+        Standard deviation of the gyro bias. Unit: rad/s. Allowed: 0 or above. Default:
+        `7.27e-9`.
+    baro_tau_s : float, optional
+        Time constant of the barometer error. Unit: s. Allowed: above 0. Default: `3600.0`.
+    acc_tau_s : float, optional
+        Time constant of the accelerometer bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    gyro_tau_s : float, optional
+        Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
+        Discretisation of the process noise: to second order, to first order as in MagNav.jl, or
+        exact. Default: `"trapezoidal"`.
+    save_state : bool, optional
+        Appends the covariance `p` (row-major). Default: `false`.
+    gnss_lost_s : ListLike, optional
+        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
+        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
+        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
+        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
+        not used.
+    gnss : ListLike, optional
+        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    gnss_interval_s : float, optional
+        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+    gnss_sigma_m : float, optional
+        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `2.0`.
+    gnss_alt_sigma_m : float, optional
+        Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
+    gnss_noise : bool, optional
+        Adds white noise with these standard deviations to the positions. It is reproducible for
+        each line. The truth of a simulation is free of noise; a filter that assumes noise where
+        there is none appears better than it is. Unset: true if `gnss` names columns of the role
+        truth.
+    gnss_test : bool, optional
+        Tests each position against the INS, alone (chi-square) and together with earlier
+        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
+        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
+        Positions are accepted again after ten consecutive positions agree with the INS.
+        `gnss_update` is appended with and without the test. Default: `true`.
+    gradient : ListLike, optional
+        Two compensated scalar magnetometers. Their difference, first minus second, measures the
+        slope of the map along the line between them. The temporal variation and all other
+        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
+        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+    gradient_baseline_m : ListLike, optional
+        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
+        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
+        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
+        `gradient`.
+    gradient_sigma_nt : float, optional
+        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
+        Default: `0.1`.
+    gradient_bias_sigma_nt : float, optional
+        Standard deviation of the slow error of the difference, such as the undetermined
+        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+    gradient_bias_tau_s : float, optional
+        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    gradient_slope_sigma : float | {"auto"}, optional
+        Standard deviation of the error of the map's slope along that line. Multiplied by the
+        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
+        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
+        difference, which also detects maps made from sparse lines. For a map without a vertical
+        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
+        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+    use_scalar : bool, optional
+        Uses `mag` for the measurement update too. `false` uses only the difference and the
+        vector, for example in a magnetic storm. Default: `true`.
+    vector_sigma_nt : float, optional
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        is a measurement of the attitude about the field and of the scalar field. Requires
+        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
+        above 0. Unset: the vector is not measured.
+    vector_bias_sigma_nt : float, optional
+        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
+        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+    vector_bias_tau_s : float, optional
+        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    vector_crustal_sigma_nt : float, optional
+        Standard deviation of the part of each crustal-field component that a map of the scalar
+        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
+    vector_crustal_length_m : float, optional
+        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
+    height : str, optional
+        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
+        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        used.
+    height_sigma_m : float, optional
+        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
+        `3.0`.
+    height_bias_sigma_m : float, optional
+        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
+        m. Allowed: 0 or above. Default: `30.0`.
+    height_bias_tau_s : float, optional
+        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    map_sigma_nt : float, optional
+        Standard deviation of the map error as a state that is correlated along the track. Unit:
+        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+    map_sigma_length_m : float, optional
+        Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
+        above 0. Default: `500.0`.
+    mag_latency_sigma_s : float, optional
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
+        is a state of the filter, constant along the line. A sample stamped `t` was measured at
+        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
+        exact.
+    permanent_change_sigma_nt : float, optional
+        Standard deviation of each component (nose, right, down) of the change of the aircraft's
+        permanent field since its calibration. The change is three further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
+        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
+        0.
+    permanent_change_tau_s : float, optional
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
+        `tuning = "auto"`, else the change is constant along the line.
+    flat_over_m : float, optional
+        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
+        which the sample observes the position. Above it the sample is `flat` and corrects only
+        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
+        0. Unset: all samples observe the position.
+
+    Returns
+    -------
+    Track
+        Estimate at each sample, innovations, warnings and notes.
+
+    Raises
+    ------
+    SpecError
+        If a key is unknown, has an invalid value, or has no effect.
+    DataError
+        If the line cannot be filtered, such as an INS with a NaN or a line off the map.
+    ValueError
+        If the shapes of the arrays differ.
+
+    References
+    ----------
+    Tichavský, Muravchik & Nehorai 1998; MagNav.jl's `crlb`, which agrees to 8 digits.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magline import filters, maps
+    >>> lat, lon = np.linspace(45.0, 45.2, 201), np.linspace(-76.1, -75.9, 201)
+    >>> hills = 60.0 * np.sin(400.0 * lat[:, None]) + 50.0 * np.cos(500.0 * (lat[:, None] + lon))
+    >>> field = maps.Map(lon, lat, hills, np.full(hills.shape, 300.0), 4326, "deg")
+    >>> t = np.arange(100.0)  # northward over the nodes of a column; the INS is 11 m too far north
+    >>> ins = t, lat[50:150] + 1e-4, np.full(100, lon[100]), np.full(100, 300.0)
+    >>> start = {"start": "given", "init_position_sigma_m": 20.0}
+    >>> columns = {"lat": lat[50:150], "lon": ins[2], "alt": ins[3]}  # the true positions
+    >>> track = filters.crlb(*ins, hills[50:150, 100], field, columns=columns, core_field=False, **start)
+    >>> bool(track.more['drms_bound'][-1] < 20.0)
+    True
+    """
+    return navigate_line("crlb", locals())
