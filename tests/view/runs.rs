@@ -257,7 +257,7 @@ fn user_coastlines_of_a_region_are_sent() {
     let viewed = Viewed::new(&bench, &["store"]);
     let lines = viewed.json("api/coast?west=144&east=149&south=-44&north=-40")["lines"].clone();
     let first = lines[0].as_array().unwrap();
-    assert!(!lines.as_array().unwrap().is_empty() && first.len() % 2 == 0);
+    assert!(!lines.as_array().unwrap().is_empty() && first.len().is_multiple_of(2));
     assert!(
         (130.0..160.0).contains(&first[0].as_f64().unwrap()) && (-50.0..-35.0).contains(&first[1].as_f64().unwrap())
     );
