@@ -65,7 +65,7 @@ pub(super) struct AssumedNoise {
 const MAGNAV: [f64; 3] = [5.0, 3.0, 600.0];
 
 /// Time between two measurements used to estimate the noise, in s. Errors with a shorter correlation time are white.
-const INTERVAL_S: f64 = 5.0;
+pub(super) const INTERVAL_S: f64 = 5.0;
 
 /// Columns of the estimated noise: name, unit and meaning.
 const FOUND: [(&str, &str, &str); PARAMETERS] = [
