@@ -83,9 +83,10 @@ stage! {
     /// is NaN where the map's height is unknown. A map in eastings and northings is interpolated on its native grid.
     ///
     /// Filters that linearise the map require an initial position within the distance over which the map is linear.
-    /// `start_sigma` is the initial standard deviation of the position, and `start_sigma_limit` the largest one at which
-    /// the linearisation error is below the white noise, averaged over a minute. A larger start is flagged (`wide_start`
-    /// in the table of warnings): these filters may then diverge unnoticed. Use `filter = "mpf_then_ekf"`.
+    /// `start_sigma` is the initial standard deviation of the position. `start_sigma_limit` is the largest one at which
+    /// the linearisation error is below the white noise, or below a third of the linear change of the map (median over
+    /// a minute). A larger start is flagged (`wide_start` in the table of warnings), because these filters may then
+    /// diverge unnoticed. Use `filter = "mpf_then_ekf"`.
     ///
     /// The core field (IGRF-14) is computed at one date per line: `decimal_year`, or the flight's first sample with
     /// both `year` and `doy`. A flight without a date is rejected unless `core_field = false`.

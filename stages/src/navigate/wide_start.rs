@@ -38,7 +38,8 @@ impl Navigate {
     pub(super) fn start_columns(&self) -> Vec<Column> {
         let what = [
             "standard deviation of the initial position, along the longer axis of its error ellipse",
-            "largest `start_sigma` over which the map is linear within the assumed noise; NaN off the map",
+            "largest `start_sigma` over which the map is linear: the linearisation error is below the assumed noise or a \
+             third of the linear change; NaN off the map",
         ];
         let columns = START_COLUMNS.into_iter().zip(what).map(|(name, what)| Column::float(name, "m", what));
         columns.filter(|_| self.tests_start()).collect()
@@ -64,8 +65,8 @@ impl Navigate {
 
 impl NoiseSources<'_> {
     /// [`NoiseSources::find`] for a start over which the map is not linear. Particles locate the aircraft. The INS is
-    /// corrected by that position and velocity, and noise and outliers are estimated along the corrected INS. The assumed
-    /// noise is kept if the particles do not find a single position.
+    /// corrected by that position and velocity, and noise and outliers are estimated along the corrected INS. The
+    /// assumed noise is kept if the particles do not find a single position.
     pub(super) fn find_from_wide_start(
         &self,
         flown: &mut FilterInput,
@@ -130,8 +131,8 @@ impl FilterInput<'_> {
             return Ok(());
         };
         let what = format!(
-            "`offset_window_s` compares the measurement with the map at the position of the INS, which is known only to \
-             {:.0} m",
+            "`offset_window_s` compares the measurement with the map at the position of the INS, which is known only \
+             to {:.0} m",
             range.sigma_m
         );
         let help = "remove `offset_window_s`, and set `fogm_sigma_nt` to the size of the offset";

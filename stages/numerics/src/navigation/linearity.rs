@@ -1,17 +1,17 @@
 //! Range of position uncertainty over which a Kalman filter may linearise the field.
 //!
 //! An extended Kalman filter predicts the field at the position x + e as h(x) + H e. With the error e ~ N(0, P) of the
-//! position x, the linearisation error has the mean square
+//! position x, the linear change of the field and the linearisation error have the mean squares
 //!
 //! ```text
-//! ε²(P) = E [h(x + e) − h(x) − H e]²,      e ~ N(0, P)
+//! λ²(P) = E [H e]²,      ε²(P) = E [h(x + e) − h(x) − H e]²,      e ~ N(0, P)
 //! ```
 //!
-//! The filter does not include this error in its covariance. The filter is therefore valid only while ε is below the
-//! standard deviation σ of the measurement noise [compare Bar-Shalom, Li & Kirubarajan 2001, section 10.3]. The range is
-//! the standard deviation r of the position at which ε = σ, with the shape of P: with the standard deviation s of P along its longer axis, r = c s
-//! where ε(c² P) = σ. ε² is averaged over the next 60 s of a straight path, because the curvature of a map may vanish at
-//! a single position.
+//! The filter does not include ε in its covariance. The filter is valid where ε is below the standard deviation σ of the
+//! measurement noise [compare Bar-Shalom, Li & Kirubarajan 2001, section 10.3]. It is also tolerated where ε is below λ/3:
+//! the first updates are then overconfident, but the slope has the correct sign, and later updates correct the position.
+//! The range is the standard deviation of the position at which ε is the larger of σ and λ/3, with the shape of P. λ² and
+//! ε² are medians over the next 60 s of a straight path, because the map may be flat or steep at a single position.
 //!
 //! The mean over e is a Gauss-Laguerre rule of three nodes in |e|²/2, times eight directions [Abramowitz & Stegun 1964,
 //! 25.4.45]. It is exact for a field of second and third degree.
@@ -31,6 +31,8 @@ const RADII: [(f64, f64); 3] = [
 const DIRECTIONS: u32 = 8;
 /// Times of the positions along the path, in s: interval and number.
 const PATH: (f64, u32) = (5.0, 13);
+/// Largest tolerated linearisation error, as a fraction of the linear change.
+const LARGEST_SHARE: f64 = 1.0 / 3.0;
 /// Smallest and largest range, in m.
 const RANGE_M: [f64; 2] = [0.1, 1e5];
 /// Number of bisections of the logarithm of the range; the relative error is 1e-5.
@@ -41,7 +43,7 @@ const BISECTIONS: usize = 20;
 pub struct LinearRange {
     /// Standard deviation of the position along the longer axis of its error ellipse, in m.
     pub sigma_m: f64,
-    /// Largest `sigma_m` for which the linearisation error is below the noise, in m; at most 100 km. NaN without a
+    /// Largest `sigma_m` for which the linearisation error is below the noise or a third of the linear change, in m; at most the extent of the map, and 100 km. NaN without a
     /// value of the map on the path, or without a measurement.
     pub limit_m: f64,
 }
@@ -115,7 +117,7 @@ impl<'a> LinearityTest<'a> {
     /// Whether the linearisation error over a covariance of latitude and longitude (in rad²: variance of latitude,
     /// covariance, variance of longitude) is below the noise. False without a value of the map.
     pub(crate) fn is_linear(&mut self, at: &PathStart, covariance: [f64; 3], sigma_nt: f64) -> bool {
-        self.error_nt(at, cholesky(covariance)).is_some_and(|error_nt| error_nt <= sigma_nt)
+        self.changes(at, cholesky(covariance)).is_some_and(|changes| changes.error_nt <= sigma_nt)
     }
 
     /// Range of the covariance, for a standard deviation of the noise.
@@ -128,8 +130,8 @@ impl<'a> LinearityTest<'a> {
             if sigma_m > 0.0 { (covariance, sigma_m) } else { ([north_m.powi(-2), 0.0, east_m.powi(-2)], 1.0) };
         let root = cholesky(shape);
         let mut is_linear = |range_m: f64| {
-            let error_nt = self.error_nt(at, root.map(|entry| entry * range_m / unit_m))?;
-            Some(error_nt <= sigma_nt)
+            let FieldChanges { linear_nt, error_nt } = self.changes(at, root.map(|entry| entry * range_m / unit_m))?;
+            Some(error_nt <= sigma_nt.max(LARGEST_SHARE * linear_nt))
         };
         let [mut low, mut high] = RANGE_M.map(f64::ln);
         if sigma_nt.is_nan() || sigma_nt <= 0.0 || is_linear(RANGE_M[0]).is_none() {
@@ -142,12 +144,12 @@ impl<'a> LinearityTest<'a> {
         LinearRange { sigma_m, limit_m: low.exp() }
     }
 
-    /// Linearisation error, in nT, over the covariance with this Cholesky factor; `None` without a value of the map.
-    /// Positions off the map do not count.
-    fn error_nt(&mut self, at: &PathStart, [first, both, second]: [f64; 3]) -> Option<f64> {
+    /// Changes of the field over the covariance with this Cholesky factor; `None` without a value of the map. Positions
+    /// off the map do not count.
+    fn changes(&mut self, at: &PathStart, [first, both, second]: [f64; 3]) -> Option<FieldChanges> {
         let (north_m, east_m) = self.earth.north_east_m_per_rad(at.lat_deg.to_radians(), at.alt_m);
         let [vn, ve] = at.velocity_ne_mps;
-        let (mut sum, mut count) = (0.0, 0.0);
+        let (mut linear, mut errors) = (vec![], vec![]);
         for step in 0..PATH.1 {
             let time_s = PATH.0 * f64::from(step);
             let (lat, lon) = (vn * time_s / north_m, ve * time_s / east_m);
@@ -157,26 +159,40 @@ impl<'a> LinearityTest<'a> {
                 self.field.at(lat_deg, lon_deg, at.alt_m)
             };
             let Some(centre) = look(0.0, 0.0) else { continue };
-            let (mut square, mut weights) = (0.0, 0.0);
+            let (mut squares, mut weights) = ([0.0; 2], 0.0);
             for (half, weight) in RADII {
                 for direction in 0..DIRECTIONS {
                     let (sin, cos) = (std::f64::consts::TAU * f64::from(direction) / f64::from(DIRECTIONS)).sin_cos();
                     let radius = (2.0 * half).sqrt();
                     let (north, east) = (radius * first * cos, radius * (both * cos + second * sin));
                     if let Some(there) = look(north, east) {
-                        let linear = centre.d_lat_nt_per_rad * north + centre.d_lon_nt_per_rad * east;
-                        square += weight * (there.value_nt - centre.value_nt - linear).powi(2);
+                        let change = centre.d_lat_nt_per_rad * north + centre.d_lon_nt_per_rad * east;
+                        squares[0] += weight * change.powi(2);
+                        squares[1] += weight * (there.value_nt - centre.value_nt - change).powi(2);
                         weights += weight;
                     }
                 }
             }
             if weights > 0.0 {
-                sum += square / weights;
-                count += 1.0;
+                linear.push(squares[0] / weights);
+                errors.push(squares[1] / weights);
             }
         }
-        (count > 0.0).then(|| f64::sqrt(sum / count))
+        Some(FieldChanges { linear_nt: median(linear)?.sqrt(), error_nt: median(errors)?.sqrt() })
     }
+}
+
+/// Root of the median mean square of the changes of a field.
+#[derive(Clone, Copy, Debug)]
+struct FieldChanges {
+    linear_nt: f64,
+    error_nt: f64,
+}
+
+/// Median; the upper one of an even number of values. `None` without a value.
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
 }
 
 /// Square root of the larger eigenvalue of a covariance.

@@ -82,7 +82,7 @@
 //! N = (k − 1)/0.1 [1 − 2/(9 (k − 1)) + √(2/(9 (k − 1))) 2.326]³
 //! ```
 //!
-//! A standard deviation of 1.5 km on each axis begins with about 13,000 particles. The number depends only on the
+//! A standard deviation of 1.5 km on each axis begins with about 17,000 particles. The number depends only on the
 //! particles, so it is the same on any number of threads. The report indicates whether the cloud has lost the aircraft.
 //!
 //! # Hand-over

@@ -100,7 +100,7 @@ mod tests {
             count.of_start([1.0, 1.0], [[sigma_m, 0.0], [0.0, sigma_m]], draws)
         };
         assert_eq!(of(10.0), 500);
-        let [one, two, three] = [750.0, 1500.0, 3000.0].map(of);
+        let [one, two, three] = [500.0, 1000.0, 2000.0].map(of);
         // A normal density exceeds one particle per cell within an area that grows faster than the variance.
         for (wider, narrower) in [(two, one), (three, two)] {
             assert!((3.0..6.0).contains(&(wider as f64 / narrower as f64)), "{one} {two} {three}");
