@@ -23,8 +23,8 @@ const MODE_NAMES: [&str; 6] = ["weight", "lat", "lon", "sd_n", "sd_e", "cov_ne"]
 filter! {
     /// The marginalised particle filter: particles for the horizontal position, and one Kalman filter given the
     /// position for the other 16 states. Use it on a map with several similar places: `save_modes` returns the
-    /// probability of each. For a navigation-grade INS `ekf` is as accurate and seventy times as fast. For an INS lost by
-    /// kilometres, `mpf_then_ekf` is faster and at least as accurate once it has found the position.
+    /// probability of each. For a navigation-grade INS `ekf` is as accurate and seventy times as fast. For an INS lost
+    /// by kilometres, `mpf_then_ekf` is faster.
     ///
     /// The estimate is the mean over all particles. Particles off the map keep their total weight relative to the
     /// particles on it. A sample with less than a tenth of the weight on the map is `off_map`. A measurement outside
@@ -41,7 +41,8 @@ filter! {
     /// Number of particles: 1000 for an INS known to hundreds of metres; 10,000 for an INS lost by kilometres or with a
     /// measurement as precise as `gradient`.
     particles: Option<usize>, unit "1",
-        absent "from 1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`; appends `particles`",
+        absent "from 1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`; appends \
+            `particles`",
         rule Rule::Between(1.0, 1000000.0);
     /// Seed of all random draws. The same seed gives the same bits on any number of threads.
     seed: usize, unit "", default 0usize;

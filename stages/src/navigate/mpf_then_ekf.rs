@@ -13,9 +13,9 @@ use super::mpf::{LEAST_PARTICLES, effective_column, number_of, particles_column,
 use crate::columns::{array, data};
 
 filter! {
-    /// The marginalised particle filter `mpf` until a single position remains, then the extended Kalman filter `ekf`. Use
-    /// it for a start that is known to kilometres: a Kalman filter may then diverge unnoticed, and particles along the
-    /// whole line take seventy times as long.
+    /// The marginalised particle filter `mpf` until a single position remains, then the extended Kalman filter `ekf`.
+    /// Use it for a start that is known to kilometres: a Kalman filter may then diverge unnoticed, and particles along
+    /// the whole line take seventy times as long.
     ///
     /// The Kalman filter takes over when two conditions hold for 10 s. One mode has at least the weight
     /// `hand_over_weight`, and the linearisation error of the map over the position's covariance in this mode is below
@@ -150,8 +150,8 @@ mod tests {
             [found.numbers("start_sigma")[0], found.numbers("start_sigma_limit")[0]]
         };
         let [sigma, limit] = of("ekf", "");
-        // The map is a sum of waves with lengths of 2.7 and 3.1 km. A third of the linear change over r is reached by the
-        // linearisation error at a twentieth of a wavelength.
+        // The map is a sum of waves with lengths of 2.7 and 3.1 km. A third of the linear change over r is reached by
+        // the linearisation error at a twentieth of a wavelength.
         assert!((sigma - 20.0).abs() < 0.1 && (80.0..300.0).contains(&limit), "{sigma} {limit}");
         for filter in ["iekf", "ukf", "ekf_adaptive", "rts"] {
             let [wide, same] = of(filter, "init_position_sigma_m = 600.0");

@@ -7,11 +7,12 @@
 //! λ²(P) = E [H e]²,      ε²(P) = E [h(x + e) − h(x) − H e]²,      e ~ N(0, P)
 //! ```
 //!
-//! The filter does not include ε in its covariance. The filter is valid where ε is below the standard deviation σ of the
-//! measurement noise [compare Bar-Shalom, Li & Kirubarajan 2001, section 10.3]. It is also tolerated where ε is below λ/3:
-//! the first updates are then overconfident, but the slope has the correct sign, and later updates correct the position.
-//! The range is the standard deviation of the position at which ε is the larger of σ and λ/3, with the shape of P. λ² and
-//! ε² are medians over the next 60 s of a straight path, because the map may be flat or steep at a single position.
+//! The filter does not include ε in its covariance. The filter is valid where ε is below the standard deviation σ of
+//! the measurement noise [compare Bar-Shalom, Li & Kirubarajan 2001, section 10.3]. It is also tolerated where ε is
+//! below λ/3: the first updates are then overconfident, but the slope has the correct sign, and later updates correct
+//! the position. The range is the standard deviation of the position at which ε is the larger of σ and λ/3, with the
+//! shape of P. λ² and ε² are medians over the next 60 s of a straight path, because the map may be flat or steep at a
+//! single position.
 //!
 //! The mean over e is a Gauss-Laguerre rule of three nodes in |e|²/2, times eight directions [Abramowitz & Stegun 1964,
 //! 25.4.45]. It is exact for a field of second and third degree.
@@ -43,8 +44,8 @@ const BISECTIONS: usize = 20;
 pub struct LinearRange {
     /// Standard deviation of the position along the longer axis of its error ellipse, in m.
     pub sigma_m: f64,
-    /// Largest `sigma_m` for which the linearisation error is below the noise or a third of the linear change, in m; at most the extent of the map, and 100 km. NaN without a
-    /// value of the map on the path, or without a measurement.
+    /// Largest `sigma_m` for which the linearisation error is below the noise or a third of the linear change, in m; at
+    /// most the extent of the map, and 100 km. NaN without a value of the map on the path, or without a measurement.
     pub limit_m: f64,
 }
 

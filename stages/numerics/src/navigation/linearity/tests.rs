@@ -18,7 +18,8 @@ fn path(scene: &AnalyticScene) -> PathStart {
 
 #[test]
 fn law_the_linearisation_error_of_a_quadratic_field_is_exact() {
-    // h = a u²/2 bends only along u = (n + e)/√2, so ε² = 3 a² Var(u)²/4, with Var(u) = (Var(n) + Var(e))/2 + Cov(n, e).
+    // h = a u²/2 bends only along u = (n + e)/√2, so ε² = 3 a² Var(u)²/4, with Var(u) = (Var(n) + Var(e))/2 + Cov(n,
+    // e).
     let a = 3e-4;
     let scene = scene(|north, east| 0.25 * a * (north + east).powi(2));
     for correlation in [-0.6, 0.0, 0.6] {

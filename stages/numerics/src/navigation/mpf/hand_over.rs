@@ -7,7 +7,8 @@
 //! - the linearisation error over the mode's covariance is below the measurement noise (see
 //!   [`linearity`](crate::navigation::linearity)).
 //!
-//! The Gaussian has the mean and covariance of the particles of that mode, Σ w (x − x̄)(x − x̄)ᵀ/Σ w + P, over all states.
+//! The Gaussian has the mean and covariance of the particles of that mode, Σ w (x − x̄)(x − x̄)ᵀ/Σ w + P, over all
+//! states.
 
 use crate::navigation::aided::filter::AidedFilter;
 use crate::navigation::aided::{AidedParameters, Aids};

@@ -56,8 +56,8 @@ impl Default for MpfParameters {
 impl MpfParameters {
     /// Maximum number of particles, which take about half a gigabyte.
     pub const MOST_PARTICLES: usize = 1_000_000;
-    /// Maximum number of particles of KLD-sampling, sufficient for a standard deviation of 2.5 km on each axis with cells
-    /// of 200 m.
+    /// Maximum number of particles of KLD-sampling, sufficient for a standard deviation of 2.5 km on each axis with
+    /// cells of 200 m.
     pub const MOST_ADAPTED: usize = 50_000;
 
     /// Rejects invalid parameters.

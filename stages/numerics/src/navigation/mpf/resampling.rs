@@ -33,8 +33,8 @@ pub(super) struct ParticleResampler<const N: usize> {
 }
 
 impl<const N: usize> ParticleResampler<N> {
-    /// Draws particles with probabilities equal to the weights, and sets equal weights. `p` is the common covariance, to
-    /// which a kernel adds the part of the linear states.
+    /// Draws particles with probabilities equal to the weights, and sets equal weights. `p` is the common covariance,
+    /// to which a kernel adds the part of the linear states.
     pub(super) fn resample(
         &mut self,
         how: ParticleResampling,
@@ -222,8 +222,8 @@ pub(super) fn position<const N: usize>(cloud: &ParticleCloud<N>, index: usize) -
     [block[LAT][lane], block[LON][lane]]
 }
 
-/// Systematic resampling of N = `count` particles with one uniform random number: selects the particle whose part of the
-/// cumulative weight contains (k + u)/N. [Kitagawa 1996]
+/// Systematic resampling of N = `count` particles with one uniform random number: selects the particle whose part of
+/// the cumulative weight contains (k + u)/N. [Kitagawa 1996]
 fn systematic(weights: &[f64], count: usize, uniform: f64, ancestors: &mut Vec<u32>) {
     ancestors.clear();
     let sum: f64 = weights.iter().sum();
