@@ -19,6 +19,7 @@ mod ins;
 mod ins_only;
 mod line_noise;
 mod mpf;
+mod mpf_then_ekf;
 mod prepared;
 mod rts;
 mod slam;
@@ -27,6 +28,7 @@ mod start;
 mod testing;
 mod tuning;
 mod ukf;
+mod wide_start;
 
 use std::sync::Arc;
 
@@ -51,6 +53,7 @@ pub use geometry::{DeadZones, SensorGeometry};
 pub use prepared::NavigationResources;
 pub use start::{StartKeys, StartSource};
 pub use tuning::{MeasurementNoise, Tuning};
+pub use wide_start::START_COLUMNS;
 pub(crate) use {crlb::DRMS_BOUND, further::MAP_SLOPE};
 
 use crate::{
@@ -79,6 +82,12 @@ stage! {
     /// the expected rms error of the whole map at the mean height of the line, from the spectrum of the map. For a
     /// continued map it is the error of downward continuation: amplified noise and the field that damping removes. It
     /// is NaN where the map's height is unknown. A map in eastings and northings is interpolated on its native grid.
+    ///
+    /// Filters that linearise the map require an initial position within the distance over which the map is linear.
+    /// `start_sigma` is the initial standard deviation of the position. `start_sigma_limit` is the largest one at which
+    /// the linearisation error is below the white noise, or below a third of the linear change of the map (median over
+    /// a minute). A larger start is flagged (`wide_start` in the table of warnings), because these filters may then
+    /// diverge unnoticed. Use `filter = "mpf_then_ekf"`.
     ///
     /// The core field (IGRF-14) is computed at one date per line: `decimal_year`, or the flight's first sample with
     /// both `year` and `doy`. A flight without a date is rejected unless `core_field = false`.
@@ -353,6 +362,7 @@ impl Stage for Navigate {
         let height =
             "expected rms error of the map at the height of the line; NaN where the height of the map is unknown";
         columns.push(made(Column::float(MAP_HEIGHT_ERROR, "nT", height)));
+        columns.extend(self.start_columns().into_iter().map(made));
         columns.extend(self.noise_columns(map.is_some()).into_iter().map(made));
         columns.extend(filter.columns(&flight).into_iter().map(made));
         columns.extend(filter.further().into_iter().flat_map(AuxiliaryMeasurements::columns).map(made));
@@ -455,6 +465,7 @@ impl Navigate {
             Arc::new(update),
             array(vec![height_error_nt; rows]),
         ];
+        arrays.extend(self.start_arrays(flown));
         arrays.extend(self.noise_arrays(flown));
         arrays.extend(track.more);
         arrays.extend(flown.gnss.as_ref().map(GnssPositions::array));

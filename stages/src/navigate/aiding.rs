@@ -52,6 +52,7 @@ choice! {
 }
 
 /// GNSS positions along a line.
+#[derive(Clone)]
 pub struct GnssPositions {
     /// Positions that passed the test.
     pub accepted: PositionFixes,

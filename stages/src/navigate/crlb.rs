@@ -48,6 +48,10 @@ impl NavigationFilter for Crlb {
         both(truth, self.further.no_scalar_states())
     }
 
+    fn takes_wide_start(&self) -> bool {
+        true
+    }
+
     fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let bound = Column::float(DRMS_BOUND, "m", "Cramér-Rao bound of the horizontal error (drms)");
         // There is no state.

@@ -97,6 +97,13 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
         false
     }
 
+    /// Whether the initial position need not be known to within the distance over which the map is linear. Other
+    /// filters with a map linearise it from the first sample on; their tables have the columns
+    /// [`START_COLUMNS`](super::START_COLUMNS).
+    fn takes_wide_start(&self) -> bool {
+        false
+    }
+
     /// Whether the filter requires the direction of the field in the sensor, `vector`.
     fn takes_direction(&self) -> bool {
         self.further().is_some_and(AuxiliaryMeasurements::takes_direction)

@@ -2,7 +2,8 @@
 
 use super::{
     crlb::Crlb, ekf::Ekf, ekf_adaptive::EkfAdaptive, ekf_online_nn::EkfOnlineNn, ekf_online_tl::EkfOnlineTl,
-    filter::FilterDecl, fixed_lag::FixedLag, iekf::Iekf, ins_only::InsOnly, mpf::Mpf, rts::Rts, slam::Slam, ukf::Ukf,
+    filter::FilterDecl, fixed_lag::FixedLag, iekf::Iekf, ins_only::InsOnly, mpf::Mpf, mpf_then_ekf::MpfThenEkf,
+    rts::Rts, slam::Slam, ukf::Ukf,
 };
 
 /// Every filter, in the order of the reference.
@@ -16,6 +17,7 @@ pub const FILTERS: &[&FilterDecl] = &[
     &FixedLag::FILTER,
     &Rts::FILTER,
     &Mpf::FILTER,
+    &MpfThenEkf::FILTER,
     &Slam::FILTER,
     &Crlb::FILTER,
     &InsOnly::FILTER,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use arrow_array::RecordBatch;
 use numerics::{
     earth::core_field::CoreField,
-    navigation::{field::PredictedField, ins_error::InsErrorModel, line::NavigationLine},
+    navigation::{field::PredictedField, ins_error::InsErrorModel, line::NavigationLine, pinson::StateMatrix},
 };
 use schemas::{Fault, LineOutput, LinePoint, NumberOrAuto};
 
@@ -171,6 +171,7 @@ fn flown<'a>(
         gnss: None,
         permanent: None,
         second_order: stage.is_auto(),
+        start_range: None,
         counts: vec![],
         left_out: vec![],
         tuned: None,
@@ -179,24 +180,55 @@ fn flown<'a>(
     // For a filter that processes each magnetometer separately, the offset of each is also subtracted.
     let each = stage.filter.keys.each_magnetometer().then(|| flown.magnetometers.clone());
     flown.combine()?;
-    let finds_noise = stage.finds_noise(map.is_some());
-    flown.permanent = stage.given_permanent(&flown);
-    if let Some(map) = map.filter(|_| finds_noise) {
-        stage.tune(&mut flown, map, &starts, &AssumedNoise { sigma_nt, ..expected }, found)?;
-    }
-    if let Some((map, length_m)) = map.zip(stage.map_error_length_m) {
-        flown.map_sigma_nt =
-            map.errors.own_nt(&NavigationLine { fixes: flown.fixes(), ..flown.line()? }, ins.step_m(), length_m)?;
-        flown.set_sigma();
-    }
-    if let Some(each) = each {
-        flown.restore(each);
-        flown.offset_window_s = stage.offset_window_s;
-    }
-    if finds_noise && !stage.filter.keys.gates() {
-        stage.reject_outliers(&mut flown)?;
+    flown.start_range = stage.start_range(&flown)?;
+    let noise = NoiseSources { stage, ins, map, expected: AssumedNoise { sigma_nt, ..expected } };
+    if stage.filter.keys.takes_wide_start() && flown.start_range.is_some_and(|range| range.is_exceeded()) {
+        noise.find_from_wide_start(&mut flown, found)?;
+    } else {
+        noise.find(&mut flown, each, &starts, found)?;
     }
     Ok(flown)
+}
+
+/// Sources of the noise of a line.
+pub(super) struct NoiseSources<'a> {
+    pub(super) stage: &'a Navigate,
+    pub(super) ins: &'a InsColumns<'a>,
+    pub(super) map: Option<&'a NavigationMap>,
+    pub(super) expected: AssumedNoise,
+}
+
+impl NoiseSources<'_> {
+    /// Estimates noise and outliers, with an extended Kalman filter from the first sample on. `each` are the
+    /// magnetometers of a filter that processes them separately, and `starts` the possible covariances at the first
+    /// sample.
+    pub(super) fn find<'b>(
+        &self,
+        flown: &mut FilterInput<'b>,
+        each: Option<Vec<FilterMagnetometer<'b>>>,
+        starts: &[StateMatrix],
+        found: &mut Vec<(LineNoiseInputs, LineNoiseEstimate)>,
+    ) -> Result<(), Fault> {
+        let Self { stage, ins, map, expected } = self;
+        let finds_noise = stage.finds_noise(map.is_some());
+        flown.permanent = stage.given_permanent(flown);
+        if let Some(map) = map.filter(|_| finds_noise) {
+            stage.tune(flown, map, starts, expected, found)?;
+        }
+        if let Some((map, length_m)) = map.zip(stage.map_error_length_m) {
+            flown.map_sigma_nt =
+                map.errors.own_nt(&NavigationLine { fixes: flown.fixes(), ..flown.line()? }, ins.step_m(), length_m)?;
+            flown.set_sigma();
+        }
+        if let Some(each) = each {
+            flown.restore(each);
+            flown.offset_window_s = stage.offset_window_s;
+        }
+        if finds_noise && !stage.filter.keys.gates() {
+            stage.reject_outliers(flown)?;
+        }
+        Ok(())
+    }
 }
 
 impl<'a> FilterInput<'a> {

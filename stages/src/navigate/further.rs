@@ -262,6 +262,16 @@ impl AuxiliaryMeasurements {
         if faults.is_empty() { Ok(vec![]) } else { Err(faults) }
     }
 
+    /// Rejects `flat_over_m` in a filter with particles.
+    pub(super) fn no_flat(&self) -> Result<Vec<String>, Vec<Fault>> {
+        if self.flat_over_m.is_none() {
+            return Ok(vec![]);
+        }
+        let what = "the weights of particles do not depend on the map slope: `flat_over_m` is not available";
+        let help = "remove `flat_over_m`, and set `map_sigma_nt` to the map error";
+        Err(vec![Fault::new(what).of_param("flat_over_m").help(help)])
+    }
+
     /// Values computed from the columns.
     pub(super) fn measured(&self, flown: &FilterInput) -> Result<GradientSeries, Fault> {
         let Some(names) = &self.gradient else { return Ok(GradientSeries::default()) };

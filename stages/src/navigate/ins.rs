@@ -17,6 +17,7 @@ use crate::columns::{data, floats};
 type InsColumnTriple<'a> = [Cow<'a, [f64]>; 3];
 
 /// Columns of an INS.
+#[derive(Clone)]
 pub(super) struct InsColumns<'a> {
     tt_s: &'a [f64],
     position: InsColumnTriple<'a>,

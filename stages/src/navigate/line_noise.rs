@@ -17,7 +17,7 @@ use super::{
 use crate::columns::data;
 
 /// Time between two measurements used to estimate the noise, in s. Errors with a shorter correlation time are white.
-const INTERVAL_S: f64 = 5.0;
+pub(super) const INTERVAL_S: f64 = 5.0;
 /// Time between two measurements of a filter if more measurements add information, in s.
 const SHORT_INTERVAL_S: f64 = 1.0;
 

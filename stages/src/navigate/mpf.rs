@@ -1,5 +1,6 @@
 //! The marginalised particle filter.
 
+use arrow_array::ArrayRef;
 use numerics::navigation::{
     line::NavigationLine,
     mpf::{MpfOutput, MpfParameters, PositionMode, run},
@@ -14,14 +15,16 @@ use crate::columns::{array, data, list};
 /// Number of modes in the column `modes`. A mode has at least 1 % of the weight; more than three modes are a diffuse
 /// cloud.
 const MODES: usize = 3;
+/// Smallest number of particles of KLD-sampling.
+pub(super) const LEAST_PARTICLES: usize = 1000;
 /// Values per mode.
 const MODE_NAMES: [&str; 6] = ["weight", "lat", "lon", "sd_n", "sd_e", "cov_ne"];
 
 filter! {
     /// The marginalised particle filter: particles for the horizontal position, and one Kalman filter given the
-    /// position for the other 16 states. Use it for an INS lost by kilometres (`init_position_sigma_m`, with 10,000
-    /// particles), or on a map with several similar places: `save_modes` returns the probability of each. For a
-    /// navigation-grade INS `ekf` is as accurate and seventy times as fast.
+    /// position for the other 16 states. Use it on a map with several similar places: `save_modes` returns the
+    /// probability of each. For a navigation-grade INS `ekf` is as accurate and seventy times as fast. For an INS lost
+    /// by kilometres, `mpf_then_ekf` is faster.
     ///
     /// The estimate is the mean over all particles. Particles off the map keep their total weight relative to the
     /// particles on it. A sample with less than a tenth of the weight on the map is `off_map`. A measurement outside
@@ -34,10 +37,13 @@ filter! {
     ///
     /// Source: Schön, Gustafsson & Nordlund 2005; resampling from a kernel density (Musso, Oudjane & Le Gland 2001)
     /// that is also marginalised over the linear states. The same seed gives the same bits on any number of threads.
-    Mpf = "mpf", version 1, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "particles = 2000";
+    Mpf = "mpf", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "particles = 2000";
     /// Number of particles: 1000 for an INS known to hundreds of metres; 10,000 for an INS lost by kilometres or with a
     /// measurement as precise as `gradient`.
-    particles: usize, unit "1", default 1000usize, rule Rule::Between(1.0, 1000000.0);
+    particles: Option<usize>, unit "1",
+        absent "from 1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`; appends \
+            `particles`",
+        rule Rule::Between(1.0, 1000000.0);
     /// Seed of all random draws. The same seed gives the same bits on any number of threads.
     seed: usize, unit "", default 0usize;
     /// Effective number of particles, as a fraction of all, below which they are resampled. 0.5 is usual; more frequent
@@ -60,16 +66,21 @@ filter! {
 }
 
 impl NavigationFilter for Mpf {
+    fn takes_wide_start(&self) -> bool {
+        true
+    }
+
     fn gates(&self) -> bool {
         self.gate_nis.is_some()
     }
 
     fn effort(&self) -> f64 {
-        self.particles as f64
+        self.particles.unwrap_or(LEAST_PARTICLES) as f64
     }
 
     fn columns(&self, _: &FilterFlight) -> Vec<Column> {
-        let mut columns = vec![Column::float("n_eff", "1", "effective number of particles before resampling")];
+        let mut columns = vec![effective_column()];
+        columns.extend(self.particles.is_none().then(particles_column));
         if self.save_modes {
             let names = (1..=MODES).flat_map(|k| MODE_NAMES.iter().map(move |name| format!("{name}_{k}"))).collect();
             let what = "probability, position (deg), standard deviations north and east (m) and covariance (m2) of the \
@@ -80,14 +91,7 @@ impl NavigationFilter for Mpf {
     }
 
     fn reads(&self, _: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
-        let flat = self.further.flat_over_m.map(|_| {
-            let what = "the weights of particles do not depend on the map slope: `flat_over_m` is not available";
-            Fault::new(what)
-                .of_param("flat_over_m")
-                .help("remove `flat_over_m`, and set `map_sigma_nt` to the map error")
-        });
-        let flat = flat.map_or(Ok(vec![]), |fault| Err(vec![fault]));
-        both(self.further.no_scalar_states(), flat)
+        both(self.further.no_scalar_states(), self.further.no_flat())
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
@@ -97,7 +101,8 @@ impl NavigationFilter for Mpf {
 
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault> {
         let parameters = MpfParameters {
-            particles: self.particles,
+            particles: self.particles.unwrap_or(LEAST_PARTICLES),
+            adapt: self.particles.is_none(),
             seed: self.seed as u64,
             resample_threshold: self.resample_threshold,
             regularise: self.regularise,
@@ -108,20 +113,15 @@ impl NavigationFilter for Mpf {
             keep_states: false,
             keep_covariance: false,
         };
+        flown.reject_wide_offset()?;
         let line = NavigationLine { fixes: flown.fixes(), ..flown.line()? };
         let measured = self.further.measured(flown)?;
         let out = run(&parameters, &line, &self.further.aids(flown, &measured)?).map_err(data)?;
-        let MpfOutput { track, effective, usage, aids, modes, report } = out;
-        let usable = track.report.updates + track.report.gated;
-        if 2 * report.unexplained > usable {
-            let unexplained = report.unexplained;
-            let what =
-                format!("{unexplained} of {usable} measurements contradict every particle: the aircraft is lost");
-            let help = "increase `particles` or `init_position_sigma_m`, or set `offset_window_s`";
-            return Err(Fault::data(what).help(help));
-        }
+        reject_lost(&out)?;
+        let MpfOutput { track, effective, particles, usage, aids, modes, .. } = out;
         self.further.enough(flown, &track.report)?;
         let mut more = vec![array(effective)];
+        more.extend(self.particles.is_none().then(|| number_of(&particles)));
         if self.save_modes {
             let numbers = modes.iter().flat_map(|at| columns_of(&at.modes)).collect();
             more.push(list(numbers, MODES * MODE_NAMES.len())?);
@@ -129,6 +129,32 @@ impl NavigationFilter for Mpf {
         more.extend(self.further.arrays(aids, Default::default(), vec![]));
         Ok(FilterTrack { update: updates(&usage), more, ..FilterTrack::without_updates(track) })
     }
+}
+
+/// Column of the effective number of particles.
+pub(super) fn effective_column() -> Column {
+    Column::float("n_eff", "1", "effective number of particles before resampling")
+}
+
+/// Column of the number of particles.
+pub(super) fn particles_column() -> Column {
+    Column::float("particles", "1", "number of particles before resampling")
+}
+
+/// Array of the number of particles.
+pub(super) fn number_of(particles: &[usize]) -> ArrayRef {
+    array(particles.iter().map(|count| *count as f64).collect())
+}
+
+/// Rejects a line whose measurements mostly contradict every particle.
+pub(super) fn reject_lost(out: &MpfOutput) -> Result<(), Fault> {
+    let (unexplained, usable) = (out.report.unexplained, out.track.report.updates + out.track.report.gated);
+    if 2 * unexplained <= usable {
+        return Ok(());
+    }
+    let what = format!("{unexplained} of {usable} measurements contradict every particle: the aircraft is lost");
+    let help = "increase `particles` or `init_position_sigma_m`, or set `offset_window_s`";
+    Err(Fault::data(what).help(help))
 }
 
 /// Values of the first modes.

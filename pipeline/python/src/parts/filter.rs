@@ -87,6 +87,11 @@ impl NavigationFilter for PythonFilter {
         self.needs_map
     }
 
+    /// The method of a filter in Python is unknown, so its start is not tested.
+    fn takes_wide_start(&self) -> bool {
+        true
+    }
+
     fn navigate(&self, input: &FilterInput) -> Result<FilterTrack, Fault> {
         let name = self.part.name;
         let flight = Flight::new(name, input)?;

@@ -8,6 +8,7 @@ use arrow_array::{
 use numerics::earth::dates::decimal_year;
 use plan::{LineId, PlanGraph, TableRef};
 use schemas::Fault;
+use stages::navigate::START_COLUMNS;
 use store::Store;
 
 use super::{WarningKind, limits, navigation, row::LineMetrics};
@@ -32,6 +33,9 @@ pub struct NavigationSettings {
     pub dates: Option<(f64, f64)>,
     /// Time of the first rejected GNSS position, in seconds from the start of the line.
     pub gnss_rejected_s: Option<f64>,
+    /// Standard deviation of the initial position, and the largest one over which the map is linear, in m. `None` for a
+    /// filter that does not linearise the map.
+    pub start_m: Option<(f64, f64)>,
 }
 
 /// Table of a navigation.
@@ -75,6 +79,7 @@ impl NavigationSettings {
             Some(_) => flight_date(first(Flight, "year")?, first(Flight, "doy")?),
             None => None,
         };
+        let [start, limit] = START_COLUMNS.map(|column| first(Track, column));
         Ok(NavigationSettings {
             sigma_nt,
             fogm_sigma_nt,
@@ -84,6 +89,7 @@ impl NavigationSettings {
             compensated: false,
             dates: declared_year.zip(flight_year),
             gnss_rejected_s: None,
+            start_m: start?.zip(limit?),
         })
     }
 }
@@ -137,6 +143,11 @@ impl<'a> LineFacts<'a> {
         self.settings.as_ref().and_then(|s| s.gnss_rejected_s)
     }
 
+    /// Standard deviation of the initial position, and its limit, in m, if the limit is exceeded.
+    pub fn wide_start_m(&self) -> Option<(f64, f64)> {
+        self.settings.as_ref().and_then(|s| s.start_m).filter(|(sigma_m, limit_m)| sigma_m > limit_m)
+    }
+
     fn diverged(&self) -> bool {
         self.row.get("drms").zip(self.row.get("ins_drms")).is_some_and(|(drms, ins)| drms > ins)
     }
@@ -153,6 +164,11 @@ impl<'a> LineFacts<'a> {
             WarningKind::WorseThanIns | WarningKind::NeesHigh | WarningKind::NisHigh => self.too_sure(settings, kind),
             WarningKind::NeesLow | WarningKind::NisLow if settings.found => vec![],
             WarningKind::NeesLow | WarningKind::NisLow => self.too_cautious(settings),
+            WarningKind::WideStart => vec![
+                "the initial position has no fix: set `filter = \"mpf_then_ekf\"`, or `start = \"fix\"` with a \
+                 position, or a smaller `init_position_sigma_m` if the position is known better"
+                    .to_owned(),
+            ],
             WarningKind::NotWhite => vec![
                 "the filter treats a correlated error as independent noise: a map error between sparse lines \
                  (`map_error_length_m`, `map_sigma_nt`), a time stamp error (`mag_latency_sigma_s`), or the residual \
@@ -190,6 +206,12 @@ impl<'a> LineFacts<'a> {
         let shown = |x: f64| number(Some(x));
         let sigma = settings.sigma_nt;
         let mut found = vec![];
+        if let Some((sigma_m, limit_m)) = self.wide_start_m() {
+            found.push(format!(
+                "the initial position is known to {sigma_m:.0} m, but the map is linear only over {limit_m:.0} m; set \
+                 `filter = \"mpf_then_ekf\"`"
+            ));
+        }
         // An estimated noise includes an offset.
         if settings.offset_window_s == 0.0 && !settings.found {
             let large = |bias: &f64| bias.abs() > limits::BIAS_SIGMAS * sigma.unwrap_or(5.0);

@@ -35,6 +35,8 @@ pub enum WarningKind {
     NisLow,
     /// The innovations are correlated.
     NotWhite,
+    /// The initial position is less certain than the distance over which the map is linear.
+    WideStart,
     /// The test of GNSS positions rejected some.
     Gnss,
     /// Most of the line is off the map, where the filter only predicts.
@@ -55,13 +57,14 @@ pub enum WarningKind {
 
 impl WarningKind {
     /// All kinds.
-    pub const ALL: [WarningKind; 14] = [
+    pub const ALL: [WarningKind; 15] = [
         WarningKind::WorseThanIns,
         WarningKind::NeesHigh,
         WarningKind::NeesLow,
         WarningKind::NisHigh,
         WarningKind::NisLow,
         WarningKind::NotWhite,
+        WarningKind::WideStart,
         WarningKind::Gnss,
         WarningKind::OffMap,
         WarningKind::Flat,
@@ -81,6 +84,7 @@ impl WarningKind {
             WarningKind::NisHigh => "nis_high",
             WarningKind::NisLow => "nis_low",
             WarningKind::NotWhite => "not_white",
+            WarningKind::WideStart => "wide_start",
             WarningKind::Gnss => "gnss",
             WarningKind::OffMap => "off_map",
             WarningKind::Flat => "flat",
@@ -102,7 +106,7 @@ impl WarningKind {
             | WarningKind::NisHigh
             | WarningKind::NisLow
             | WarningKind::NotWhite => true,
-            WarningKind::Gnss | WarningKind::OffMap | WarningKind::Flat => false,
+            WarningKind::WideStart | WarningKind::Gnss | WarningKind::OffMap | WarningKind::Flat => false,
             WarningKind::MapHeight
             | WarningKind::Retention
             | WarningKind::Fit
@@ -127,6 +131,7 @@ impl WarningKind {
             WarningKind::NisHigh => "the innovations are far larger than the filter predicts",
             WarningKind::NisLow => "the filter is cautious: the innovations are far smaller than it predicts",
             WarningKind::NotWhite => "the innovations are correlated in time, so the covariance is too small",
+            WarningKind::WideStart => "the initial position is too uncertain for a filter that linearises the map",
             WarningKind::Gnss => "GNSS positions contradict the INS and are rejected",
             WarningKind::OffMap => "most samples are off the map",
             WarningKind::Flat => "the map is too flat to correct the position at most samples",
@@ -291,6 +296,13 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
         let text =
             format!("{}: whiteness {}, expected value 0.95{more}", WarningKind::NotWhite.of_many(), shown(white));
         add(WarningKind::NotWhite, (white, limits::WHITENESS, "1"), text);
+    }
+    if let Some((sigma_m, limit_m)) = facts.wide_start_m() {
+        let text = format!(
+            "{}: its standard deviation is {sigma_m:.0} m, and the map is linear over {limit_m:.0} m",
+            WarningKind::WideStart.of_many()
+        );
+        add(WarningKind::WideStart, (sigma_m, limit_m, "m"), text);
     }
     if let Some((count, fixes)) = row.counted("gnss_rejected").filter(|(count, _)| *count > 0.0) {
         let first = facts

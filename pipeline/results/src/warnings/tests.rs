@@ -158,6 +158,24 @@ fn unit_a_map_at_another_height_is_flagged() {
     assert!(!WarningKind::MapHeight.spoils() && WarningKind::NisLow.spoils() && WarningKind::NotWhite.spoils());
 }
 
+#[test]
+fn unit_a_wide_start_is_flagged_with_its_remedy() {
+    let row = LineMetrics::from([("nis", 1.0)]);
+    let of = |start_m| judge(&facts(&row, NavigationSettings { start_m, ..given(5.0) }));
+    let found = of(Some((1500.0, 285.0)));
+    assert_eq!(kinds(&found), ["wide_start"]);
+    assert_eq!((found[0].value, found[0].limit, found[0].unit), (1500.0, 285.0, "m"));
+    assert!(found[0].text.contains("1500 m") && found[0].text.contains("285 m"), "{}", found[0].text);
+    assert!(found[0].cause.as_ref().unwrap().contains("filter = \"mpf_then_ekf\""));
+    // A start known to tens of metres, an unknown range, and a filter that does not linearise the map.
+    assert!([Some((30.0, 285.0)), Some((1500.0, f64::NAN)), None].into_iter().all(|start| of(start).is_empty()));
+    // A filter that diverged from a wide start has this cause first.
+    let lost = LineMetrics::from([("drms", 9000.0), ("ins_drms", 900.0), ("nis", 1.0)]);
+    let found = judge(&facts(&lost, NavigationSettings { start_m: Some((1500.0, 285.0)), ..given(5.0) }));
+    assert_eq!(kinds(&found), ["worse_than_ins", "wide_start"]);
+    assert!(found[0].cause.as_ref().unwrap().starts_with("the initial position is known to 1500 m"));
+}
+
 fn warning(kind: WarningKind, value: f64, limit: f64, line: &str) -> Warning {
     Warning {
         stage: "scores".into(),

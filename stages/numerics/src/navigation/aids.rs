@@ -202,6 +202,20 @@ impl Innovations {
         self.residual.push(innovation.residual_nt);
         self.nis.push(innovation.nis);
     }
+
+    fn append(&mut self, other: Self) {
+        self.residual.extend(other.residual);
+        self.nis.extend(other.nis);
+    }
+}
+
+impl AidInnovations {
+    /// Appends the innovations of later samples.
+    pub(crate) fn append(&mut self, other: Self) {
+        self.difference.append(other.difference);
+        self.vector.append(other.vector);
+        self.height.append(other.height);
+    }
 }
 
 impl Aids<'_> {

@@ -4,6 +4,7 @@
 //! |:--|:--|
 //! | [`ins_series`] | the output of an INS along a line, as columns |
 //! | [`ekf`] | the 18-state extended Kalman filter, over one line or several at once |
+//! | [`linearity`] | the position uncertainty over which a Kalman filter may linearise the field |
 //! | [`line`](mod@line) | a line with its map, the input of the filters, and its steps |
 //! | [`map_noise`] | the error of each node of a map, as noise along a line |
 //! | [`field`] | the field that a filter predicts: map and core field |
@@ -21,7 +22,7 @@
 //! | [`online`] | the filter that estimates Tolles-Lawson coefficients in flight |
 //! | [`online_nn`] | the same filter with the weights of a small network |
 //! | [`fixed_lag`] | the sliding-window smoother with Tolles-Lawson coefficients |
-//! | [`mpf`] | the marginalised particle filter |
+//! | [`mpf`] | the marginalised particle filter, alone or until a Kalman filter takes its estimate |
 //! | [`stream`] | `ekf`, `ekf_adaptive` and `ekf_online_tl` fed sample by sample |
 //! | [`slam`] | navigation without a map, from revisits of the path |
 //! | [`track_map`] | the map of a track, by Gaussian-process regression of reduced rank |
@@ -139,6 +140,7 @@ pub mod ins_only;
 pub mod ins_series;
 pub mod likelihood;
 pub mod line;
+pub mod linearity;
 pub mod loss;
 pub mod map_noise;
 mod measurement;

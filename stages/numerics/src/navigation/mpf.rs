@@ -74,15 +74,34 @@
 //!
 //! 1000 particles are sufficient for an INS position error of hundreds of metres. For an error of kilometres, some
 //! particles of the first cloud must be within the width of an anomaly of the truth, even if the truth is at its edge.
-//! A standard deviation of 3 km on each axis and a map at 500 m above the ground require 10,000. The report indicates
-//! whether the cloud has lost the aircraft.
+//! With [`MpfParameters::adapt`] the number follows from the k squares of side `smooth_over_m` that the cloud occupies,
+//! at the start and at each resampling: the Kullback-Leibler distance of the particles from the density is then below
+//! 0.05 with probability 0.99 [Fox 2003],
+//!
+//! ```text
+//! N = (k − 1)/0.1 [1 − 2/(9 (k − 1)) + √(2/(9 (k − 1))) 2.326]³
+//! ```
+//!
+//! A standard deviation of 1.5 km on each axis begins with about 17,000 particles. The number depends only on the
+//! particles, so it is the same on any number of threads. The report indicates whether the cloud has lost the aircraft.
+//!
+//! # Hand-over
+//!
+//! [`run_then_ekf`] replaces the particles by a Gaussian, and continues with an extended Kalman filter, when one mode
+//! holds 99 % of the weight and the field is linear over the mode, for 10 s:
+//!
+//! ```text
+//! Σ w over the mode ≥ 0.99 Σ w,     E [h(x̄ + e) − h(x̄) − H e]² ≤ σ²,     e ~ N(0, covariance of the mode)
+//! ```
 
 mod cloud;
 mod core_expansion;
+mod count;
 mod covariance;
 mod draws;
 mod filter;
 mod fixes;
+mod hand_over;
 mod look;
 mod measurement;
 mod modes;
@@ -97,6 +116,8 @@ use crate::navigation::output::NavigationError;
 use crate::navigation::pinson::STATES;
 
 use filter::MarginalisedParticleFilter;
+use hand_over::HandOverEstimate;
+pub use hand_over::{HandOver, HandOverOutput, LocatedAircraft, locate, run_then_ekf};
 pub use output::{MpfOutput, MpfReport, PositionMode, SampleModes};
 pub use parameters::MpfParameters;
 
@@ -126,19 +147,33 @@ pub fn run(
     line: &NavigationLine<'_>,
     aids: &Aids<'_>,
 ) -> Result<MpfOutput, NavigationError> {
+    check(parameters, line, aids)?;
+    filtered(parameters, line, aids, None).map(|(output, _)| output)
+}
+
+fn check(parameters: &MpfParameters, line: &NavigationLine<'_>, aids: &Aids<'_>) -> Result<(), NavigationError> {
     parameters.check()?;
     line.check()?;
-    aids.check(line.ins.len())?;
+    aids.check(line.ins.len())
+}
+
+/// Filters one line, or its start until a hand-over.
+fn filtered(
+    parameters: &MpfParameters,
+    line: &NavigationLine<'_>,
+    aids: &Aids<'_>,
+    hand_over: Option<&HandOver>,
+) -> Result<(MpfOutput, Option<HandOverEstimate>), NavigationError> {
     let states = AidStates::new(aids, STATES);
     match STATES + states.errors.len() {
-        STATES => MarginalisedParticleFilter::<STATES>::new(line, aids, states, parameters).run(),
+        STATES => MarginalisedParticleFilter::<STATES>::new(line, aids, states, parameters).run(hand_over),
         count if count <= WITH_BIASES => {
-            MarginalisedParticleFilter::<WITH_BIASES>::new(line, aids, states, parameters).run()
+            MarginalisedParticleFilter::<WITH_BIASES>::new(line, aids, states, parameters).run(hand_over)
         }
         count if count <= WITH_VECTOR => {
-            MarginalisedParticleFilter::<WITH_VECTOR>::new(line, aids, states, parameters).run()
+            MarginalisedParticleFilter::<WITH_VECTOR>::new(line, aids, states, parameters).run(hand_over)
         }
-        _ => MarginalisedParticleFilter::<WITH_ALL>::new(line, aids, states, parameters).run(),
+        _ => MarginalisedParticleFilter::<WITH_ALL>::new(line, aids, states, parameters).run(hand_over),
     }
 }
 

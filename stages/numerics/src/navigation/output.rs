@@ -83,6 +83,31 @@ impl NavigationOutput {
         }
     }
 
+    /// Appends the rows of another output, which continues this one, and adds its counts.
+    pub(crate) fn append(&mut self, other: Self) {
+        self.x.extend(other.x);
+        self.p.extend(other.p);
+        let columns = [
+            (&mut self.residual_nt, other.residual_nt),
+            (&mut self.nis, other.nis),
+            (&mut self.lat_deg, other.lat_deg),
+            (&mut self.lon_deg, other.lon_deg),
+            (&mut self.alt_m, other.alt_m),
+            (&mut self.vn_mps, other.vn_mps),
+            (&mut self.ve_mps, other.ve_mps),
+            (&mut self.vd_mps, other.vd_mps),
+            (&mut self.sd_n_m, other.sd_n_m),
+            (&mut self.sd_e_m, other.sd_e_m),
+            (&mut self.cov_ne_m2, other.cov_ne_m2),
+        ];
+        columns.into_iter().for_each(|(own, other)| own.extend(other));
+        let NavigationReport { updates, missing_measurements, off_map, gated, .. } = other.report;
+        self.report.updates += updates;
+        self.report.missing_measurements += missing_measurements;
+        self.report.off_map += off_map;
+        self.report.gated += gated;
+    }
+
     /// Removes all rows and keeps the report and the allocated memory.
     pub(crate) fn clear_rows(&mut self) {
         self.x.clear();

@@ -8,7 +8,7 @@ use numerics::{
     maps::{map_stack::FieldMap, map_surface::MapInterpolation},
     navigation::{
         aided::PermanentChange, ins_error::InsErrorModel, ins_series::InsSeries, line::NavigationLine,
-        position_fixes::PositionFixes, transition::NoiseDiscretisation,
+        linearity::LinearRange, position_fixes::PositionFixes, transition::NoiseDiscretisation,
     },
     signal::gauss_markov::GaussMarkov,
 };
@@ -20,6 +20,7 @@ use super::{
 };
 
 /// One flight line as input of a filter.
+#[derive(Clone)]
 pub struct FilterInput<'a> {
     /// INS, one value per sample. Columns that the flight lacks are derived.
     pub ins: InsSeries<'a>,
@@ -63,6 +64,9 @@ pub struct FilterInput<'a> {
     pub permanent: Option<PermanentStates>,
     /// Whether the curvature of the map over the position's uncertainty counts as measurement noise.
     pub second_order: bool,
+    /// Uncertainty of the initial position, and the largest one over which the map is linear within the assumed noise.
+    /// `None` without a map or a measured field.
+    pub start_range: Option<LinearRange>,
     /// Number of magnetometers in each element of `measured_nt`.
     pub(in crate::navigate) counts: Vec<f64>,
     /// Outcome of measurements that are withheld from the filter; empty if there are none.

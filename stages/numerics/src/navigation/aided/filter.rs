@@ -273,7 +273,8 @@ impl<'a> AidedFilter<'a> {
         ((state, entry), entry * self.now.x[state])
     }
 
-    fn scalar(&mut self, row: usize) -> MeasurementOutcome {
+    /// Uses the scalar field of a row.
+    pub(crate) fn scalar(&mut self, row: usize) -> MeasurementOutcome {
         let centre = self.look(row);
         let Some((value_nt, variance_nt2)) = self.line.measured(row, self.output.navigation.report.offset_nt) else {
             return MeasurementOutcome::Missing;

@@ -60,8 +60,8 @@ impl<const N: usize> SparseTransition<N> {
 }
 
 impl<const N: usize> ParticleCloud<N> {
-    /// Particles about zero error, with these standard deviations of the position.
-    pub(super) fn new(particles: usize, sigmas: [f64; 2], draws: ParticleDraws) -> Self {
+    /// Particles about zero error: x = spread·ξ.
+    pub(super) fn new(particles: usize, spread: &ParticleSpread<N>, draws: ParticleDraws) -> Self {
         let count = particles.div_ceil(BLOCK);
         let mut cloud = Self {
             particles,
@@ -69,9 +69,25 @@ impl<const N: usize> ParticleCloud<N> {
             log_weights: vec![[0.0; BLOCK]; count],
             weights: vec![[0.0; BLOCK]; count],
         };
-        cloud.jitter(sigmas, draws);
+        for (number, block) in cloud.blocks.iter_mut().enumerate() {
+            for (lane, particle) in (number * BLOCK..(number + 1) * BLOCK).enumerate() {
+                let [a, b] = draws.normals(particle);
+                for (state, [first, second]) in block.iter_mut().zip(spread) {
+                    state[lane] = first * a + second * b;
+                }
+            }
+        }
         cloud.make_equal();
         cloud
+    }
+
+    /// Replaces the particles by others of any number, with equal weights. `blocks` receives the replaced particles.
+    pub(super) fn replace(&mut self, particles: usize, blocks: &mut Vec<ParticleBlock<N>>) {
+        std::mem::swap(&mut self.blocks, blocks);
+        self.particles = particles;
+        self.log_weights.resize(self.blocks.len(), [f64::NEG_INFINITY; BLOCK]);
+        self.weights.resize(self.blocks.len(), [0.0; BLOCK]);
+        self.make_equal();
     }
 
     /// Adds independent normals of these standard deviations to the position of each particle.

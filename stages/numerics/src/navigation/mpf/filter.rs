@@ -9,8 +9,10 @@ use crate::navigation::pinson::{LAT, LON, STATES};
 
 use super::UNEXPLAINED_NIS;
 use super::cloud::{ParticleCloud, SparseTransition};
-use super::covariance::{GaussMarkovStep, ParticleMatrix, measure, predict, times};
+use super::count::ParticleCount;
+use super::covariance::{GaussMarkovStep, ParticleMatrix, condition_on_position, measure, predict, times};
 use super::draws::{DrawPurpose, ParticleDraws};
+use super::hand_over::{HandOver, HandOverEstimate, HandOverTest};
 use super::look::ParticleFields;
 use super::measurement::{CloudMeasurement, CloudPrediction, CloudResidual};
 use super::modes::ModeClusters;
@@ -52,11 +54,11 @@ pub(super) struct MarginalisedParticleFilter<'a, const N: usize> {
     pub(super) p: ParticleMatrix<N>,
     aids: &'a Aids<'a>,
     /// Further states, after the 18.
-    layout: StateLayout,
+    pub(super) layout: StateLayout,
     look: ParticleFields<'a>,
     predictor: CloudPrediction,
     resampler: ParticleResampler<N>,
-    clusters: ModeClusters,
+    pub(super) clusters: ModeClusters,
     output: MpfOutput,
     /// Current numbers of consecutive unexplained and collapsed samples.
     in_a_row: [usize; 2],
@@ -87,23 +89,20 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
         for (state, error) in (STATES..).zip(&layout.errors) {
             p[state][state] = error.sigma * error.sigma;
         }
-        let sigmas = [LAT, LON].map(|state| p[state][state].sqrt());
-        // The particles hold the horizontal position, which is initially independent of the other states.
-        for state in [LAT, LON] {
-            p[state] = [0.0; N];
-            p.iter_mut().for_each(|row| row[state] = 0.0);
-        }
-        let cloud = ParticleCloud::new(
-            parameters.particles,
-            sigmas,
-            ParticleDraws::new(parameters.seed, DrawPurpose::Start, 0),
-        );
+        // The particles hold the horizontal position, with the expected other states.
+        let spread = condition_on_position(&mut p);
+        let draws = ParticleDraws::new(parameters.seed, DrawPurpose::Start, 0);
+        let particles = ParticleCount::new(parameters).map_or(parameters.particles, |count| {
+            let (north, east) = line.errors.earth.north_east_m_per_rad(ins.lat_deg[0].to_radians(), ins.alt_m[0]);
+            count.of_start([north, east], [spread[LAT], spread[LON]], draws)
+        });
+        let cloud = ParticleCloud::new(particles, &spread, draws);
         let (offset_nt, samples) = line.predicted().offset(ins, line.measurement_nt, line.offset_window_s);
         let track = NavigationOutput::with_capacity(ins.len(), parameters.keep_states, parameters.keep_covariance);
         let mut output = MpfOutput { track, ..MpfOutput::default() };
         output.track.report.offset_nt = offset_nt;
         output.track.report.offset_samples = samples;
-        output.report.least_effective = parameters.particles as f64;
+        output.report.least_effective = particles as f64;
         let blocks = cloud.blocks.len();
         Self {
             line,
@@ -121,8 +120,12 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
         }
     }
 
-    /// Filters the line.
-    pub(super) fn run(mut self) -> Result<MpfOutput, NavigationError> {
+    /// Filters the line, or its start until a Gaussian replaces the particles.
+    pub(super) fn run(
+        mut self,
+        hand_over: Option<&HandOver>,
+    ) -> Result<(MpfOutput, Option<HandOverEstimate>), NavigationError> {
+        let mut test = hand_over.map(|conditions| HandOverTest::new(self.line, *conditions));
         for row in 0..self.line.ins.len() {
             if row > 0 {
                 self.propagate(row);
@@ -130,9 +133,12 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
             self.aid(row);
             let sample = self.measure(row);
             self.report(row, &sample)?;
+            if let Some(estimate) = test.as_mut().and_then(|test| test.estimate(&mut self, row)) {
+                return Ok((self.output, Some(estimate)));
+            }
             self.resample_where_few(CorrectionSource::Scalar, row, 0);
         }
-        Ok(self.output)
+        Ok((self.output, None))
     }
 
     fn propagate(&mut self, row: usize) {
@@ -206,9 +212,9 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
     /// several measurements whose inverse variances add up to the original inverse variance, with a resampling after
     /// each except the last.
     fn update(&mut self, turn: CorrectionSource, row: usize, mut whole: CloudMeasurement, mut on_map: f64) {
-        let enough = LEAST_LEFT * self.cloud.particles as f64;
         let mut left = 1.0_f64;
         for part_of_row in 1.. {
+            let enough = LEAST_LEFT * self.cloud.particles as f64;
             let mut part = left;
             while self.predictor.weigh(&self.cloud, on_map) < enough
                 && part > left * LEAST_PART
@@ -244,6 +250,7 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
         }
         let effective = cloud.effective();
         output.effective.push(effective);
+        output.particles.push(cloud.particles);
         let report = &mut output.report;
         report.least_effective = report.least_effective.min(effective);
         if sample.usage == SampleUsage::Used {
@@ -276,8 +283,12 @@ impl<'a, const N: usize> MarginalisedParticleFilter<'a, N> {
         let MpfParameters { seed, regularise, roughening, smooth_over_m, .. } = *self.parameters;
         let lat_rad = self.line.ins.lat_deg[row].to_radians();
         let (north, east) = self.line.errors.earth.north_east_m_per_rad(lat_rad, self.line.ins.alt_m[row]);
-        let how = ParticleResampling { seed, regularise, roughening, smooth_over_m, m_per_rad: [north, east] };
+        let (m_per_rad, count) = ([north, east], ParticleCount::new(self.parameters));
+        let how = ParticleResampling { seed, regularise, roughening, smooth_over_m, m_per_rad, count };
         self.resampler.resample(how, number, &mut self.cloud, &mut self.p);
+        let blocks = self.cloud.blocks.len();
+        self.look.resize(blocks);
+        self.predictor.resize(blocks);
         self.output.report.resamplings += 1;
     }
 

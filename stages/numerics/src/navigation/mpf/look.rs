@@ -52,6 +52,11 @@ impl<'a> ParticleFields<'a> {
         }
     }
 
+    /// Changes the number of blocks of particles.
+    pub(super) fn resize(&mut self, blocks: usize) {
+        self.places.iter_mut().for_each(|column| column.resize(blocks * BLOCK, 0.0));
+    }
+
     /// Measurement and its variance, if the measurement exists.
     pub(super) fn measured(&self, turn: CorrectionSource, row: usize) -> Option<(f64, f64)> {
         let CorrectionSource::Further(aid) = turn else {

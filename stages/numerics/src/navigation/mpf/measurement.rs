@@ -75,6 +75,14 @@ impl CloudPrediction {
         }
     }
 
+    /// Changes the number of blocks. The next measurement computes all values again.
+    pub(super) fn resize(&mut self, blocks: usize) {
+        let Self { values, d_alt, slopes, residuals, inverses, log_likelihoods, weights, log_weights } = self;
+        for lanes in [values, d_alt, slopes, residuals, inverses, log_likelihoods, weights, log_weights] {
+            lanes.resize(blocks, [0.0; BLOCK]);
+        }
+    }
+
     /// Compares every particle with a measurement whose values have been computed. `None` if less than [`LEAST_ON_MAP`]
     /// of the weight has a value.
     pub(super) fn fit_of<const N: usize>(

@@ -19,6 +19,8 @@ pub struct MpfOutput {
     pub track: NavigationOutput,
     /// Effective number of particles 1/Σq² after the measurement of each sample, before resampling.
     pub effective: Vec<f64>,
+    /// Number of particles at each sample, before resampling.
+    pub particles: Vec<usize>,
     /// Outcome of each sample.
     pub usage: Vec<SampleUsage>,
     /// Innovations of the further measurements for the whole cloud, defined as for the field.

@@ -6,8 +6,10 @@ use params::{Rule, obeys};
 /// Parameters of the marginalised particle filter; noise and INS errors are given by the line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MpfParameters {
-    /// Number of particles, from 1 to [`Self::MOST_PARTICLES`].
+    /// Number of particles, from 1 to [`Self::MOST_PARTICLES`]; with `adapt`, the smallest number.
     pub particles: usize,
+    /// Determines the number of particles by KLD-sampling (see [`super::run`]), up to [`Self::MOST_ADAPTED`].
+    pub adapt: bool,
     /// Seed of all random numbers. Results are bit-identical for any number of threads.
     pub seed: u64,
     /// Fraction of the number of particles for resampling. The filter resamples when the effective number 1/Σq² falls
@@ -37,6 +39,7 @@ impl Default for MpfParameters {
     fn default() -> Self {
         Self {
             particles: 1000,
+            adapt: false,
             seed: 0,
             resample_threshold: 0.5,
             regularise: true,
@@ -53,6 +56,9 @@ impl Default for MpfParameters {
 impl MpfParameters {
     /// Maximum number of particles, which take about half a gigabyte.
     pub const MOST_PARTICLES: usize = 1_000_000;
+    /// Maximum number of particles of KLD-sampling, sufficient for a standard deviation of 2.5 km on each axis with
+    /// cells of 200 m.
+    pub const MOST_ADAPTED: usize = 50_000;
 
     /// Rejects invalid parameters.
     ///

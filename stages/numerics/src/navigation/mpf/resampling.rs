@@ -3,6 +3,7 @@
 use crate::navigation::pinson::{LAT, LON};
 
 use super::cloud::{BLOCK, ParticleBlock, ParticleCloud, add_outer};
+use super::count::ParticleCount;
 use super::covariance::{ParticleMatrix, ParticleSpread, condition_on_position};
 use super::draws::{DrawPurpose, ParticleDraws};
 use super::modes::ModeClusters;
@@ -17,6 +18,8 @@ pub(super) struct ParticleResampling {
     pub(super) smooth_over_m: f64,
     /// Metres per radian of latitude and of longitude.
     pub(super) m_per_rad: [f64; 2],
+    /// Number of particles; `None` keeps the number.
+    pub(super) count: Option<ParticleCount>,
 }
 
 /// Buffers shared by all resamplings.
@@ -30,8 +33,8 @@ pub(super) struct ParticleResampler<const N: usize> {
 }
 
 impl<const N: usize> ParticleResampler<N> {
-    /// Draws the same number of particles, with probabilities equal to the weights, and sets equal weights. `p` is the
-    /// common covariance, to which a kernel adds the part of the linear states.
+    /// Draws particles with probabilities equal to the weights, and sets equal weights. `p` is the common covariance,
+    /// to which a kernel adds the part of the linear states.
     pub(super) fn resample(
         &mut self,
         how: ParticleResampling,
@@ -42,9 +45,20 @@ impl<const N: usize> ParticleResampler<N> {
         let [uniform, _] = ParticleDraws::new(how.seed, DrawPurpose::Resampling, row).uniforms(0);
         self.weights.clear();
         self.weights.extend(cloud.weights.as_flattened().iter().take(cloud.particles));
-        systematic(&self.weights, uniform, &mut self.ancestors);
+        systematic(&self.weights, cloud.particles, uniform, &mut self.ancestors);
+        if let Some(count) = how.count {
+            let places = self.ancestors.iter().map(|ancestor| {
+                let [lat, lon] = position(cloud, *ancestor as usize);
+                [how.m_per_rad[0] * lat, how.m_per_rad[1] * lon]
+            });
+            let wanted = count.of_cloud(places);
+            if wanted != cloud.particles {
+                systematic(&self.weights, wanted, uniform, &mut self.ancestors);
+            }
+        }
         let kernels = how.regularise.then(|| self.kernels(how, cloud));
         self.blocks.clone_from(&cloud.blocks);
+        self.blocks.resize(self.ancestors.len().div_ceil(BLOCK), [[0.0; BLOCK]; N]);
         let draws = ParticleDraws::new(how.seed, DrawPurpose::Kernel, row);
         for (index, ancestor) in self.ancestors.iter().map(|ancestor| *ancestor as usize).enumerate() {
             let mut x = cloud.particle(ancestor);
@@ -55,14 +69,13 @@ impl<const N: usize> ParticleResampler<N> {
             let (block, lane) = (&mut self.blocks[index / BLOCK], index % BLOCK);
             x.iter().zip(block).for_each(|(x, state)| state[lane] = *x);
         }
-        std::mem::swap(&mut self.blocks, &mut cloud.blocks);
+        cloud.replace(self.ancestors.len(), &mut self.blocks);
         for kernel in kernels.iter().flat_map(|(_, modes)| modes) {
             kernel.add_rest(p);
         }
         if how.roughening > 0.0 {
             roughen(cloud, how.roughening, ParticleDraws::new(how.seed, DrawPurpose::Roughening, row));
         }
-        cloud.make_equal();
     }
 
     /// Kernels: of the position by cell, and of the linear states by mode.
@@ -86,16 +99,16 @@ impl<const N: usize> ParticleResampler<N> {
 }
 
 /// Moments of a subset of the particles.
-struct ParticleMoments<const N: usize> {
-    weight: f64,
+pub(super) struct ParticleMoments<const N: usize> {
+    pub(super) weight: f64,
     /// Effective number of particles.
     effective: f64,
-    mean: [f64; N],
-    covariance: [[f64; N]; N],
+    pub(super) mean: [f64; N],
+    pub(super) covariance: [[f64; N]; N],
 }
 
 /// Moments of the particles of each label.
-fn moments<const N: usize>(
+pub(super) fn moments<const N: usize>(
     weights: &[f64],
     labels: &[u32],
     count: usize,
@@ -209,16 +222,15 @@ pub(super) fn position<const N: usize>(cloud: &ParticleCloud<N>, index: usize) -
     [block[LAT][lane], block[LON][lane]]
 }
 
-/// Systematic resampling with one uniform random number: selects the particle whose part of the cumulative weight
-/// contains (k + u)/N. [Kitagawa 1996]
-fn systematic(weights: &[f64], uniform: f64, ancestors: &mut Vec<u32>) {
+/// Systematic resampling of N = `count` particles with one uniform random number: selects the particle whose part of
+/// the cumulative weight contains (k + u)/N. [Kitagawa 1996]
+fn systematic(weights: &[f64], count: usize, uniform: f64, ancestors: &mut Vec<u32>) {
     ancestors.clear();
-    let count = weights.len();
     let sum: f64 = weights.iter().sum();
     let (mut own, mut reached) = (0, weights.first().copied().unwrap_or(0.0));
     for k in 0..count {
         let at = (k as f64 + uniform) / count as f64 * sum;
-        while reached < at && own + 1 < count {
+        while reached < at && own + 1 < weights.len() {
             own += 1;
             reached += weights[own];
         }

@@ -8,7 +8,7 @@ use crate::maps::{FieldMap, GeographicGrid, MapInterpolation, MapSurface};
 use crate::navigation::aids::SampleUsage;
 use crate::navigation::ekf::{self, EkfParameters};
 use crate::navigation::osborne::{Line, core_field, grid, temporal_nt};
-use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector};
+use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector, VE, VN};
 use crate::navigation::{InsErrorModel, InsErrors, NavigationOutput, simulate_ins_error};
 use crate::random::NormalGenerator;
 
@@ -20,6 +20,7 @@ use super::*;
 
 mod fixes;
 mod flights;
+mod hand_over;
 
 const EARTH: EarthModel = EarthModel::Wgs84;
 
@@ -111,25 +112,25 @@ impl Scene {
         (lat + (north_m / north).to_degrees(), lon + (east_m / east).to_degrees())
     }
 
-    fn try_run(&self, parameters: &MpfParameters) -> Result<MpfOutput, NavigationError> {
+    /// The flight as input of a filter.
+    fn with<T>(&self, of: impl FnOnce(&NavigationLine<'_>) -> T) -> T {
         let ins = crate::navigation::InsSeries::from_columns(self.columns.each_ref().map(Vec::as_slice));
         let Self { measured_nt, sigma_nt, map, errors, .. } = self;
-        let (measurement_nt, errors) = (measured_nt.as_slice(), *errors);
-        run(
-            parameters,
-            &NavigationLine {
-                ins: &ins,
-                measurement_nt,
-                sigma_nt,
-                map,
-                core: None,
-                errors,
-                offset_window_s: 0.0,
-                fixes: None,
-                second_order: false,
-            },
-            &Aids::default(),
-        )
+        of(&NavigationLine {
+            ins: &ins,
+            measurement_nt: measured_nt,
+            sigma_nt,
+            map,
+            core: None,
+            errors: *errors,
+            offset_window_s: 0.0,
+            fixes: None,
+            second_order: false,
+        })
+    }
+
+    fn try_run(&self, parameters: &MpfParameters) -> Result<MpfOutput, NavigationError> {
+        self.with(|line| run(parameters, line, &Aids::default()))
     }
 
     fn run(&self, parameters: &MpfParameters) -> MpfOutput {

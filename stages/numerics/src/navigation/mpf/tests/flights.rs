@@ -2,7 +2,7 @@
 
 use super::*;
 
-struct Flight {
+pub(super) struct Flight {
     ins: Line,
     measured_nt: Vec<f64>,
     sigma_nt: Vec<f64>,
@@ -19,7 +19,7 @@ fn osborne() -> &'static (FieldMap, Arc<CoreField>) {
 
 impl Flight {
     /// One flight with its realisation of the INS errors, the temporal variation and the measurement noise.
-    fn new(seed: u64, samples: u32, dt_s: f64, position_m: f64) -> Self {
+    pub(super) fn new(seed: u64, samples: u32, dt_s: f64, position_m: f64) -> Self {
         let (map, core) = osborne();
         let model =
             InsErrorModel::from_sources(InsErrors { init_position_sigma_m: position_m, ..InsErrors::default() });
@@ -36,10 +36,11 @@ impl Flight {
         Self { ins, measured_nt, sigma_nt, errors, model }
     }
 
-    fn mpf(&self, parameters: MpfParameters) -> MpfOutput {
+    /// The flight as input of a filter.
+    pub(super) fn with<T>(&self, of: impl FnOnce(&NavigationLine<'_>) -> T) -> T {
         let (map, core) = osborne();
         let (ins, Self { measured_nt, sigma_nt, model, .. }) = (self.ins.series(), self);
-        let line = NavigationLine {
+        of(&NavigationLine {
             ins: &ins,
             measurement_nt: measured_nt,
             sigma_nt,
@@ -49,18 +50,21 @@ impl Flight {
             offset_window_s: 0.0,
             fixes: None,
             second_order: false,
-        };
-        run(&MpfParameters { keep_states: true, ..parameters }, &line, &Aids::default()).unwrap()
+        })
     }
 
-    fn ekf(&self) -> NavigationOutput {
+    fn mpf(&self, parameters: MpfParameters) -> MpfOutput {
+        self.with(|line| run(&MpfParameters { keep_states: true, ..parameters }, line, &Aids::default()).unwrap())
+    }
+
+    pub(super) fn ekf(&self) -> NavigationOutput {
         let (map, core) = osborne();
         let parameters = EkfParameters { errors: self.model, ..EkfParameters::default() };
         ekf::run(&parameters, &self.ins.series(), &self.measured_nt, map, Some(core)).unwrap()
     }
 
     /// Square of the horizontal error at a row, in m², and the NEES of the horizontal position.
-    fn error(&self, track: &NavigationOutput, row: usize) -> (f64, f64) {
+    pub(super) fn error(&self, track: &NavigationOutput, row: usize) -> (f64, f64) {
         let (north, east) = EARTH.north_east_m_per_rad(track.lat_deg[row].to_radians(), 500.0);
         let n = north * (self.errors[row][LAT] - track.x[row][LAT]);
         let e = east * (self.errors[row][LON] - track.x[row][LON]);
