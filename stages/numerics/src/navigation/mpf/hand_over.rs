@@ -122,9 +122,9 @@ fn gaussian<const N: usize>(filter: &MarginalisedParticleFilter<'_, N>, mode: us
     let states = STATES + layout.errors.len();
     if let Some(of) = of_modes.get(mode) {
         gaussian.x.copy_from_slice(&of.mean[..states]);
-        for row in 0..states {
-            for column in 0..states {
-                *gaussian.p.at_mut(row, column) = of.covariance[row][column] + p[row][column];
+        for (row, (of_mode, own)) in of.covariance.iter().zip(p).enumerate().take(states) {
+            for (column, (of_mode, own)) in of_mode.iter().zip(own).enumerate().take(states) {
+                *gaussian.p.at_mut(row, column) = of_mode + own;
             }
         }
     }
