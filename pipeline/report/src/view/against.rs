@@ -65,7 +65,7 @@ struct RunNames {
 }
 
 /// The scores of one run.
-struct RunScores {
+struct ComparedRun {
     record: RunRecord,
     snapshot: Snapshot,
     axes: Vec<String>,
@@ -103,7 +103,7 @@ impl StoreView {
         table: &str,
         record: RunRecord,
         names: &mut RunNames,
-    ) -> Result<RunScores, ViewFault> {
+    ) -> Result<ComparedRun, ViewFault> {
         let snapshot = history::snapshot(self.root(), pipeline, &record)?;
         let tables = self.published_by(pipeline, &record)?;
         let scored = tables.notes.table(table).is_some_and(|t| t.stage == "score");
@@ -133,7 +133,7 @@ impl StoreView {
             }
         }
         let axes = own.axes.clone();
-        Ok(RunScores { record, snapshot, axes, points, flagged: marked, cells, rows })
+        Ok(ComparedRun { record, snapshot, axes, points, flagged: marked, cells, rows })
     }
 
     /// The tables that a run published.
@@ -230,7 +230,7 @@ fn add_intervals(
 struct RunComparison<'a> {
     table: &'a str,
     names: &'a RunNames,
-    runs: [RunScores; 2],
+    runs: [ComparedRun; 2],
     axes: Vec<String>,
     /// Positions of each shared point in the two runs, and its axis values.
     shared: Vec<([usize; 2], PointKey)>,
@@ -243,7 +243,7 @@ struct RunComparison<'a> {
 }
 
 impl<'a> RunComparison<'a> {
-    fn new(table: &'a str, before: RunScores, after: RunScores, names: &'a RunNames) -> RunComparison<'a> {
+    fn new(table: &'a str, before: ComparedRun, after: ComparedRun, names: &'a RunNames) -> RunComparison<'a> {
         let changed = changed_lines(&before.snapshot, &after.snapshot);
         let stage = changes(&before.snapshot, &after.snapshot).into_iter().find(|change| {
             let kind = matches!(change.kind, ChangeKind::Version | ChangeKind::Parameter);
@@ -251,7 +251,7 @@ impl<'a> RunComparison<'a> {
         });
         let scoring = stage.map(|change| format!("another stage of scores: {change}"));
         let runs = [before, after];
-        let varies = |run: &RunScores, axis: &String| {
+        let varies = |run: &ComparedRun, axis: &String| {
             let at = run.axes.iter().position(|own| own == axis);
             at.is_some_and(|at| run.points.iter().any(|key| key[at] != run.points[0][at]))
         };
@@ -259,7 +259,7 @@ impl<'a> RunComparison<'a> {
         let all = runs[1].axes.iter().chain(runs[0].axes.iter().filter(|axis| !runs[1].axes.contains(axis)));
         let axes: Vec<String> =
             all.filter(|axis| both(axis) || runs.iter().any(|run| varies(run, axis))).cloned().collect();
-        let keys = |run: &RunScores| -> Vec<PointKey> {
+        let keys = |run: &ComparedRun| -> Vec<PointKey> {
             let at: Vec<Option<usize>> = axes.iter().map(|axis| run.axes.iter().position(|own| own == axis)).collect();
             let word = |key: &PointKey, at: &Option<usize>| at.map_or_else(String::new, |at| key[at].clone());
             run.points.iter().map(|key| at.iter().map(|at| word(key, at)).collect()).collect()
@@ -334,7 +334,7 @@ impl<'a> RunComparison<'a> {
     }
 
     fn json(&self, pipeline: &str, declared: &[Metric]) -> Value {
-        let with_value = |run: &RunScores| -> Vec<u32> {
+        let with_value = |run: &ComparedRun| -> Vec<u32> {
             run.cells.iter().filter(|(_, cell)| cell.value.is_some()).map(|((_, metric), _)| *metric).collect()
         };
         let known: BTreeSet<u32> = self.runs.iter().flat_map(with_value).collect();

@@ -52,7 +52,7 @@ impl MapRaster {
 
 /// Values of a map along a line.
 #[derive(Debug, Default, PartialEq)]
-pub struct MapProfile {
+pub struct DrawnProfile {
     /// Distance from the first end, m.
     pub distance_m: Vec<f64>,
     /// Latitude, deg.
@@ -63,14 +63,14 @@ pub struct MapProfile {
     pub value: Vec<Option<f64>>,
 }
 
-impl MapProfile {
+impl DrawnProfile {
     /// The profile between two positions (latitude, longitude), deg, with two samples per cell.
-    pub fn new(grid: &GeographicGrid, from: (f64, f64), to: (f64, f64)) -> MapProfile {
+    pub fn new(grid: &GeographicGrid, from: (f64, f64), to: (f64, f64)) -> DrawnProfile {
         let cells = |a: f64, b: f64, step: f64| ((b - a) / step).abs();
         let cells = cells(from.0, to.0, grid.lat().step_deg()).max(cells(from.1, to.1, grid.lon().step_deg()));
         let samples = ((2.0 * cells).ceil() as usize).clamp(LEAST_SAMPLES, MOST_SAMPLES);
         let surface = MapSurface::new(grid, MapInterpolation::Linear);
-        let mut found = MapProfile::default();
+        let mut found = DrawnProfile::default();
         let (mut distance_m, mut before) = (0.0, from);
         for k in 0..=samples {
             let part = k as f64 / samples as f64;
@@ -125,7 +125,7 @@ impl StoreView {
             return Err(ViewFault::Wrong(fault.help("give `from=LAT,LON` and `to=LAT,LON`, in deg")));
         }
         let (grid, unit) = self.grid(name, point)?;
-        let found = MapProfile::new(&grid, from, to);
+        let found = DrawnProfile::new(&grid, from, to);
         let known = found.value.iter().flatten().count();
         Ok(json!({
             "table": name, "unit": unit, "distance_m": found.distance_m, "lat": found.lat, "lon": found.lon,
@@ -182,7 +182,7 @@ mod tests {
         let mut values: Vec<f64> =
             axis.iter().flat_map(|lat| axis.iter().map(move |lon| 100.0 * lat - 300.0 * lon)).collect();
         let grid = GeographicGrid::new(&axis, &axis, &values).unwrap();
-        let found = MapProfile::new(&grid, (0.005, 0.02), (0.085, 0.06));
+        let found = DrawnProfile::new(&grid, (0.005, 0.02), (0.085, 0.06));
         for ((lat, lon), value) in found.lat.iter().zip(&found.lon).zip(&found.value) {
             assert!((value.unwrap() - (100.0 * lat - 300.0 * lon)).abs() < 1e-9);
         }
@@ -194,7 +194,7 @@ mod tests {
         // Off the map and in cells with an unknown node there is no value.
         values[60] = f64::NAN;
         let holed = GeographicGrid::new(&axis, &axis, &values).unwrap();
-        let found = MapProfile::new(&holed, (0.05, 0.0), (0.05, 0.2));
+        let found = DrawnProfile::new(&holed, (0.05, 0.0), (0.05, 0.2));
         let unknown = |lon: f64| found.value[found.lon.iter().position(|l| *l >= lon).unwrap()].is_none();
         assert!(unknown(0.051) && unknown(0.11) && !unknown(0.02) && !unknown(0.07));
     }

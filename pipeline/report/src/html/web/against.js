@@ -38,7 +38,11 @@ class RunPair {
   }
 
   /** Reason why the values are not of equal rows; empty for equal rows. @param {number} m @param {number} row */
-  reason(m, row) { return this.block.reasons[this.block.rows[m]?.[row] ?? 0] ?? ""; }
+  reason(m, row) {
+    const known = this.block.reasons[this.block.rows[m]?.[row] ?? 0] ?? "";
+    const missing = this.block.runs.filter((_, side) => this.value(side, m, row) === null);
+    return known || (missing.length === 1 ? `no value in run ${missing[0].number}` : "");
+  }
 
   /** Marks of a value in words. @param {number} side @param {number} m @param {number} row */
   marks(side, m, row) {

@@ -23,7 +23,7 @@ async function coastOf(source, { west, east, south, north }) {
   return (await source.json(source.address(source.base + "coast", query))).lines;
 }
 
-/** A region with a margin of its own size. @param {Region} region @returns {Region} */
+/** A region with a margin as large as the region. @param {Region} region @returns {Region} */
 function widened({ west, east, south, north }) {
   const [wide, high] = [Math.max(COAST_MARGIN, east - west), Math.max(COAST_MARGIN, north - south)];
   return { west: west - wide, east: east + wide, south: south - high, north: north + high };
