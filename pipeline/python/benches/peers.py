@@ -154,7 +154,8 @@ def main() -> None:
     warnings.simplefilter("ignore", FutureWarning)
     load = os.getloadavg()[0]
     print(f"Python {sys.version.split()[0]}, {os.cpu_count()} cores, load {load:.1f}\n")
-    print("| measurement | magline, processor s | peer | peer, processor s | ratio | difference |\n|---|---|---|---|---|---|")
+    print("| measurement | magline, processor s | peer | peer, processor s | ratio | difference |")
+    print("|---|---|---|---|---|---|")
     for one in (overhead, igrf, upward, compensation):
         one()
 
