@@ -1,8 +1,8 @@
 """Prints `magline/_stages.py` or `magline/_filters.py`, made from the declarations of the stages.
 
 ``python generate.py MAGLINE > magline/_stages.py`` and ``python generate.py MAGLINE filters > magline/_filters.py``,
-with the path of the command `magline`. The declarations are the text of ``magline stages --markdown`` and ``magline stages search``. `read_declarations` and the functions that it calls
-are the only ones that know the form of this text.
+with the path of the command `magline`. The declarations are the text of ``magline stages --markdown`` and ``magline
+stages search``. `read_declarations` and the functions that it calls are the only ones that know the form of this text.
 """
 
 from __future__ import annotations

@@ -142,7 +142,8 @@ _TRACK = {
 def navigate_line(filter: str, given: Mapping[str, Any]) -> Track:
     """Run a filter. `given` holds the inputs and the keys; a key with the value None is unset."""
     lines, mags = _line(given)
-    keys = [(name.removesuffix("_"), _plain(item)) for name, item in given.items() if name not in INPUTS and item is not None]
+    named = {name: item for name, item in given.items() if name not in INPUTS and item is not None}
+    keys = [(name.removesuffix("_"), _plain(item)) for name, item in named.items()]
     keys += [("filter", filter), *([("mag", mags)] if mags else [])]
     models = [_model(one) for one in given.get("models") or ()]
     found, notes, warned = _magline.navigate(
