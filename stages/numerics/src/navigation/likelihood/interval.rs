@@ -1,19 +1,21 @@
 //! Interval of the measurements that a filter uses.
 //!
-//! White errors average out, so more measurements give a better position. Correlated errors do not. The information of
-//! n measurements of variance σ² is n / (σ² g), with the statistical inefficiency g of their innovations.
+//! White errors average out, so more measurements give a better position. Correlated errors do not: the filter would
+//! count one error many times. More measurements are therefore used only if their innovations are white.
 
-use super::{LineNoise, NoiseLikelihood, NoiseSearch, ThinnedLine, correlation_factor};
+use super::{LineNoise, NoiseLikelihood, NoiseSearch, ThinnedLine};
 use crate::navigation::output::NavigationError;
+use crate::regression::consistency::{normalised_innovations, whiteness};
 
 /// Factors on the white noise that are tried for other measurements.
 const FACTORS: [f64; 7] = [0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8];
-/// Smallest ratio of the information of more measurements to that of fewer for which more are used. The statistical
-/// inefficiency of some hundreds of innovations has a relative error of about 30 %.
+/// Smallest ratio of the information n/σ² of more measurements to that of fewer for which more are used.
 const LEAST_GAIN: f64 = 1.5;
+/// Number of lags of the test of whiteness, and its limit. The expected value is 0.95.
+const WHITE: (usize, f64) = (20, 0.8);
 
 /// Noise of a line with the measurements of `search`, which are more than the `rows` measurements of `noise`. `None` if
-/// more measurements do not add information. The process and the permanent field are those of `noise`.
+/// their errors are correlated or they do not add information. The process and the permanent field are those of `noise`.
 ///
 /// # Errors
 /// Fails as [`NavigationLine::check`](crate::navigation::line::NavigationLine::check).
@@ -31,15 +33,16 @@ pub fn denser(search: &NoiseSearch<'_>, noise: &LineNoise, rows: usize) -> Resul
     let best = points.iter().zip(scores).max_by(|a, b| a.1.log.total_cmp(&b.1.log));
     let Some((best, score)) = best.filter(|(_, score)| score.log.is_finite()) else { return Ok(None) };
     let output = likelihood.outputs(&[*best]).pop().and_then(Result::ok).unwrap_or_default();
-    let factor = correlation_factor(&output);
-    let sigma_nt = best[0] * factor.sqrt();
+    let (lags, least) = WHITE;
+    let is_white = whiteness(&normalised_innovations(&output.residual_nt, &output.nis), lags).value >= least;
     let information = |count: usize, sigma_nt: f64| count as f64 / (sigma_nt * sigma_nt);
-    if information(search.rows.len(), sigma_nt) < LEAST_GAIN * information(rows, noise.sigma_nt.value) {
+    let gain = information(search.rows.len(), best[0]) / information(rows, noise.sigma_nt.value);
+    if !is_white || gain < LEAST_GAIN {
         return Ok(None);
     }
     Ok(Some(LineNoise {
-        sigma_nt: noise.sigma_nt.scaled(sigma_nt / noise.sigma_nt.value),
-        inflation: factor.sqrt(),
+        sigma_nt: noise.sigma_nt.scaled(best[0] / noise.sigma_nt.value),
+        inflation: 1.0,
         log_likelihood: score.log,
         used: score.used,
         ..*noise
