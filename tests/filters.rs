@@ -295,7 +295,7 @@ fn user_keys_of_other_filters_are_rejected_with_the_owning_filter() {
     let bench = Bench::new();
     fs::write(bench.path("flights.synth.toml"), flights(CLEAN)).unwrap();
     for (filter, key, words) in [
-        ("ekf", "particles = 10", "belongs to `mpf` and `slam`"),
+        ("ekf", "particles = 10", "belongs to `mpf`, `mpf_then_ekf` and `slam`"),
         ("mpf", "window_s = 10.0", "belongs to `fixed_lag`"),
         ("ekf", "gnss_sigma_m = 1.0", "no effect without `gnss_lost_s`"),
         ("ekf", "gnss_lost_s = [10.0]", "gnss_lost_s"),

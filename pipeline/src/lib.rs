@@ -16,7 +16,6 @@
 pub mod bench;
 mod cli;
 #[cfg_attr(not(feature = "serve"), allow(dead_code))]
-mod confine;
 pub mod release;
 #[cfg(feature = "serve")]
 pub mod serve;

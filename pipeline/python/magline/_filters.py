@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from magline._track import ListLike, Magnetometers, Track, navigate_line
 from magline.maps import Map
 
-__all__ = ["crlb", "ekf", "ekf_adaptive", "ekf_online_tl", "fixed_lag", "iekf", "mpf", "rts", "ukf"]
+__all__ = ["crlb", "ekf", "ekf_adaptive", "ekf_online_tl", "fixed_lag", "iekf", "mpf",
+    "mpf_then_ekf", "rts", "ukf"]
 
 
 def ekf(
@@ -154,7 +155,8 @@ def ekf(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+        Interpolation of the map. The field above its sources is smooth, so a spline is closer
+        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
         map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
@@ -309,8 +311,8 @@ def ekf(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
-        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
+        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -571,7 +573,8 @@ def iekf(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+        Interpolation of the map. The field above its sources is smooth, so a spline is closer
+        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
         map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
@@ -732,8 +735,8 @@ def iekf(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
-        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
+        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -995,7 +998,8 @@ def ukf(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+        Interpolation of the map. The field above its sources is smooth, so a spline is closer
+        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
         map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
@@ -1161,8 +1165,8 @@ def ukf(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
-        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
+        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -1435,7 +1439,8 @@ def ekf_adaptive(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+        Interpolation of the map. The field above its sources is smooth, so a spline is closer
+        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
         map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
@@ -1611,8 +1616,8 @@ def ekf_adaptive(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
-        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
+        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -1898,7 +1903,8 @@ def ekf_online_tl(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+        Interpolation of the map. The field above its sources is smooth, so a spline is closer
+        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
         map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
@@ -2099,8 +2105,8 @@ def ekf_online_tl(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
-        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
+        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -2391,7 +2397,8 @@ def fixed_lag(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+        Interpolation of the map. The field above its sources is smooth, so a spline is closer
+        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
         map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
@@ -2599,8 +2606,8 @@ def fixed_lag(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
-        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
+        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -2870,7 +2877,8 @@ def rts(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+        Interpolation of the map. The field above its sources is smooth, so a spline is closer
+        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
         map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
@@ -3033,8 +3041,8 @@ def rts(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
-        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
+        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -3244,9 +3252,9 @@ def mpf(
     """The marginalised particle filter: particles for the horizontal position, and one Kalman
     filter given the position for the other 16 states.
 
-    Use it for an INS lost by kilometres (`init_position_sigma_m`, with 10,000 particles), or on
-    a map with several similar places: `save_modes` returns the probability of each. For a
-    navigation-grade INS `ekf` is as accurate and seventy times as fast.
+    Use it on a map with several similar places: `save_modes` returns the probability of each.
+    For a navigation-grade INS `ekf` is as accurate and seventy times as fast. For an INS lost
+    by kilometres, `mpf_then_ekf` is faster.
 
     The estimate is the mean over all particles. Particles off the map keep their total weight
     relative to the particles on it. A sample with less than a tenth of the weight on the map is
@@ -3305,7 +3313,8 @@ def mpf(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+        Interpolation of the map. The field above its sources is smooth, so a spline is closer
+        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
         map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
@@ -3424,7 +3433,8 @@ def mpf(
     particles : int, optional
         Number of particles: 1000 for an INS known to hundreds of metres; 10,000 for an INS lost
         by kilometres or with a measurement as precise as `gradient`. Allowed: 1 to 1000000.
-        Default: `1000`.
+        Unset: from 1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side
+        `smooth_over_m`; appends `particles`.
     seed : int, optional
         Seed of all random draws. The same seed gives the same bits on any number of threads.
         Default: `0`.
@@ -3481,8 +3491,8 @@ def mpf(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
-        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
+        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is
@@ -3601,6 +3611,443 @@ def mpf(
     True
     """
     return navigate_line("mpf", locals())
+
+
+def mpf_then_ekf(
+    tt_s: ArrayLike,
+    ins_lat_deg: ArrayLike,
+    ins_lon_deg: ArrayLike,
+    ins_alt_m: ArrayLike,
+    mag_nt: Magnetometers,
+    map: Map,
+    *,
+    ins_velocity_ned_mps: ArrayLike | None = None,
+    ins_force_ned_mps2: ArrayLike | None = None,
+    ins_attitude_deg: ArrayLike | None = None,
+    columns: Mapping[str, Any] | None = None,
+    tuning: Literal["auto", "magnav"] | None = None,
+    core_field: bool | None = None,
+    remove_diurnal: bool | None = None,
+    decimal_year: float | None = None,
+    map_interpolation: Literal["linear", "quadratic", "cubic"] | None = None,
+    map_levels_m: ListLike | None = None,
+    map_error_length_m: float | None = None,
+    offset_window_s: float | None = None,
+    measurement_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_sigma_nt: float | Literal["auto"] | None = None,
+    fogm_tau_s: float | Literal["auto"] | None = None,
+    noise_column: str | None = None,
+    start: Literal["auto", "fix", "alignment", "given"] | None = None,
+    fix: ListLike | None = None,
+    fix_velocity: ListLike | None = None,
+    fix_sigma_m: float | None = None,
+    fix_alt_sigma_m: float | None = None,
+    fix_velocity_sigma_mps: float | None = None,
+    vector: str | None = None,
+    sensor_axis: ListLike | None = None,
+    dead_zones: Literal["none", "polar", "polar_and_equatorial"] | None = None,
+    ins_grade: Literal["magnav", "navigation", "tactical", "commercial"] | None = None,
+    init_position_sigma_m: float | None = None,
+    init_altitude_sigma_m: float | None = None,
+    init_velocity_sigma_mps: float | None = None,
+    init_attitude_sigma_deg: float | None = None,
+    init_heading_sigma_deg: float | None = None,
+    vrw_sigma: float | None = None,
+    arw_sigma: float | None = None,
+    baro_sigma_m: float | None = None,
+    ha_sigma_m: float | None = None,
+    a_hat_sigma_mps2: float | None = None,
+    acc_sigma_mps2: float | None = None,
+    gyro_sigma_radps: float | None = None,
+    baro_tau_s: float | None = None,
+    acc_tau_s: float | None = None,
+    gyro_tau_s: float | None = None,
+    particles: int | None = None,
+    seed: int | None = None,
+    smooth_over_m: float | None = None,
+    hand_over_weight: float | None = None,
+    gate_nis: float | None = None,
+    gnss_lost_s: ListLike | None = None,
+    gnss: ListLike | None = None,
+    gnss_interval_s: float | None = None,
+    gnss_sigma_m: float | None = None,
+    gnss_alt_sigma_m: float | None = None,
+    gnss_noise: bool | None = None,
+    gnss_test: bool | None = None,
+    gradient: ListLike | None = None,
+    gradient_baseline_m: ListLike | None = None,
+    gradient_sigma_nt: float | None = None,
+    gradient_bias_sigma_nt: float | None = None,
+    gradient_bias_tau_s: float | None = None,
+    gradient_slope_sigma: float | Literal["auto"] | None = None,
+    use_scalar: bool | None = None,
+    vector_sigma_nt: float | None = None,
+    vector_bias_sigma_nt: float | None = None,
+    vector_bias_tau_s: float | None = None,
+    vector_crustal_sigma_nt: float | None = None,
+    vector_crustal_length_m: float | None = None,
+    height: str | None = None,
+    height_sigma_m: float | None = None,
+    height_bias_sigma_m: float | None = None,
+    height_bias_tau_s: float | None = None,
+    map_sigma_nt: float | None = None,
+    map_sigma_length_m: float | None = None,
+    mag_latency_sigma_s: float | None = None,
+    permanent_change_sigma_nt: float | None = None,
+    permanent_change_tau_s: float | None = None,
+    flat_over_m: float | None = None,
+) -> Track:
+    """The marginalised particle filter `mpf` until a single position remains, then the extended
+    Kalman filter `ekf`.
+
+    Use it for a start that is known to kilometres: a Kalman filter may then diverge unnoticed,
+    and particles along the whole line take seventy times as long.
+
+    The Kalman filter takes over when two conditions hold for 10 s. One mode has at least the
+    weight `hand_over_weight`, and the linearisation error of the map over the position's
+    covariance in this mode is below the white noise (median over a minute of the path ahead).
+    Its first state and covariance are the mean and covariance of the mode. From then on
+    `particles` is 0 and `n_eff` is NaN. On a line where the conditions never hold, all samples
+    are those of `mpf`.
+
+    With `tuning = "auto"` and a wide start, the noise is estimated in three steps. Particles
+    with an assumed slow error of 30 nT locate the aircraft. The INS is corrected by this
+    position and velocity. The likelihood of the innovations along the corrected INS then gives
+    the noise and the outliers. While the particles locate the aircraft, a spike is rejected
+    only if it contradicts every particle; remove spikes of the first minutes by `despike`.
+
+    `flat_over_m` is rejected, as for `mpf`.
+
+    Parameters
+    ----------
+    tt_s : array_like
+        Times of the samples, s, ascending, of shape (samples,).
+    ins_lat_deg : array_like
+        Latitude of the INS, degrees, of shape (samples,).
+    ins_lon_deg : array_like
+        Longitude of the INS, degrees, of shape (samples,).
+    ins_alt_m : array_like
+        Height of the INS above the WGS-84 ellipsoid, m, of shape (samples,).
+    mag_nt : Magnetometers
+        Measured field, nT, of shape (samples,); NaN where there is no measurement. A mapping
+        holds several magnetometers under the names of their columns, such as `mag_1_c`
+        (compensated) or `mag_1_uc`.
+    map : Map
+        Anomaly map, such as the result of `magline.maps.open`.
+    ins_velocity_ned_mps : array_like, optional
+        Velocity of the INS north, east and down, m/s, of shape (samples, 3). Default: derived
+        from its positions.
+    ins_force_ned_mps2 : array_like, optional
+        Specific force of the INS north, east and down, m/s^2, of shape (samples, 3). Default:
+        derived from its velocities.
+    ins_attitude_deg : array_like, optional
+        Roll, pitch and yaw of the INS, degrees, of shape (samples, 3). Default: level, along
+        the course.
+    columns : Mapping[str, Any], optional
+        Further columns of the flight table under their names, in its units: those that keys
+        name, and those that the stage uses if they are there, such as `diurnal` (nT), `year`,
+        `doy`, `gnss_lat` (deg), `ins_aligned` (s), and the truth `lat` and `lon` (deg) and
+        `alt` (m). A value is an array of shape (samples,), one number or text for all samples,
+        or a pair of a matrix with one row per sample and the names of its columns.
+    tuning : {"auto", "magnav"}, optional
+        Source of unset parameters. `auto` estimates the noise of each line from the likelihood
+        of its innovations, rejects outliers, and continues a map of known height to the flight
+        heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
+        height. A key in the spec overrides either. Default: `"auto"`.
+    core_field : bool, optional
+        Predicts the core field as part of the measurement. `false`: the measurement is an
+        anomaly. Default: `true`.
+    remove_diurnal : bool, optional
+        Subtracts the column `diurnal` from the measurement, so that the filter need not
+        estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
+        Unset: true if the flight has the column and the measurement still contains it.
+    decimal_year : float, optional
+        Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
+        1900 to 2030. Unset: the flight's own date.
+    map_interpolation : {"linear", "quadratic", "cubic"}, optional
+        Interpolation of the map. The field above its sources is smooth, so a spline is closer
+        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
+    map_levels_m : ListLike, optional
+        Heights above the ellipsoid, ascending, to which the map is continued. Between them the
+        map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
+        `tuning = "auto"`, else used at its own height.
+    map_error_length_m : float, optional
+        Correlation length of the map error, for a map with the column `error` (`map_grid`,
+        `track_map`); typically the spacing of its survey lines. The equivalent white noise is
+        added to the measurement noise of each sample. An extended Kalman filter predicts the
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
+        assumed exact.
+    offset_window_s : float, optional
+        Length of the window from the start of a line over which the mean of measurement minus
+        prediction is computed. This offset is subtracted before filtering, because compensation
+        leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
+        Default: `0.0`.
+    measurement_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the white noise of a measurement: sensor, map and residual of the
+        compensation. `"auto"` uses the residual of the calibration, from the column
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
+        "auto"`, else 5.0.
+    fogm_sigma_nt : float | {"auto"}, optional
+        Standard deviation of the first-order Gauss-Markov process for the temporal variation
+        and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
+        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+    fogm_tau_s : float | {"auto"}, optional
+        Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
+        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+    noise_column : str, optional
+        Column with the standard deviation of an additional error of each sample:
+        `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
+        added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
+        Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+    start : {"auto", "fix", "alignment", "given"}, optional
+        Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
+        are not valid minutes later. Default: `"auto"`.
+    fix : ListLike, optional
+        Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
+        2 s of the line's start are used. White noise with the fix's standard deviations is
+        added to columns with the role truth. It is reproducible for each line. Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    fix_velocity : ListLike, optional
+        Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
+        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
+        if the flight has them; else the velocity of the INS.
+    fix_sigma_m : float, optional
+        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `3.0`.
+    fix_alt_sigma_m : float, optional
+        Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
+    fix_velocity_sigma_mps : float, optional
+        Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
+        Default: `0.1`.
+    vector : str, optional
+        Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
+        and the aircraft field at its position are neglected here. Unset: equal noise in all
+        attitudes.
+    sensor_axis : ListLike, optional
+        Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
+        Allowed: finite. Default: `[1.0,0.0,0.0]`.
+    dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
+        Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
+        and inversely proportional to the amplitude. A sample below a tenth of the largest
+        amplitude has no measurement. Default: `"none"`.
+    ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
+        Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
+        of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
+        HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
+        [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
+        (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
+        `ins_grade` if it has one.
+    init_position_sigma_m : float, optional
+        Standard deviation of the initial horizontal position error, each axis. Unit: m.
+        Allowed: 0 or above. Default: `3.0`.
+    init_altitude_sigma_m : float, optional
+        Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
+        `0.001`.
+    init_velocity_sigma_mps : float, optional
+        Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
+        above. Default: `0.01`.
+    init_attitude_sigma_deg : float, optional
+        Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
+        Default: `0.01`.
+    init_heading_sigma_deg : float, optional
+        Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
+        than the level tilt errors, because the INS finds north by the earth's rotation, which
+        is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
+        tilt error.
+    vrw_sigma : float, optional
+        Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
+        above. Default: `0.000238`.
+    arw_sigma : float, optional
+        Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
+        or above. Default: `5.81e-7`.
+    baro_sigma_m : float, optional
+        Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
+    ha_sigma_m : float, optional
+        Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
+        Allowed: 0 or above. Default: `0.001`.
+    a_hat_sigma_mps2 : float, optional
+        Standard deviation of the initial error of the barometric-aiding vertical acceleration.
+        Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+    acc_sigma_mps2 : float, optional
+        Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
+        `0.000245`.
+    gyro_sigma_radps : float, optional
+        Standard deviation of the gyro bias. Unit: rad/s. Allowed: 0 or above. Default:
+        `7.27e-9`.
+    baro_tau_s : float, optional
+        Time constant of the barometer error. Unit: s. Allowed: above 0. Default: `3600.0`.
+    acc_tau_s : float, optional
+        Time constant of the accelerometer bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    gyro_tau_s : float, optional
+        Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    particles : int, optional
+        Number of particles. Allowed: 1 to 1000000. Unset: from 1000 to 50,000, by KLD-sampling
+        (Fox 2003) over squares of side `smooth_over_m`.
+    seed : int, optional
+        Seed of all random draws. The same seed gives the same bits on any number of threads.
+        Default: `0`.
+    smooth_over_m : float, optional
+        Distance over which the map is nearly linear; about its height above the sources. A
+        wider cloud has one kernel for each of its parts. Unit: m. Allowed: above 0. Default:
+        `200.0`.
+    hand_over_weight : float, optional
+        Smallest weight of the most probable mode at the hand-over. Allowed: 0.5 to 1. Default:
+        `0.99`.
+    gate_nis : float, optional
+        Largest accepted NIS of a measurement, for the mean and variance of the whole cloud
+        before the hand-over. Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects
+        outliers before the filter.
+    gnss_lost_s : ListLike, optional
+        Times of loss and recovery of GNSS, in s from the first sample of the line. Before the
+        loss and after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0,
+        600.0]` starts without GNSS and recovers it after ten minutes. If the recovery is after
+        the end of the line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is
+        not used.
+    gnss : ListLike, optional
+        Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset:
+        `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+        `alt`.
+    gnss_interval_s : float, optional
+        Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
+    gnss_sigma_m : float, optional
+        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        above 0. Default: `2.0`.
+    gnss_alt_sigma_m : float, optional
+        Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
+    gnss_noise : bool, optional
+        Adds white noise with these standard deviations to the positions. It is reproducible for
+        each line. The truth of a simulation is free of noise; a filter that assumes noise where
+        there is none appears better than it is. Unset: true if `gnss` names columns of the role
+        truth.
+    gnss_test : bool, optional
+        Tests each position against the INS, alone (chi-square) and together with earlier
+        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
+        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
+        Positions are accepted again after ten consecutive positions agree with the INS.
+        `gnss_update` is appended with and without the test. Default: `true`.
+    gradient : ListLike, optional
+        Two compensated scalar magnetometers. Their difference, first minus second, measures the
+        slope of the map along the line between them. The temporal variation and all other
+        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
+        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+    gradient_baseline_m : ListLike, optional
+        Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
+        down. It is rotated by the attitude of the INS. The estimated error of this attitude is
+        part of the measurement model. Unit: m. Allowed: finite. Unset: required with
+        `gradient`.
+    gradient_sigma_nt : float, optional
+        Standard deviation of the white noise of the difference. Unit: nT. Allowed: above 0.
+        Default: `0.1`.
+    gradient_bias_sigma_nt : float, optional
+        Standard deviation of the slow error of the difference, such as the undetermined
+        constants of two calibrations. Unit: nT. Allowed: 0 or above. Default: `1.0`.
+    gradient_bias_tau_s : float, optional
+        Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    gradient_slope_sigma : float | {"auto"}, optional
+        Standard deviation of the error of the map's slope along that line. Multiplied by the
+        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
+        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
+        difference, which also detects maps made from sparse lines. For a map without a vertical
+        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
+        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+    use_scalar : bool, optional
+        Uses `mag` for the measurement update too. `false` uses only the difference and the
+        vector, for example in a magnetic storm. Default: `true`.
+    vector_sigma_nt : float, optional
+        Standard deviation of the white noise of each component of `vector`. If set, the vector
+        is a measurement of the attitude about the field and of the scalar field. Requires
+        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
+        above 0. Unset: the vector is not measured.
+    vector_bias_sigma_nt : float, optional
+        Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
+        correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+    vector_bias_tau_s : float, optional
+        Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+    vector_crustal_sigma_nt : float, optional
+        Standard deviation of the part of each crustal-field component that a map of the scalar
+        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
+        Allowed: 0 or above. Default: `50.0`.
+    vector_crustal_length_m : float, optional
+        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
+        above 0. Default: `1000.0`.
+    height : str, optional
+        Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
+        not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
+        used.
+    height_sigma_m : float, optional
+        Standard deviation of the white noise of the height. Unit: m. Allowed: above 0. Default:
+        `3.0`.
+    height_bias_sigma_m : float, optional
+        Standard deviation of the slow error of the height, from the weather or the geoid. Unit:
+        m. Allowed: 0 or above. Default: `30.0`.
+    height_bias_tau_s : float, optional
+        Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
+        `3600.0`.
+    map_sigma_nt : float, optional
+        Standard deviation of the map error as a state that is correlated along the track. Unit:
+        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+    map_sigma_length_m : float, optional
+        Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
+        above 0. Default: `500.0`.
+    mag_latency_sigma_s : float, optional
+        Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
+        is a state of the filter, constant along the line. A sample stamped `t` was measured at
+        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
+        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
+        exact.
+    permanent_change_sigma_nt : float, optional
+        Standard deviation of each component (nose, right, down) of the change of the aircraft's
+        permanent field since its calibration. The change is three further states. Their effect
+        on the scalar field follows from the attitude and the core field. A constant offset of
+        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
+        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
+        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
+        0.
+    permanent_change_tau_s : float, optional
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
+        `tuning = "auto"`, else the change is constant along the line.
+    flat_over_m : float, optional
+        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
+        which the sample observes the position. Above it the sample is `flat` and corrects only
+        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
+        0. Unset: all samples observe the position.
+
+    Returns
+    -------
+    Track
+        Estimate at each sample, innovations, warnings and notes.
+
+    Raises
+    ------
+    SpecError
+        If a key is unknown, has an invalid value, or has no effect.
+    DataError
+        If the line cannot be filtered, such as an INS with a NaN or a line off the map.
+    ValueError
+        If the shapes of the arrays differ.
+
+    References
+    ----------
+    Schön, Gustafsson & Nordlund 2005 for the particles; Fox 2003 for their number.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magline import filters, maps
+    >>> lat, lon = np.linspace(45.0, 45.2, 201), np.linspace(-76.1, -75.9, 201)
+    >>> hills = 60.0 * np.sin(400.0 * lat[:, None]) + 50.0 * np.cos(500.0 * (lat[:, None] + lon))
+    >>> field = maps.Map(lon, lat, hills, np.full(hills.shape, 300.0), 4326, "deg")
+    >>> t = np.arange(100.0)  # northward over the nodes of a column; the INS is 11 m too far north
+    >>> ins = t, lat[50:150] + 1e-4, np.full(100, lon[100]), np.full(100, 300.0)
+    >>> start = {"start": "given", "init_position_sigma_m": 20.0}
+    >>> track = filters.mpf_then_ekf(*ins, hills[50:150, 100], field, core_field=False, **start)
+    >>> bool(abs(track.lat_deg[-1] - lat[149]) < 5e-5)
+    True
+    """
+    return navigate_line("mpf_then_ekf", locals())
 
 
 def crlb(
@@ -3743,7 +4190,8 @@ def crlb(
         Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
         1900 to 2030. Unset: the flight's own date.
     map_interpolation : {"linear", "quadratic", "cubic"}, optional
-        Interpolation of the map: bilinear, or natural cubic spline. Default: `"linear"`.
+        Interpolation of the map. The field above its sources is smooth, so a spline is closer
+        to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
     map_levels_m : ListLike, optional
         Heights above the ellipsoid, ascending, to which the map is continued. Between them the
         map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
@@ -3895,8 +4343,8 @@ def crlb(
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
-        common errors cancel in it. Requires `map_interpolation = "cubic"`, because the slope of
-        a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
+        common errors cancel in it. Not with `map_interpolation = "linear"`, because the slope
+        of a bilinear map has steps. Unit: nT. Unset: the difference is not measured.
     gradient_baseline_m : ListLike, optional
         Vector from the second magnetometer of `gradient` to the first, body frame: nose, right,
         down. It is rotated by the attitude of the INS. The estimated error of this attitude is

@@ -2365,7 +2365,8 @@ class StageMethods:
         map: TableLike | None = None,
         model: TableLike | Sequence[TableLike] | None = None,
         filter: Literal["ekf", "iekf", "ukf", "ekf_adaptive", "ekf_online_tl", "ekf_online_nn",
-            "fixed_lag", "rts", "mpf", "slam", "crlb", "ins_only"] | Axis | None = None,
+            "fixed_lag", "rts", "mpf", "mpf_then_ekf", "slam", "crlb", "ins_only"] | Axis | None =
+            None,
         tuning: Literal["auto", "magnav"] | Axis | None = None,
         mag: ListLike | Axis | None = None,
         core_field: bool | Axis | None = None,
@@ -2479,6 +2480,7 @@ class StageMethods:
         smooth_over_m: float | Axis | None = None,
         roughening: float | Axis | None = None,
         save_modes: bool | Axis | None = None,
+        hand_over_weight: float | Axis | None = None,
         update_interval_s: float | Axis | None = None,
         expected_measurement: Literal["nearest_neighbour", "regression", "inverse_distance"] | Axis
             | None = None,
@@ -2526,6 +2528,13 @@ class StageMethods:
         continuation: amplified noise and the field that damping removes. It is NaN where the map's
         height is unknown. A map in eastings and northings is interpolated on its native grid.
 
+        Filters that linearise the map require an initial position within the distance over which
+        the map is linear. `start_sigma` is the initial standard deviation of the position.
+        `start_sigma_limit` is the largest one at which the linearisation error is below the white
+        noise, or below a third of the linear change of the map (median over a minute). A larger
+        start is flagged (`wide_start` in the table of warnings), because these filters may then
+        diverge unnoticed. Use `filter = "mpf_then_ekf"`.
+
         The core field (IGRF-14) is computed at one date per line: `decimal_year`, or the flight's
         first sample with both `year` and `doy`. A flight without a date is rejected unless
         `core_field = false`.
@@ -2547,7 +2556,7 @@ class StageMethods:
         model : TableLike | Sequence[TableLike], optional
             Input: one or several model tables, optional.
         filter : {"ekf", "iekf", "ukf", "ekf_adaptive", "ekf_online_tl", "ekf_online_nn",
-        "fixed_lag", "rts", "mpf", "slam", "crlb", "ins_only"}, optional
+        "fixed_lag", "rts", "mpf", "mpf_then_ekf", "slam", "crlb", "ins_only"}, optional
             Navigation filter. Default: `"ekf"`.
         tuning : {"auto", "magnav"}, optional
             Source of unset parameters. `auto` estimates the noise of each line from the likelihood
@@ -2703,161 +2712,168 @@ class StageMethods:
             For `mpf`: Largest accepted NIS of a measurement, for the mean and variance of the whole
             cloud. Allowed: above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the
             filter.
+            For `mpf_then_ekf`: Largest accepted NIS of a measurement, for the mean and variance of
+            the whole cloud before the hand-over. Allowed: above 0. Unset: no gate; `tuning =
+            "auto"` rejects outliers before the filter.
         discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `slam`, `crlb`: Discretisation of the process noise: to second order, to first
             order as in MagNav.jl, or exact. Default: `"trapezoidal"`.
         gnss_lost_s : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `slam`, `crlb`, `ins_only`: Times of loss and recovery of GNSS, in s from
-            the first sample of the line. Before the loss and after the recovery, the GNSS position
-            (columns `gnss`) aids the filter. `[0.0, 600.0]` starts without GNSS and recovers it
-            after ten minutes. If the recovery is after the end of the line, GNSS is not recovered.
-            Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
+            `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Times of loss and recovery of
+            GNSS, in s from the first sample of the line. Before the loss and after the recovery,
+            the GNSS position (columns `gnss`) aids the filter. `[0.0, 600.0]` starts without GNSS
+            and recovers it after ten minutes. If the recovery is after the end of the line, GNSS is
+            not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
         gnss : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `slam`, `crlb`, `ins_only`: Columns of the GNSS latitude, longitude (deg)
-            and height above the ellipsoid (m). Unset: `gnss_lat`, `gnss_lon` and `gnss_alt` if the
-            flight has them, else `lat`, `lon` and `alt`.
+            `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Columns of the GNSS latitude,
+            longitude (deg) and height above the ellipsoid (m). Unset: `gnss_lat`, `gnss_lon` and
+            `gnss_alt` if the flight has them, else `lat`, `lon` and `alt`.
         gnss_interval_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `slam`, `crlb`, `ins_only`: Time between two GNSS positions. Unit: s.
-            Allowed: above 0. Default: `1.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Time between two GNSS
+            positions. Unit: s. Allowed: above 0. Default: `1.0`.
         gnss_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `slam`, `crlb`, `ins_only`: Standard deviation of the GNSS position in
-            each of north and east. Unit: m. Allowed: above 0. Default: `2.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Standard deviation of the GNSS
+            position in each of north and east. Unit: m. Allowed: above 0. Default: `2.0`.
         gnss_alt_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `slam`, `crlb`, `ins_only`: Standard deviation of the GNSS height. Unit:
-            m. Allowed: above 0. Default: `5.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Standard deviation of the GNSS
+            height. Unit: m. Allowed: above 0. Default: `5.0`.
         gnss_noise : bool, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `slam`, `crlb`, `ins_only`: Adds white noise with these standard
-            deviations to the positions. It is reproducible for each line. The truth of a simulation
-            is free of noise; a filter that assumes noise where there is none appears better than it
-            is. Unset: true if `gnss` names columns of the role truth.
+            `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Adds white noise with these
+            standard deviations to the positions. It is reproducible for each line. The truth of a
+            simulation is free of noise; a filter that assumes noise where there is none appears
+            better than it is. Unset: true if `gnss` names columns of the role truth.
         gnss_test : bool, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `slam`, `crlb`, `ins_only`: Tests each position against the INS, alone
-            (chi-square) and together with earlier positions (cumulative sum). Rejected positions
-            are not used. The test detects a jump at once and a drift of 1 m/s after about 10 s; a
-            drift is then rejected from its start. Positions are accepted again after ten
-            consecutive positions agree with the INS. `gnss_update` is appended with and without the
-            test. Default: `true`.
+            `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Tests each position against
+            the INS, alone (chi-square) and together with earlier positions (cumulative sum).
+            Rejected positions are not used. The test detects a jump at once and a drift of 1 m/s
+            after about 10 s; a drift is then rejected from its start. Positions are accepted again
+            after ten consecutive positions agree with the INS. `gnss_update` is appended with and
+            without the test. Default: `true`.
         gradient : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Two compensated scalar magnetometers. Their difference, first
-            minus second, measures the slope of the map along the line between them. The temporal
-            variation and all other common errors cancel in it. Not with `map_interpolation =
-            "linear"`, because the slope of a bilinear map has steps. Unit: nT. Unset: the
-            difference is not measured.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Two compensated scalar magnetometers. Their
+            difference, first minus second, measures the slope of the map along the line between
+            them. The temporal variation and all other common errors cancel in it. Not with
+            `map_interpolation = "linear"`, because the slope of a bilinear map has steps. Unit: nT.
+            Unset: the difference is not measured.
         gradient_baseline_m : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Vector from the second magnetometer of `gradient` to the first,
-            body frame: nose, right, down. It is rotated by the attitude of the INS. The estimated
-            error of this attitude is part of the measurement model. Unit: m. Allowed: finite.
-            Unset: required with `gradient`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Vector from the second magnetometer of `gradient`
+            to the first, body frame: nose, right, down. It is rotated by the attitude of the INS.
+            The estimated error of this attitude is part of the measurement model. Unit: m. Allowed:
+            finite. Unset: required with `gradient`.
         gradient_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Standard deviation of the white noise of the difference. Unit: nT.
-            Allowed: above 0. Default: `0.1`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the white noise of the
+            difference. Unit: nT. Allowed: above 0. Default: `0.1`.
         gradient_bias_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Standard deviation of the slow error of the difference, such as
-            the undetermined constants of two calibrations. Unit: nT. Allowed: 0 or above. Default:
-            `1.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the slow error of the
+            difference, such as the undetermined constants of two calibrations. Unit: nT. Allowed: 0
+            or above. Default: `1.0`.
         gradient_bias_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Time constant of the slow error of the difference. Unit: s.
-            Allowed: above 0. Default: `3600.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the slow error of the difference.
+            Unit: s. Allowed: above 0. Default: `3600.0`.
         gradient_slope_sigma : float | {"auto"}, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Standard deviation of the error of the map's slope along that
-            line. Multiplied by the baseline, it is an error of the difference. Like the map's
-            anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood value
-            from the innovations of the difference, which also detects maps made from sparse lines.
-            For a map without a vertical slope (one height, no `map_levels_m`), the error increases
-            by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or above. Default:
-            `auto`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the error of the map's slope
+            along that line. Multiplied by the baseline, it is an error of the difference. Like the
+            map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+            value from the innovations of the difference, which also detects maps made from sparse
+            lines. For a map without a vertical slope (one height, no `map_levels_m`), the error
+            increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or above.
+            Default: `auto`.
         use_scalar : bool, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Uses `mag` for the measurement update too. `false` uses only the
-            difference and the vector, for example in a magnetic storm. Default: `true`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Uses `mag` for the measurement update too. `false`
+            uses only the difference and the vector, for example in a magnetic storm. Default:
+            `true`.
         vector_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Standard deviation of the white noise of each component of
-            `vector`. If set, the vector is a measurement of the attitude about the field and of the
-            scalar field. Requires `core_field` and a vector magnetometer with its own calibration.
-            Unit: nT. Allowed: above 0. Unset: the vector is not measured.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the white noise of each
+            component of `vector`. If set, the vector is a measurement of the attitude about the
+            field and of the scalar field. Requires `core_field` and a vector magnetometer with its
+            own calibration. Unit: nT. Allowed: above 0. Unset: the vector is not measured.
         vector_bias_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Standard deviation of the bias of each component. In a field of
-            50,000 nT, 50 nT correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the bias of each component.
+            In a field of 50,000 nT, 50 nT correspond to 0.06°. Unit: nT. Allowed: 0 or above.
+            Default: `50.0`.
         vector_bias_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Time constant of the bias. Unit: s. Allowed: above 0. Default:
-            `3600.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the bias. Unit: s. Allowed: above
+            0. Default: `3600.0`.
         vector_crustal_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Standard deviation of the part of each crustal-field component
-            that a map of the scalar anomaly does not determine. It is about the standard deviation
-            of the anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the part of each
+            crustal-field component that a map of the scalar anomaly does not determine. It is about
+            the standard deviation of the anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
         vector_crustal_length_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Correlation length of that part; about the height above the
-            sources. Unit: m. Allowed: above 0. Default: `1000.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Correlation length of that part; about the height
+            above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
         height : str, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Column of measured heights above the ellipsoid, such as `baro` of
-            a barometer that does not already aid the INS. Unit: m. Unset: the height of the INS and
-            its barometer is used.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Column of measured heights above the ellipsoid,
+            such as `baro` of a barometer that does not already aid the INS. Unit: m. Unset: the
+            height of the INS and its barometer is used.
         height_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Standard deviation of the white noise of the height. Unit: m.
-            Allowed: above 0. Default: `3.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the white noise of the
+            height. Unit: m. Allowed: above 0. Default: `3.0`.
         height_bias_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Standard deviation of the slow error of the height, from the
-            weather or the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the slow error of the
+            height, from the weather or the geoid. Unit: m. Allowed: 0 or above. Default: `30.0`.
         height_bias_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Time constant of the slow error of the height. Unit: s. Allowed:
-            above 0. Default: `3600.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of the slow error of the height.
+            Unit: s. Allowed: above 0. Default: `3600.0`.
         map_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Standard deviation of the map error as a state that is correlated
-            along the track. Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the map error as a state
+            that is correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error
+            is not estimated.
         map_sigma_length_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Distance over which the autocorrelation of the map error falls to
-            1/e. Unit: m. Allowed: above 0. Default: `500.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Distance over which the autocorrelation of the map
+            error falls to 1/e. Unit: m. Allowed: above 0. Default: `500.0`.
         mag_latency_sigma_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Prior standard deviation of the lag of the magnetometer's time
-            stamps. If set, the lag is a state of the filter, constant along the line. A sample
-            stamped `t` was measured at `t` minus the lag, which may be negative. Appends
-            `mag_latency` and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s.
-            Allowed: above 0. Unset: time stamps are exact.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Prior standard deviation of the lag of the
+            magnetometer's time stamps. If set, the lag is a state of the filter, constant along the
+            line. A sample stamped `t` was measured at `t` minus the lag, which may be negative.
+            Appends `mag_latency` and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`.
+            Unit: s. Allowed: above 0. Unset: time stamps are exact.
         permanent_change_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Standard deviation of each component (nose, right, down) of the
-            change of the aircraft's permanent field since its calibration. The change is three
-            further states. Their effect on the scalar field follows from the attitude and the core
-            field. A constant offset of 100 nT (standard deviation) is a fourth state. Requires
-            `core_field`. 0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT.
-            Allowed: 0 or above. Unset: from the likelihood with `tuning = "auto"`: 0 unless these
-            states increase it clearly; else 0.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of each component (nose, right,
+            down) of the change of the aircraft's permanent field since its calibration. The change
+            is three further states. Their effect on the scalar field follows from the attitude and
+            the core field. A constant offset of 100 nT (standard deviation) is a fourth state.
+            Requires `core_field`. 0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit:
+            nT. Allowed: 0 or above. Unset: from the likelihood with `tuning = "auto"`: 0 unless
+            these states increase it clearly; else 0.
         permanent_change_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Time constant of this change. Unit: s. Allowed: above 0. Unset:
-            from the likelihood with `tuning = "auto"`, else the change is constant along the line.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of this change. Unit: s. Allowed:
+            above 0. Unset: from the likelihood with `tuning = "auto"`, else the change is constant
+            along the line.
         flat_over_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `crlb`: Largest ratio of a measurement's standard deviation to the map's
-            horizontal slope at which the sample observes the position. Above it the sample is
-            `flat` and corrects only the temporal variation and the map error. Appends `map_slope`.
-            Unit: m. Allowed: above 0. Unset: all samples observe the position.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Largest ratio of a measurement's standard
+            deviation to the map's horizontal slope at which the sample observes the position. Above
+            it the sample is `flat` and corrects only the temporal variation and the map error.
+            Appends `map_slope`. Unit: m. Allowed: above 0. Unset: all samples observe the position.
         iterations : int, optional
             For `iekf`: Maximum number of linearisations of the map per sample. Allowed: 1 to 1000.
             Default: `5`.
@@ -2964,8 +2980,8 @@ class StageMethods:
             For `ekf_online_nn`: Activation function. Default: `"swish"`.
         seed : int, optional
             For `ekf_online_nn`: Seed of the initial weights. Default: `0`.
-            For `mpf`: Seed of all random draws. The same seed gives the same bits on any number of
-            threads. Default: `0`.
+            For `mpf`, `mpf_then_ekf`: Seed of all random draws. The same seed gives the same bits
+            on any number of threads. Default: `0`.
             For `slam`: Seed of all random draws. Default: `0`.
         passes : int, optional
             For `ekf_online_nn`: Number of passes of the training over its samples. Allowed: 1 to
@@ -3009,7 +3025,10 @@ class StageMethods:
         particles : int, optional
             For `mpf`: Number of particles: 1000 for an INS known to hundreds of metres; 10,000 for
             an INS lost by kilometres or with a measurement as precise as `gradient`. Allowed: 1 to
-            1000000. Default: `1000`.
+            1000000. Unset: from 1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side
+            `smooth_over_m`; appends `particles`.
+            For `mpf_then_ekf`: Number of particles. Allowed: 1 to 1000000. Unset: from 1000 to
+            50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`.
             For `slam`: Number of particles. They must cover the drift between revisits densely, so
             a less accurate INS requires more particles. Allowed: 2 to 1000000. Default: `1000`.
         resample_threshold : float, optional
@@ -3025,6 +3044,9 @@ class StageMethods:
             sources. A wider cloud has one kernel for each of its parts. The slope that `gradient`
             measures is linear over a third of this distance. Unit: m. Allowed: above 0. Default:
             `200.0`.
+            For `mpf_then_ekf`: Distance over which the map is nearly linear; about its height above
+            the sources. A wider cloud has one kernel for each of its parts. Unit: m. Allowed: above
+            0. Default: `200.0`.
         roughening : float, optional
             For `mpf`: Standard deviation of the position noise of each resampled particle, per
             axis. It is in units of the range of the particles divided by the square root of their
@@ -3032,6 +3054,9 @@ class StageMethods:
         save_modes : bool, optional
             For `mpf`: Appends the three most probable modes of the position to each sample. Takes
             50 % more time. Default: `false`.
+        hand_over_weight : float, optional
+            For `mpf_then_ekf`: Smallest weight of the most probable mode at the hand-over. Allowed:
+            0.5 to 1. Default: `0.99`.
         update_interval_s : float, optional
             For `slam`: Minimum time between two updates of the particles. Measurements within it
             are averaged. 0 uses every sample. Unit: s. Allowed: 0 or above. Default: `1.0`.

@@ -5,6 +5,7 @@ mod again;
 pub mod ballista;
 mod children;
 mod compute;
+pub mod confine;
 pub mod cost;
 mod cut;
 mod engine;

@@ -18,10 +18,10 @@ use nix::{
     unistd::Pid,
 };
 use report::sql::memory;
+use run::confine;
 use schemas::Fault;
 
 use super::{ExitReason, invocation};
-use crate::confine;
 
 /// Environment variable with the folder for temporary files. It is set only in the child.
 const CHILD: &str = "MAGLINE_QUERY_FOLDER";

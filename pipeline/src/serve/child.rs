@@ -19,12 +19,13 @@ use arrow_schema::{ArrowError, DataType, Schema, SchemaRef};
 use base64::{Engine, prelude::BASE64_STANDARD};
 use futures::StreamExt;
 use report::sql::{SqlSession, VersionPins, WORKER_STACK, memory};
+use run::confine;
 use schemas::Fault;
 use serde::{Deserialize, Serialize};
 use store::pulled;
 
 use super::parameters;
-use crate::{confine, deep};
+use crate::deep;
 
 /// Maximum number of threads that compute a query, and of threads that wait for its files.
 const MOST_THREADS: usize = 8;

@@ -17,6 +17,7 @@ use nix::{
     unistd::Pid,
 };
 use report::sql::{VersionPins, memory};
+use run::confine;
 use tokio::{
     runtime::Handle,
     sync::{OwnedSemaphorePermit, Semaphore, oneshot},
@@ -29,7 +30,6 @@ use super::{
     child::{QueryChunk, QueryFailure, QueryHeader, QueryRequest, UNCOUNTED_BYTES},
     spool::{SpoolReader, SpoolWriter},
 };
-use crate::confine;
 
 /// Interval of checks of the memory of a query.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);

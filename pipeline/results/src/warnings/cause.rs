@@ -143,9 +143,11 @@ impl<'a> LineFacts<'a> {
         self.settings.as_ref().and_then(|s| s.gnss_rejected_s)
     }
 
-    /// Standard deviation of the initial position, and its limit, in m, if the limit is exceeded.
+    /// Standard deviation of the initial position, and the distance over which the map is linear, in m, if their ratio
+    /// exceeds its limit.
     pub fn wide_start_m(&self) -> Option<(f64, f64)> {
-        self.settings.as_ref().and_then(|s| s.start_m).filter(|(sigma_m, limit_m)| sigma_m > limit_m)
+        let exceeds = |(sigma_m, linear_m): &(f64, f64)| *sigma_m > limits::WIDE_START * linear_m;
+        self.settings.as_ref().and_then(|s| s.start_m).filter(exceeds)
     }
 
     fn diverged(&self) -> bool {

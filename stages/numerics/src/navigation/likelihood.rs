@@ -430,12 +430,18 @@ pub(super) fn deviance(residual: f64, nis: f64, most_nis: f64) -> Option<f64> {
     (nis.is_finite() && variance.is_finite() && variance > 0.0).then(|| variance.ln() + nis.min(most_nis))
 }
 
+/// Normalised innovations of a filter; NaN for those beyond the gate.
+fn accepted_innovations(output: &NavigationOutput) -> Vec<f64> {
+    let all = normalised_innovations(&output.residual_nt, &output.nis);
+    all.iter().zip(&output.nis).map(|(own, nis)| if *nis <= GATE_NIS { *own } else { f64::NAN }).collect()
+}
+
 /// Statistical inefficiency of the normalised innovations; at least 1, and 1 if the correlation is insignificant.
 fn correlation_factor(output: &NavigationOutput) -> f64 {
     const SMALLEST: f64 = 1.3;
-    let all = normalised_innovations(&output.residual_nt, &output.nis);
-    let accepted = all.iter().zip(&output.nis).filter(|(_, nis)| nis.is_finite() && **nis <= GATE_NIS);
-    let factor = statistical_inefficiency(&accepted.map(|(innovation, _)| *innovation).collect::<Vec<_>>());
+    let mut accepted = accepted_innovations(output);
+    accepted.retain(|innovation| innovation.is_finite());
+    let factor = statistical_inefficiency(&accepted);
     if factor >= SMALLEST { factor } else { 1.0 }
 }
 

@@ -3,9 +3,9 @@
 //! White errors average out, so more measurements give a better position. Correlated errors do not: the filter would
 //! count one error many times. More measurements are therefore used only if their innovations are white.
 
-use super::{LineNoise, NoiseLikelihood, NoiseSearch, ThinnedLine};
+use super::{LineNoise, NoiseLikelihood, NoiseSearch, ThinnedLine, accepted_innovations};
 use crate::navigation::output::NavigationError;
-use crate::regression::consistency::{normalised_innovations, whiteness};
+use crate::regression::consistency::whiteness;
 
 /// Factors on the white noise that are tried for other measurements.
 const FACTORS: [f64; 7] = [0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8];
@@ -34,7 +34,7 @@ pub fn denser(search: &NoiseSearch<'_>, noise: &LineNoise, rows: usize) -> Resul
     let Some((best, score)) = best.filter(|(_, score)| score.log.is_finite()) else { return Ok(None) };
     let output = likelihood.outputs(&[*best]).pop().and_then(Result::ok).unwrap_or_default();
     let (lags, least) = WHITE;
-    let is_white = whiteness(&normalised_innovations(&output.residual_nt, &output.nis), lags).value >= least;
+    let is_white = whiteness(&accepted_innovations(&output), lags).value >= least;
     let information = |count: usize, sigma_nt: f64| count as f64 / (sigma_nt * sigma_nt);
     let gain = information(search.rows.len(), best[0]) / information(rows, noise.sigma_nt.value);
     if !is_white || gain < LEAST_GAIN {
