@@ -3,6 +3,7 @@
 use super::flights::Flight;
 use super::*;
 use crate::navigation::linearity::at_start;
+use crate::navigation::output::NavigationReport;
 
 /// Number of flights.
 const FLIGHTS: u64 = 20;
@@ -57,7 +58,8 @@ fn law_a_handed_over_start_of_kilometres_equals_a_known_start() {
         let (all, whole) = (&out.all, ROWS as usize);
         assert_eq!([all.usage.len(), all.effective.len(), all.particles.len(), all.track.lat_deg.len()], [whole; 4]);
         assert!(all.particles[..=row].iter().all(|count| *count >= 1000) && all.effective[row + 1].is_nan());
-        assert_eq!(all.track.report.updates, whole);
+        let NavigationReport { updates, off_map, gated, missing_measurements, .. } = all.track.report;
+        assert_eq!(updates + off_map + gated + missing_measurements, whole, "{seed}: {:?}", all.track.report);
         wide = wide.max(all.particles[0]);
         let (square, nees) = settled(&flight, &all.track);
         ours = (ours.0 + square / n, ours.1 + nees / n);
@@ -119,7 +121,8 @@ fn unit_the_number_of_particles_follows_the_cloud_on_any_number_of_threads() {
     let (one, two) = (of(1), of(2));
     assert_eq!(bits(&one), bits(&two));
     assert_eq!(one.particles, two.particles);
-    assert!(one.particles[0] > 8000 && *one.particles.last().unwrap() == 1000, "{:?}", one.particles);
+    // A cloud of 1500 m has several times as many occupied cells as a cloud of 200 m.
+    assert!(one.particles[0] > 4000 && *one.particles.last().unwrap() == 1000, "{:?}", one.particles);
     assert!(one.effective.iter().zip(&one.particles).all(|(effective, count)| *effective <= *count as f64 + 1e-6));
 }
 
