@@ -3703,7 +3703,7 @@ def mpf_then_ekf(
     Use it for a start that is known to kilometres: a Kalman filter may then diverge unnoticed,
     and particles along the whole line take seventy times as long.
 
-    The Kalman filter takes over when two conditions hold for 10 s. One mode has at least the
+    The Kalman filter takes over when two conditions hold for 60 s. One mode has at least the
     weight `hand_over_weight`, and the linearisation error of the map over the position's
     covariance in this mode is below the white noise (median over a minute of the path ahead).
     Its first state and covariance are the mean and covariance of the mode. From then on

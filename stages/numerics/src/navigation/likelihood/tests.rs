@@ -251,12 +251,13 @@ fn law_more_measurements_are_used_only_if_their_errors_are_independent() {
         let flight = flown(seed);
         let series = flight.ins.series();
         let mut normals = NormalGenerator::new(200 + seed);
-        let mut own = 0.0;
-        // Errors of 8 nT with a correlation time of 8 s, which the estimate at 10 s counts as white.
-        let decay = (-1.0_f64 / 8.0).exp();
+        let mut own = [0.0; 2];
+        // Errors of about 8 nT with a period of 6.3 s, like those of a compensation in manoeuvres. A Gauss-Markov process
+        // does not describe them, and the estimate at 10 s counts them as white.
         let mut coloured = |nt: &f64| {
-            own = decay * own + 8.0 * (1.0 - decay * decay).sqrt() * normals.draw();
-            nt + own
+            let next = 2.0 * 0.97 * (std::f64::consts::TAU / 6.3).cos() * own[0] - 0.97 * 0.97 * own[1];
+            own = [next + 2.3 * normals.draw(), own[0]];
+            nt + own[0]
         };
         let white = flight.measured(50 + seed, SIGMA_NT);
         let measured = flight.measured(50 + seed, 0.1).iter().map(&mut coloured).collect::<Vec<f64>>();

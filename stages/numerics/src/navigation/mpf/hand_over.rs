@@ -27,7 +27,7 @@ use super::{check, filtered};
 /// Time between two tests of the particles, in s.
 const INTERVAL_S: f64 = 5.0;
 /// Time for which the conditions hold before the hand-over, in s.
-const HELD_S: f64 = 10.0;
+const HELD_S: f64 = 60.0;
 
 /// Conditions of the hand-over.
 #[derive(Clone, Copy, Debug, PartialEq)]
