@@ -60,6 +60,9 @@ def run(command: str, folder: Path) -> tuple[str, int]:
     done = subprocess.run(["bash", "-c", command], cwd=folder, env=environment, stdin=subprocess.DEVNULL,
                           stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=300)
     lines = [line.rstrip() for line in done.stdout.decode("utf-8").splitlines() if not PROGRESS.match(line)]
+    # A page does not show blank lines at the end.
+    while lines and not lines[-1]:
+        lines.pop()
     return "".join(line + "\n" for line in lines), done.returncode
 
 
