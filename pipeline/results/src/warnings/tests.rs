@@ -168,7 +168,11 @@ fn unit_a_wide_start_is_flagged_with_its_remedy() {
     assert!(found[0].text.contains("1500 m") && found[0].text.contains("285 m"), "{}", found[0].text);
     assert!(found[0].cause.as_ref().unwrap().contains("filter = \"mpf_then_ekf\""));
     // A start known to tens of metres, an unknown range, and a filter that does not linearise the map.
-    assert!([Some((30.0, 285.0)), Some((300.0, 285.0)), Some((1500.0, f64::NAN)), None].into_iter().all(|start| of(start).is_empty()));
+    assert!(
+        [Some((30.0, 285.0)), Some((300.0, 285.0)), Some((1500.0, f64::NAN)), None]
+            .into_iter()
+            .all(|start| of(start).is_empty())
+    );
     // A filter that diverged from a wide start has this cause first.
     let lost = LineMetrics::from([("drms", 9000.0), ("ins_drms", 900.0), ("nis", 1.0)]);
     let found = judge(&facts(&lost, NavigationSettings { start_m: Some((1500.0, 285.0)), ..given(5.0) }));
