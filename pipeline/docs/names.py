@@ -131,7 +131,13 @@ def functions() -> frozenset[str]:
                     members = [m for m in node.body if isinstance(m, ast.FunctionDef)]
                     found |= {f"{prefix}.{node.name}.{m.name}" for m in members}
             elif isinstance(node, ast.ImportFrom):
-                found |= {f"{prefix}.{alias.name}" for alias in node.names}
+                names = [alias.name for alias in node.names]
+                # The generated functions of a module are imported with a star.
+                source = PACKAGE / f"{(node.module or '').removeprefix('magline.')}.py"
+                if names == ["*"] and source.is_file():
+                    made = ast.parse(source.read_text(encoding="utf-8")).body
+                    names = [n.name for n in made if isinstance(n, ast.FunctionDef | ast.ClassDef)]
+                found |= {f"{prefix}.{name}" for name in names}
     # Names that `__init__` imports keep their members.
     exported = {name.split(".")[1] for name in found if name.count(".") == 1}
     for name in list(found):
