@@ -178,7 +178,8 @@ def compared(walk: Walk) -> None:
     walk.command('magline sql "SELECT metric, value FROM flight.position" --format csv -o position.csv')
     with (walk.folder / "position.csv").open(encoding="utf-8") as file:
         scores = {row["metric"]: float(row["value"]) for row in csv.DictReader(file)}
-    walk.expect("DRMS of the score divided by this DRMS", scores["drms"] / drms, 0.99, 1.01)
+    # Samples of the track and of the truth are matched within 0.05 s, in which the aircraft moves by up to 3 m.
+    walk.expect("DRMS of the score divided by this DRMS", scores["drms"] / drms, 0.99, 1.03)
     walk.expect("DRMS of the INS alone, m", scores["ins_drms"], 500.0, 5000.0)
     walk.expect("NEES", scores["nees"], 0.2, 20.0)
 
