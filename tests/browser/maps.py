@@ -78,7 +78,8 @@ def test_spectra_follow_the_interval_in_sight(page):
         "button", name="Download as SVG")))
     assert "frequency, Hz" in " ".join(picture.itertext())
     page.locator("#series [data-preset=spectra]").click()
-    assert page.locator("#series .line-spectra").is_hidden()
+    # The spectra are hidden after the panels are loaded.
+    page.locator("#series .line-spectra").wait_for(state="hidden")
 
 
 def test_a_thinned_series_of_a_report_has_no_spectrum(visit):
