@@ -18,7 +18,7 @@ use crate::columns::data;
 
 /// Time between two measurements used to estimate the noise, in s. Errors with a shorter correlation time are white.
 pub(super) const INTERVAL_S: f64 = 5.0;
-/// Time between two measurements of a filter if more measurements add information, in s.
+/// Time between two measurements of a filter if their innovations are white, in s.
 const SHORT_INTERVAL_S: f64 = 1.0;
 
 /// Inputs that determine the noise of a line.
@@ -67,10 +67,6 @@ pub(super) struct LineNoiseEstimate {
     map_nt: Option<Vec<f64>>,
 }
 
-/// Smallest number of predicted measurements with a start, as a fraction of the number with the first start. A filter
-/// that has left the map predicts few.
-const LEAST_USED: f64 = 0.98;
-
 impl LineNoiseEstimate {
     /// Estimate with the most likely of these covariances at the first sample.
     pub(super) fn most_likely(
@@ -85,7 +81,7 @@ impl LineNoiseEstimate {
             let other = Self::new(flown, of_map, map, Some(*start), given)?;
             if let (Some(one), Some(two)) = (best.noise, other.noise)
                 && two.log_likelihood > one.log_likelihood
-                && two.used as f64 >= LEAST_USED * one.used as f64
+                && two.used as f64 >= likelihood::LEAST_USED * one.used as f64
             {
                 best = other;
             }
@@ -134,7 +130,7 @@ impl LineNoiseEstimate {
         Ok(Self { start, noise, rows, map_nt })
     }
 
-    /// The estimate with measurements at a shorter interval, if they add information. The coefficients of the aircraft
+    /// The estimate with measurements at a shorter interval, if their innovations are white. The coefficients of the aircraft
     /// field need no further measurements.
     fn with_more_measurements(
         mut self,

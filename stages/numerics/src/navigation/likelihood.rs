@@ -130,9 +130,9 @@ const STEPS: [f64; 2] = [2.0, 1.12];
 const STARTS: usize = 3;
 /// Maximum number of concurrent filters, which limits the memory.
 const TOGETHER: usize = 64;
-/// Smallest number of used measurements of a point, as a fraction of the maximum over all points. A filter that has
-/// left the map predicts few.
-const LEAST_USED: f64 = 0.98;
+/// Smallest number of predicted measurements for which likelihoods are compared, as a fraction of the number of the
+/// other filter. A filter that has left the map predicts few.
+pub const LEAST_USED: f64 = 0.98;
 /// Smallest number of measurements for a search.
 pub const FEWEST: usize = 60;
 /// Normal deviate of a 95 % interval.
