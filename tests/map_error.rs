@@ -2,7 +2,7 @@
 
 use arrow_array::RecordBatch;
 
-use crate::support::{Bench, anomaly, batch, changed, map, numbers, read, stderr, with_keys, write};
+use crate::support::{Bench, anomaly, batch, changed, map, numbers, read, repository, stderr, texts, with_keys, write};
 
 const FILES: &str = r#"
 name  = "known"
@@ -111,4 +111,34 @@ fn user_a_map_without_node_errors_is_rejected_before_the_run() {
     assert_ne!(bench.run(&[]).code, 0);
     bench.spec(&format!("{FILES}{}", navigate("track", "file", "")));
     assert_eq!(bench.run(&[]).code, 0);
+}
+
+#[test]
+fn law_the_error_between_the_nodes_of_a_coarse_map_is_part_of_the_noise() {
+    let map = repository().join("datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif").display().to_string();
+    let bench = Bench::new();
+    let flight = format!(
+        "preset = \"cessna\"\nseed = 1\nrate_hz = 1.0\n[map]\npath = \"{map}\"\nalt_m = 500.0\n[ins]\n\
+         grade = \"navigation\"\n[[flights]]\nname = \"plan\"\n[[flights.lines]]\nname = \"L1\"\nkind = \"survey\"\n\
+         alt_m = 500.0\nduration_s = 1800.0\nwaypoints = [[-22.10, 140.58], [-21.84, 140.58], [-21.84, 140.78], [-22.10, 140.78]]\n"
+    );
+    std::fs::write(bench.path("plan.synth.toml"), flight).unwrap();
+    bench.spec(&format!(
+        "name = \"coarse\"\nstore = \"store\"\n[tables.flights]\npath = \"plan.synth.toml\"\n[tables.fine]\npath = \"{map}\"\n\
+         alt_m = 500.0\n[axes]\nspacing = [100.0, 400.0, 800.0]\n[[stages]]\nname = \"anomaly\"\nstage = \"map_convert\"\n\
+         map = \"fine\"\nspacing = \"$spacing\"\n[[stages]]\nname = \"track\"\nstage = \"navigate\"\ninput = \"flights\"\n\
+         map = \"anomaly\"\nmag = \"mag_1_c\"\n[[stages]]\nname = \"scores\"\nstage = \"score\"\n\
+         input = [\"flights\", \"track\"]\nmetrics = [\"drms\", \"nees\"]\n"
+    ));
+    let done = bench.magline(&["run", "spec.toml"]);
+    assert_eq!(done.status.code(), Some(0), "{}", stderr(&done));
+    let scores = read(&bench.path("store/tables/coarse/scores"));
+    let (metric, value, spacing) = (texts(&scores, "metric"), numbers(&scores, "value"), numbers(&scores, "spacing"));
+    let of = |name: &str, cell_m: f64| {
+        (0..value.len()).find(|at| metric[*at] == name && spacing[*at] == cell_m).map(|at| value[at]).unwrap()
+    };
+    // Without this noise: 40 m and NEES 67 with nodes 400 m apart, 238 m and 51 with nodes 800 m apart.
+    assert!(of("drms", 400.0) < 25.0 && of("drms", 800.0) < 120.0, "{value:?}");
+    assert!((0.3..8.0).contains(&of("nees", 400.0)) && (0.3..8.0).contains(&of("nees", 800.0)), "{value:?}");
+    assert!(of("drms", 100.0) < 5.0, "{value:?}");
 }

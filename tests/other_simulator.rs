@@ -4,13 +4,14 @@
 use crate::support::{Bench, numbers, read, repository, stderr, texts};
 
 /// A spec without any key of the filter. The INS is aligned at the start of each line; the flights do not say so.
-fn spec(flights: &str) -> String {
+/// `stages` make the table `input` from the table `flights`.
+fn spec(flights: &str, stages: &str, input: &str) -> String {
     let folder = repository().join("tests/cases/foreign");
     let path = |name: &str| folder.join(name).display().to_string();
     format!(
         "name = \"foreign\"\nstore = \"store\"\n[tables.flights]\npath = \"{}\"\n[tables.anomaly]\npath = \"{}\"\n\
-         [[stages]]\nname = \"track\"\nstage = \"navigate\"\ninput = \"flights\"\nmap = \"anomaly\"\nmag = \"mag_1_uc\"\n\
-         remove_diurnal = false\n[[stages]]\nname = \"scores\"\nstage = \"score\"\ninput = [\"flights\", \"track\"]\n\
+         {stages}[[stages]]\nname = \"track\"\nstage = \"navigate\"\ninput = \"{input}\"\nmap = \"anomaly\"\nmag = \"mag_1_uc\"\n\
+         remove_diurnal = false\n[[stages]]\nname = \"scores\"\nstage = \"score\"\ninput = [\"{input}\", \"track\"]\n\
          metrics = [\"ins_drms\", \"drms\", \"nees\", \"nis\", \"whiteness\", \"correlated_nis\"]\n",
         path(flights),
         path("map_800.parquet")
@@ -29,7 +30,7 @@ fn val_default_settings_are_near_the_bound_on_flights_of_another_simulator() {
     // The Cramér-Rao bound of these flights is 22.8 m rms; the INS alone is 2.4 and 2.6 km off.
     for flights in ["plain.parquet", "spikes.parquet"] {
         let bench = Bench::new();
-        bench.spec(&spec(flights));
+        bench.spec(&spec(flights, "", "flights"));
         let done = bench.magline(&["run", "spec.toml"]);
         assert_eq!(done.status.code(), Some(0), "{}", stderr(&done));
         let rms = |of: &[f64]| (of.iter().map(|x| x * x).sum::<f64>() / of.len() as f64).sqrt();
@@ -39,4 +40,27 @@ fn val_default_settings_are_near_the_bound_on_flights_of_another_simulator() {
         let mean = nees.iter().sum::<f64>() / nees.len() as f64;
         assert!((1.0..3.5).contains(&mean), "{flights}: {nees:?}");
     }
+}
+
+#[test]
+fn val_late_time_stamps_are_found_flagged_and_corrected() {
+    // Six samples of 0.1 s. Without a state for the lag the positions are 47 m off, with a NEES of 8.
+    let stages = "[[stages]]\nname = \"late\"\nstage = \"resample\"\ninput = \"flights\"\nrate_hz = 10.0\n\
+                  lag_s = { mag_1_uc = -0.6 }\n";
+    let bench = Bench::new();
+    bench.spec(&spec("plain.parquet", stages, "late"));
+    let done = bench.magline(&["run", "spec.toml"]);
+    assert_eq!(done.status.code(), Some(0), "{}", stderr(&done));
+    let drms = values(&bench, "drms");
+    let rms = (drms.iter().map(|x| x * x).sum::<f64>() / drms.len() as f64).sqrt();
+    assert!(rms < 28.0, "{drms:?}");
+    let nees = values(&bench, "nees");
+    assert!((0.8..3.5).contains(&(nees.iter().sum::<f64>() / nees.len() as f64)), "{nees:?}");
+    let track = read(&bench.path("store/tables/foreign/track"));
+    let [lag_s, sigma_s] = ["mag_latency", "mag_latency_sigma"].map(|name| numbers(&track, name));
+    let (lag_s, sigma_s) = (lag_s[lag_s.len() - 1], sigma_s[sigma_s.len() - 1]);
+    assert!((lag_s - 0.6).abs() < 4.0 * sigma_s && sigma_s < 0.1, "{lag_s} {sigma_s}");
+    let warnings = read(&bench.path("store/tables/foreign/warnings"));
+    let late = texts(&warnings, "kind").iter().filter(|kind| *kind == "late").count();
+    assert_eq!(late, 4, "{:?}", texts(&warnings, "text"));
 }

@@ -7,6 +7,7 @@ use numerics::{
         map_stack::FieldMap,
         map_surface::MapInterpolation,
         plane_grid::PlaneGrid,
+        undersampling::interpolation_error,
     },
     navigation::{line::NavigationLine, map_noise},
 };
@@ -14,7 +15,7 @@ use schemas::{Fault, map::ERROR};
 
 use crate::{
     columns::{data, floats},
-    maps::{column_map, plane},
+    maps::{column_map, map_of_values, plane},
 };
 
 /// Error of a map at a height other than its own.
@@ -25,24 +26,50 @@ enum HeightError {
     Continued(Vec<(f64, f64)>),
 }
 
+/// Source of the error of a map's nodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NodeErrorSource {
+    /// No error.
+    None,
+    /// The map's column `error`.
+    Column,
+    /// The map itself: the error of cubic interpolation between nodes that are too far apart.
+    Interpolation,
+}
+
+/// Error of a map's nodes.
+struct NodeError {
+    /// Standard deviation of each node, in nT.
+    map: FieldMap,
+    /// Root mean square over all nodes, in nT.
+    rms_nt: f64,
+    /// Height of the error, in m, if it decreases with the height.
+    level_m: Option<f64>,
+}
+
 /// Errors of a map that are computed from the map itself.
 pub struct MapErrors {
     height: HeightError,
     /// Rms error of bilinear interpolation, in nT, and length of a cell, in m; `None` with another interpolation.
     bilinear: Option<(f64, f64)>,
-    /// Error of each node from the map's column `error`, in nT.
-    own: Option<FieldMap>,
+    /// Error of each node.
+    own: Option<NodeError>,
     /// Length of a cell, in m.
     cell_m: f64,
 }
 
 impl MapErrors {
     /// Errors of a map table. `levels_m`: heights of the continuation, in m above the ellipsoid, ascending. `bilinear`:
-    /// bilinear interpolation. `own`: the column `error` is used.
+    /// bilinear interpolation. `own`: source of the nodes' error.
     ///
     /// # Errors
-    /// When the table is not a grid, or lacks that column.
-    pub fn new(map: &RecordBatch, levels_m: Option<&[f64]>, bilinear: bool, own: bool) -> Result<Self, Fault> {
+    /// When the table is not a grid, or lacks the column of that source.
+    pub fn new(
+        map: &RecordBatch,
+        levels_m: Option<&[f64]>,
+        bilinear: bool,
+        own: NodeErrorSource,
+    ) -> Result<Self, Fault> {
         let plane = plane(map)?;
         let known: Vec<f64> = floats(map, "alt")?.iter().copied().filter(|a| a.is_finite()).collect();
         let own_m = known.iter().sum::<f64>() / known.len() as f64;
@@ -55,7 +82,22 @@ impl MapErrors {
             }
         };
         let cell_m = plane.east_m.step.max(plane.north_m.step);
-        let own = own.then(|| column_map(map, ERROR, MapInterpolation::Linear, None)).transpose()?;
+        let own = match own {
+            NodeErrorSource::None => None,
+            NodeErrorSource::Column => {
+                let rms_nt = rms(floats(map, ERROR)?).unwrap_or(0.0);
+                let map = column_map(map, ERROR, MapInterpolation::Linear, None)?;
+                Some(NodeError { map, rms_nt, level_m: None })
+            }
+            NodeErrorSource::Interpolation => {
+                let error_of = |error: Vec<f64>| -> Result<NodeError, Fault> {
+                    let rms_nt = rms(&error).unwrap_or(0.0);
+                    let map = map_of_values(map, &error, MapInterpolation::Linear, None)?;
+                    Ok(NodeError { map, rms_nt, level_m: levels_m.map(|_| own_m) })
+                };
+                interpolation_error(&plane).map(error_of).transpose()?
+            }
+        };
         Ok(Self { height, bilinear: bilinear.then(|| (bilinear_error_nt(&plane), cell_m)), own, cell_m })
     }
 
@@ -78,9 +120,9 @@ impl MapErrors {
         self.cell_m
     }
 
-    /// Whether the errors of the nodes are used.
-    pub fn has_own(&self) -> bool {
-        self.own.is_some()
+    /// Root mean square of the nodes' error over the map, in nT; 0 if it is not used.
+    pub fn rms_at_nodes_nt(&self) -> f64 {
+        self.own.as_ref().map_or(0.0, |own| own.rms_nt)
     }
 
     /// Standard deviation of the nodes' error at each sample of a line, in nT.
@@ -88,7 +130,15 @@ impl MapErrors {
     /// # Errors
     /// Fails as [`map_noise::along`].
     pub fn at_nodes_nt(&self, line: &NavigationLine<'_>) -> Result<Option<Vec<f64>>, Fault> {
-        self.own.as_ref().map(|own| map_noise::along(line, own, 1.0).map_err(data)).transpose()
+        let Some(own) = &self.own else { return Ok(None) };
+        let mut error_nt = map_noise::along(line, &own.map, 1.0).map_err(data)?;
+        if let Some(level_m) = own.level_m.filter(|level_m| level_m.is_finite()) {
+            // The error consists of wavelengths of about two cells.
+            for (nt, alt_m) in error_nt.iter_mut().zip(line.ins.alt_m) {
+                *nt *= (-std::f64::consts::PI * (alt_m - level_m).max(0.0) / self.cell_m).exp();
+            }
+        }
+        Ok(Some(error_nt))
     }
 
     /// White noise, in nT per sample, equivalent to the error between nodes, which is correlated over a cell, at
@@ -106,7 +156,7 @@ impl MapErrors {
     /// Fails as [`map_noise::along`].
     pub fn own_nt(&self, line: &NavigationLine<'_>, step_m: f64, length_m: f64) -> Result<Option<Vec<f64>>, Fault> {
         let factor = lasting_factor(step_m, length_m);
-        self.own.as_ref().map(|own| map_noise::along(line, own, factor).map_err(data)).transpose()
+        self.own.as_ref().map(|own| map_noise::along(line, &own.map, factor).map_err(data)).transpose()
     }
 }
 
@@ -184,15 +234,15 @@ mod tests {
             ("error", of(&|_, column| column)),
         ];
         let map = RecordBatch::try_from_iter(columns.clone()).unwrap();
-        assert!(MapErrors::new(&map, None, true, true).unwrap().own.is_some());
-        assert!(MapErrors::new(&map, None, true, false).unwrap().own.is_none());
+        assert!(MapErrors::new(&map, None, true, NodeErrorSource::Column).unwrap().own.is_some());
+        assert!(MapErrors::new(&map, None, true, NodeErrorSource::None).unwrap().own.is_none());
         // A sum of n samples at intervals s, whose errors are correlated over L, has n 2L/s times the variance of one
         // sample.
         assert_eq!(lasting_factor(50.0, 400.0), 4.0);
         // An error with a correlation length below a sample interval is white.
         assert_eq!(lasting_factor(50.0, 10.0), 1.0);
         let without = RecordBatch::try_from_iter(columns[..4].to_vec()).unwrap();
-        assert!(MapErrors::new(&without, None, true, true).is_err());
+        assert!(MapErrors::new(&without, None, true, NodeErrorSource::Column).is_err());
     }
 
     #[test]

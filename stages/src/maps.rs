@@ -39,7 +39,19 @@ pub fn column_map(
     interpolation: MapInterpolation,
     levels_m: Option<&[f64]>,
 ) -> Result<FieldMap, Fault> {
-    let values = floats(table, column)?;
+    map_of_values(table, floats(table, column)?, interpolation, levels_m)
+}
+
+/// [`column_map`] of other values, one for each row of the table.
+///
+/// # Errors
+/// The same as [`field_map`].
+pub fn map_of_values(
+    table: &RecordBatch,
+    values: &[f64],
+    interpolation: MapInterpolation,
+    levels_m: Option<&[f64]>,
+) -> Result<FieldMap, Fault> {
     let Some(own) = NativeGrid::from_schema(&table.schema())? else {
         let grid = GeographicGrid::from_rows(floats(table, "lat")?, floats(table, "lon")?, values).map_err(data)?;
         return Ok(match looked_up(table, &grid, || grid.plane(), interpolation, levels_m)? {

@@ -48,7 +48,7 @@ pub use filter::{
     NavigationFilter, UpdateOutcome, filter, navigate_points,
 };
 pub use filters::FILTERS;
-use further::AuxiliaryMeasurements;
+use further::{AuxiliaryMeasurements, latency_columns};
 pub use geometry::{DeadZones, SensorGeometry};
 pub use prepared::NavigationResources;
 pub use start::{StartKeys, StartSource};
@@ -98,7 +98,7 @@ stage! {
     /// over a known field. With `offset_window_s` the offset removes the slow error of the first seconds, and the
     /// variance and time constant of the remaining error are doubled. With `measurement_sigma_nt = "auto"` the error of
     /// bilinear interpolation between nodes is added to the white noise.
-    Navigate = "navigate", version 10, grain Line,
+    Navigate = "navigate", version 11, grain Line,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
     groups [noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec], example r#"
 [[stages]]
@@ -365,6 +365,7 @@ impl Stage for Navigate {
         columns.extend(self.start_columns().into_iter().map(made));
         columns.extend(self.noise_columns(map.is_some()).into_iter().map(made));
         columns.extend(filter.columns(&flight).into_iter().map(made));
+        columns.extend(self.has_latency(map.is_some()).then(latency_columns).into_iter().flatten().map(made));
         columns.extend(filter.further().into_iter().flat_map(AuxiliaryMeasurements::columns).map(made));
         columns.extend(filter.aiding().into_iter().flat_map(Aiding::columns).map(made));
         let mut yields = StageSchema::append(columns, &reads);

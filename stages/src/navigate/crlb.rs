@@ -81,7 +81,7 @@ impl NavigationFilter for Crlb {
             let mut out = run_aided(&line, &path, self.save_state, &aids).map_err(data)?;
             self.further.enough(flown, &out.navigation.report)?;
             let mut more = covariances(&mut out.navigation)?;
-            more.extend(self.further.arrays(out.aids, Default::default(), out.slope_nt_per_m));
+            more.extend(self.further.arrays(out.aids, out.slope_nt_per_m));
             return Ok(FilterTrack {
                 more,
                 update: updates(&out.usage),

@@ -39,7 +39,7 @@ impl NavigationFilter for Ekf {
         self.gate_nis.is_some()
     }
 
-    fn takes_permanent(&self) -> bool {
+    fn takes_scalar_states(&self) -> bool {
         true
     }
 
@@ -115,7 +115,8 @@ impl Ekf {
     }
 
     fn track(&self, flown: &FilterInput, mut out: NavigationOutput) -> Result<FilterTrack, Fault> {
-        let states = if self.save_state { state_arrays(&mut out)? } else { vec![] };
-        Ok(FilterTrack { more: states, ..FilterTrack::from_output(flown, out, self.gate_nis)? })
+        let mut more = if self.save_state { state_arrays(&mut out)? } else { vec![] };
+        more.extend(flown.latency_arrays(Default::default()));
+        Ok(FilterTrack { more, ..FilterTrack::from_output(flown, out, self.gate_nis)? })
     }
 }

@@ -144,7 +144,7 @@ impl NavigationFilter for EkfAdaptive {
             let AidedOutput { mut navigation, usage, aids, slope_nt_per_m, .. } = out.line;
             enough(flown, &navigation.report)?;
             let mut more = self.more(out.magnetometers, out.given_back, &mut navigation)?;
-            more.extend(self.further.arrays(aids, Default::default(), slope_nt_per_m));
+            more.extend(self.further.arrays(aids, slope_nt_per_m));
             return Ok(FilterTrack { more, update: updates(&usage), ..FilterTrack::without_updates(navigation) });
         }
         let mut out = run(&parameters, &line, &magnetometers).map_err(data)?;

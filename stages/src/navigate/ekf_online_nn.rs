@@ -152,7 +152,7 @@ impl NavigationFilter for EkfOnlineNn {
         if self.save_weights {
             more.push(list(out.weights_by_row, network.weights())?);
         }
-        more.extend(self.further.arrays(out.aids, Default::default(), out.slope_nt_per_m));
+        more.extend(self.further.arrays(out.aids, out.slope_nt_per_m));
         let mut track = FilterTrack::from_output(flown, out.navigation, self.gate_nis)?;
         if self.further.is_any() {
             track.update = updates(&out.usage);

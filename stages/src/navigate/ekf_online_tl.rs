@@ -135,7 +135,7 @@ impl NavigationFilter for EkfOnlineTl {
         let model = LineModel { aids: self.further.aids(flown, &measured)?, ..LineModel::from_line(&line) };
         let mut out = run(&model, &magnetometers, fluxgate.as_ref(), &parameters).map_err(data)?;
         let mut states = if self.save_state { state_arrays(&mut out.navigation)? } else { vec![] };
-        states.extend(self.further.arrays(out.aids, Default::default(), out.slope_nt_per_m));
+        states.extend(self.further.arrays(out.aids, out.slope_nt_per_m));
         let mut track = FilterTrack::from_output(flown, out.navigation, self.gate_nis)?;
         if self.further.is_any() {
             track.update = updates(&out.usage);

@@ -91,9 +91,9 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
         None
     }
 
-    /// Whether the filter can have states for a change of the aircraft's permanent field
-    /// ([`FilterInput::permanent`]).
-    fn takes_permanent(&self) -> bool {
+    /// Whether the filter can have states of the scalar measurement: a change of the aircraft's permanent field
+    /// ([`FilterInput::permanent`]) and a lag of the magnetometer ([`FilterInput::latency_sigma_s`]).
+    fn takes_scalar_states(&self) -> bool {
         false
     }
 

@@ -165,7 +165,7 @@ impl FixedLag {
         track.update = update;
         let of = |mag: usize| output.aircraft_nt.iter().skip(mag).step_by(magnetometers).copied().collect();
         track.more = (0..magnetometers).map(|mag| array(of(mag))).collect();
-        track.more.extend(self.further.arrays(output.aids, Default::default(), output.slope_nt_per_m));
+        track.more.extend(self.further.arrays(output.aids, output.slope_nt_per_m));
         Ok(track)
     }
 }

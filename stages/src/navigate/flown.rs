@@ -170,6 +170,8 @@ fn flown<'a>(
         map_sigma_nt: None,
         gnss: None,
         permanent: None,
+        latency_sigma_s: None,
+        has_latency: stage.has_latency(map.is_some()),
         second_order: stage.is_auto(),
         start_range: None,
         counts: vec![],
@@ -212,6 +214,7 @@ impl NoiseSources<'_> {
         let Self { stage, ins, map, expected } = self;
         let finds_noise = stage.finds_noise(map.is_some());
         flown.permanent = stage.given_permanent(flown);
+        flown.latency_sigma_s = stage.given_latency_s().filter(|sigma_s| *sigma_s > 0.0);
         if let Some(map) = map.filter(|_| finds_noise) {
             stage.tune(flown, map, starts, expected, found)?;
         }

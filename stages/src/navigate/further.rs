@@ -70,9 +70,11 @@ params! {
     /// Distance over which the autocorrelation of the map error falls to 1/e.
     map_sigma_length_m: f64, unit "m", default 500.0, rule Rule::Positive;
     /// Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag is a state of the filter,
-    /// constant along the line. A sample stamped `t` was measured at `t` minus the lag, which may be negative. Appends
-    /// `mag_latency` and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`.
-    mag_latency_sigma_s: Option<f64>, unit "s", absent "time stamps are exact", rule Rule::Positive;
+    /// constant along the line. A sample stamped `t` was measured at `t` minus the lag, which may be negative. 0 omits
+    /// this state. Appends `mag_latency` and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`.
+    mag_latency_sigma_s: Option<f64>, unit "s",
+        absent "with `tuning = \"auto\"` 1.0 if the lag increases the likelihood clearly; else time stamps are exact",
+        rule Rule::NotNegative;
     /// Standard deviation of each component (nose, right, down) of the change of the aircraft's permanent field since
     /// its calibration. The change is three further states. Their effect on the scalar field follows from the attitude
     /// and the core field. A constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`. 0
@@ -96,19 +98,24 @@ pub(crate) const MAP_SLOPE: &str = "map_slope";
 impl AuxiliaryMeasurements {
     /// Whether any further measurement is set.
     pub(super) fn is_any(&self) -> bool {
-        let Self { gradient, vector_sigma_nt, height, map_sigma_nt, mag_latency_sigma_s, flat_over_m, .. } = self;
-        let numbers = [vector_sigma_nt, map_sigma_nt, mag_latency_sigma_s, flat_over_m];
+        let Self { gradient, vector_sigma_nt, height, map_sigma_nt, flat_over_m, .. } = self;
+        let numbers = [vector_sigma_nt, map_sigma_nt, flat_over_m];
         gradient.is_some() || height.is_some() || numbers.iter().any(|number| number.is_some())
     }
 
     /// Whether a line is filtered with states or measurements in addition to those of the scalar field.
     pub(super) fn applies_to(&self, flown: &FilterInput) -> bool {
-        self.is_any() || flown.permanent.is_some()
+        self.is_any() || flown.permanent.is_some() || flown.latency_sigma_s.is_some()
     }
 
     /// Whether states for a change of the permanent field are requested.
     pub(super) fn has_permanent(&self) -> bool {
         self.permanent_change_sigma_nt.is_some_and(|sigma_nt| sigma_nt > 0.0)
+    }
+
+    /// Whether a state for the lag is requested.
+    fn has_latency(&self) -> bool {
+        self.mag_latency_sigma_s.is_some_and(|sigma_s| sigma_s > 0.0)
     }
 
     /// Whether the direction of the field is required.
@@ -227,10 +234,6 @@ impl AuxiliaryMeasurements {
             columns.push(Column::float("height_residual", "m", "innovation of the height"));
             columns.push(Column::float("height_nis", "1", "normalised innovation squared of the height"));
         }
-        if self.mag_latency_sigma_s.is_some() {
-            columns.push(Column::float("mag_latency", "s", "estimated lag of the magnetometer's time stamps"));
-            columns.push(Column::float("mag_latency_sigma", "s", "standard deviation of `mag_latency`"));
-        }
         if self.flat_over_m.is_some() {
             let what = "horizontal slope of the predicted field at the estimate; NaN off the map";
             columns.push(Column::float(MAP_SLOPE, "nT/m", what));
@@ -250,7 +253,7 @@ impl AuxiliaryMeasurements {
     /// them.
     pub(super) fn no_scalar_states(&self) -> Result<Vec<String>, Vec<Fault>> {
         let states = [
-            (self.mag_latency_sigma_s.is_some(), "mag_latency_sigma_s", "the lag"),
+            (self.has_latency(), "mag_latency_sigma_s", "the lag"),
             (self.has_permanent(), "permanent_change_sigma_nt", "this change"),
         ];
         let fault = |(_, key, what): (bool, &str, &str)| {
@@ -313,7 +316,7 @@ impl AuxiliaryMeasurements {
         });
         let map_error =
             self.map_sigma_nt.map(|sigma_nt| MapErrorProcess { sigma_nt, length_m: self.map_sigma_length_m });
-        let (latency_sigma_s, flat_over_m) = (self.mag_latency_sigma_s, self.flat_over_m);
+        let (latency_sigma_s, flat_over_m) = (flown.latency_sigma_s, self.flat_over_m);
         let permanent = flown.permanent.as_ref().map(PermanentStates::model);
         Ok(Aids { difference, vector, height, map_error, permanent, latency_sigma_s, flat_over_m })
     }
@@ -342,20 +345,12 @@ impl AuxiliaryMeasurements {
     }
 
     /// The arrays of [`AuxiliaryMeasurements::columns`].
-    pub(super) fn arrays(
-        &self,
-        innovations: AidInnovations,
-        latency_s: [Vec<f64>; 2],
-        slope_nt_per_m: Vec<f64>,
-    ) -> Vec<ArrayRef> {
+    pub(super) fn arrays(&self, innovations: AidInnovations, slope_nt_per_m: Vec<f64>) -> Vec<ArrayRef> {
         let mut more = vec![];
         let AidInnovations { difference, vector, height } = innovations;
         let there = [self.gradient.is_some(), self.vector_sigma_nt.is_some(), self.height.is_some()];
         for (of, _) in [difference, vector, height].into_iter().zip(there).filter(|(_, there)| *there) {
             more.extend([array(of.residual), array(of.nis)]);
-        }
-        if self.mag_latency_sigma_s.is_some() {
-            more.extend(latency_s.map(array));
         }
         if self.flat_over_m.is_some() {
             more.push(array(slope_nt_per_m));
@@ -380,9 +375,32 @@ impl AuxiliaryMeasurements {
         if states {
             more.extend(state_arrays(&mut out.navigation)?);
         }
-        let latency_s = std::mem::take(&mut out.latency_s);
-        more.extend(self.arrays(std::mem::take(&mut out.aids), latency_s, std::mem::take(&mut out.slope_nt_per_m)));
+        more.extend(flown.latency_arrays(std::mem::take(&mut out.latency_s)));
+        more.extend(self.arrays(std::mem::take(&mut out.aids), std::mem::take(&mut out.slope_nt_per_m)));
         Ok(FilterTrack { update: updates(&out.usage), more, ..FilterTrack::without_updates(out.navigation) })
+    }
+}
+
+/// Columns of the lag of the magnetometer.
+pub(super) fn latency_columns() -> [Column; 2] {
+    let none = "without a state for it";
+    [
+        Column::float("mag_latency", "s", format!("estimated lag of the magnetometer's time stamps; 0 {none}")),
+        Column::float("mag_latency_sigma", "s", format!("standard deviation of `mag_latency`; NaN {none}")),
+    ]
+}
+
+impl FilterInput<'_> {
+    /// Arrays of [`latency_columns`], from the estimated lag and its standard deviation, which are empty without a
+    /// state.
+    pub(super) fn latency_arrays(&self, latency_s: [Vec<f64>; 2]) -> Vec<ArrayRef> {
+        let rows = self.ins.len();
+        let [lag_s, sigma_s] = latency_s;
+        match self.has_latency {
+            false => vec![],
+            true if lag_s.is_empty() => [0.0, f64::NAN].map(|value| array(vec![value; rows])).to_vec(),
+            true => [lag_s, sigma_s].map(array).to_vec(),
+        }
     }
 }
 

@@ -41,7 +41,7 @@ impl NavigationFilter for Iekf {
         self.gate_nis.is_some()
     }
 
-    fn takes_permanent(&self) -> bool {
+    fn takes_scalar_states(&self) -> bool {
         true
     }
 
@@ -77,7 +77,8 @@ impl NavigationFilter for Iekf {
             keep_covariance: self.save_state,
         };
         let mut output = iekf::run(&line, &parameters).map_err(data)?.line;
-        let more = if self.save_state { state_arrays(&mut output)? } else { vec![] };
+        let mut more = if self.save_state { state_arrays(&mut output)? } else { vec![] };
+        more.extend(flown.latency_arrays(Default::default()));
         Ok(FilterTrack { more, ..FilterTrack::from_output(flown, output, self.gate_nis)? })
     }
 }

@@ -18,6 +18,8 @@ use crate::columns::data;
 
 /// Time between two measurements used to estimate the noise, in s. Errors with a shorter correlation time are white.
 pub(super) const INTERVAL_S: f64 = 5.0;
+/// Smallest ratio of the rms error of a map's nodes to the white noise for which the map error is used.
+const LEAST_MAP_ERROR: f64 = 0.2;
 /// Time between two measurements of a filter if their innovations are white, in s.
 const SHORT_INTERVAL_S: f64 = 1.0;
 
@@ -26,6 +28,7 @@ const SHORT_INTERVAL_S: f64 = 1.0;
 pub(super) struct LineNoiseInputs {
     map: *const u8,
     given: NoiseParameters,
+    latency_sigma_s: Option<f64>,
     offset_window_s: f64,
     start: Vec<u64>,
     values: Vec<u64>,
@@ -35,11 +38,7 @@ pub(super) struct LineNoiseInputs {
 }
 
 impl LineNoiseInputs {
-    pub(super) fn new(
-        flown: &FilterInput,
-        given: NoiseParameters,
-        aircraft: Option<&AircraftCoefficientStates>,
-    ) -> Self {
+    pub(super) fn new(flown: &FilterInput, (given, aircraft, latency_sigma_s): GivenNoise) -> Self {
         let errors = &flown.errors;
         let first = errors.initial_covariance(flown.ins.lat_deg[0].to_radians(), flown.ins.alt_m[0]);
         let density = errors.noise_density();
@@ -50,9 +49,14 @@ impl LineNoiseInputs {
         let values = columns.flatten().copied().chain(more).map(f64::to_bits).collect();
         let aircraft = aircraft.map(AircraftCoefficientStates::hash);
         let map = flown.map.map_or(std::ptr::null(), |map| std::ptr::from_ref(map).cast());
-        Self { map, given, offset_window_s: flown.offset_window_s, start, values, aircraft }
+        let offset_window_s = flown.offset_window_s;
+        Self { map, given, latency_sigma_s, offset_window_s, start, values, aircraft }
     }
 }
+
+/// Fixed parameters, the aircraft field if its coefficients are states, and the prior standard deviation of the lag as
+/// in [`NoiseSearch::latency_sigma_s`].
+pub(super) type GivenNoise<'a> = (NoiseParameters, Option<&'a AircraftCoefficientStates<'a>>, Option<f64>);
 
 /// Estimated noise of a line.
 #[derive(Clone)]
@@ -74,7 +78,7 @@ impl LineNoiseEstimate {
         of_map: bool,
         map: &NavigationMap,
         starts: &[StateMatrix],
-        given: (NoiseParameters, Option<&AircraftCoefficientStates>),
+        given: GivenNoise,
     ) -> Result<Self, Fault> {
         let mut best = Self::new(flown, of_map, map, flown.errors.start, given)?;
         for start in starts.iter().skip(1) {
@@ -94,7 +98,7 @@ impl LineNoiseEstimate {
         of_map: bool,
         map: &NavigationMap,
         start: Option<StateMatrix>,
-        (given, aircraft): (NoiseParameters, Option<&AircraftCoefficientStates>),
+        (given, aircraft, latency_sigma_s): GivenNoise,
     ) -> Result<Self, Fault> {
         let aircraft = aircraft.map(AircraftCoefficientStates::model);
         let errors = InsErrorModel { start, ..flown.errors };
@@ -106,17 +110,18 @@ impl LineNoiseEstimate {
         let directions = if permanent_nt == Some(0.0) { None } else { flown.field_directions(&rows) };
         let direction = directions.as_deref();
         let map_nt = None;
-        let first =
-            NoiseSearch { line: &line, rows: &rows, scale: &scale, known_nt, map_nt, direction, aircraft, given };
+        let (line, rows, scale) = (&line, &rows, &scale);
+        let first = NoiseSearch { line, rows, scale, known_nt, map_nt, direction, aircraft, latency_sigma_s, given };
         let mut noise = likelihood::search(&first).map_err(data)?;
         let mut map_nt = None;
         if let Some(found) = &noise
             && of_map
+            && map.errors.rms_at_nodes_nt() > LEAST_MAP_ERROR * found.sigma_nt.value
         {
             let mut errors = line.errors;
             (errors.fogm_sigma_nt, errors.fogm_tau_s) = (found.fogm_sigma_nt.value, found.fogm_tau_s.value);
             let sigma_nt: Vec<f64> = scale.iter().map(|scale| scale * found.sigma_nt.value).collect();
-            let mut line = NavigationLine { sigma_nt: &sigma_nt, errors, ..line };
+            let mut line = NavigationLine { sigma_nt: &sigma_nt, errors, ..*line };
             let compensated_nt: Vec<f64>;
             if let Some(aircraft) = aircraft {
                 let own_nt = aircraft.along(&line).map_err(data)?.aircraft_nt;
@@ -126,7 +131,7 @@ impl LineNoiseEstimate {
             map_nt = map.errors.at_nodes_nt(&line)?;
             noise = likelihood::search(&NoiseSearch { map_nt: map_nt.as_deref(), ..first }).map_err(data)?;
         }
-        let rows = (given[0].is_none() && noise.is_some()).then_some(rows);
+        let rows = (given[0].is_none() && noise.is_some()).then(|| rows.clone());
         Ok(Self { start, noise, rows, map_nt })
     }
 
@@ -135,7 +140,7 @@ impl LineNoiseEstimate {
     fn with_more_measurements(
         mut self,
         flown: &FilterInput,
-        (given, aircraft): (NoiseParameters, Option<&AircraftCoefficientStates>),
+        (given, aircraft, latency_sigma_s): GivenNoise,
     ) -> Result<Self, Fault> {
         let (Some(noise), Some(few), None) = (&self.noise, &self.rows, aircraft) else { return Ok(self) };
         let rows = likelihood::rows_at(flown.ins.tt_s, SHORT_INTERVAL_S);
@@ -154,6 +159,7 @@ impl LineNoiseEstimate {
             map_nt: self.map_nt.as_deref(),
             direction: directions.as_deref(),
             aircraft: None,
+            latency_sigma_s,
             given,
         };
         if let Some(more) = likelihood::denser(&search, noise, few.len()).map_err(data)? {
@@ -176,6 +182,7 @@ impl LineNoiseEstimate {
             flown.errors.fogm_tau_s = noise.fogm_tau_s.value;
             let process = noise.permanent.map(|[sigma, tau_s]| GaussMarkov { sigma: sigma.value, tau_s: tau_s.value });
             flown.permanent = process.and_then(|process| flown.permanent_states(process));
+            flown.latency_sigma_s = noise.latency_sigma_s;
             let factor = noise.map_factor.sqrt();
             let of_map = |nt: &Vec<f64>| nt.iter().map(|nt| if nt.is_finite() { factor * nt } else { 0.0 }).collect();
             flown.map_sigma_nt = self.map_nt.as_ref().filter(|_| factor > 0.0).map(of_map);

@@ -126,7 +126,7 @@ impl NavigationFilter for Mpf {
             let numbers = modes.iter().flat_map(|at| columns_of(&at.modes)).collect();
             more.push(list(numbers, MODES * MODE_NAMES.len())?);
         }
-        more.extend(self.further.arrays(aids, Default::default(), vec![]));
+        more.extend(self.further.arrays(aids, vec![]));
         Ok(FilterTrack { update: updates(&usage), more, ..FilterTrack::without_updates(track) })
     }
 }

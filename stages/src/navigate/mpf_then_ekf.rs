@@ -89,7 +89,7 @@ impl NavigationFilter for MpfThenEkf {
         reject_lost(&out)?;
         self.further.enough(flown, &out.track.report)?;
         let mut more = vec![array(out.effective), number_of(&out.particles)];
-        more.extend(self.further.arrays(out.aids, Default::default(), vec![]));
+        more.extend(self.further.arrays(out.aids, vec![]));
         Ok(FilterTrack { update: updates(&out.usage), more, ..FilterTrack::without_updates(out.track) })
     }
 }

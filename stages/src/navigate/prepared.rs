@@ -7,7 +7,11 @@ use numerics::maps::{map_stack::FieldMap, map_surface::MapInterpolation};
 use schemas::Fault;
 
 use super::{CalibrationPrior, Navigate};
-use crate::{columns::floats, map_errors::MapErrors, maps::field_map};
+use crate::{
+    columns::floats,
+    map_errors::{MapErrors, NodeErrorSource},
+    maps::field_map,
+};
 
 /// Map and models.
 pub struct NavigationResources {
@@ -21,7 +25,7 @@ pub(super) struct NavigationMaps {
     interpolation: MapInterpolation,
     /// Levels of `map_levels_m`.
     levels_m: Option<Vec<f64>>,
-    has_own_error: bool,
+    node_error: NodeErrorSource,
     ladder: Option<MapHeightLevels>,
     made: Mutex<Vec<CachedMap>>,
 }
@@ -82,12 +86,12 @@ impl NavigationMaps {
     /// # Errors
     /// Fails in the cases of [`field_map`] and [`MapErrors::new`].
     pub(super) fn new(table: &RecordBatch, stage: &Navigate) -> Result<Self, Fault> {
-        let has_own_error = stage.takes_map_error(table);
+        let node_error = stage.node_error(table);
         let mut maps = Self {
             table: table.clone(),
             interpolation: stage.interpolation(),
             levels_m: stage.map_levels_m.clone(),
-            has_own_error,
+            node_error,
             ladder: None,
             made: Mutex::default(),
         };
@@ -117,7 +121,7 @@ impl NavigationMaps {
         let levels = levels_m.as_ref().or(self.levels_m.as_ref());
         let field = field_map(&self.table, self.interpolation, levels.map(Vec::as_slice))?;
         let bilinear = self.interpolation == MapInterpolation::Linear;
-        let errors = MapErrors::new(&self.table, levels.map(Vec::as_slice), bilinear, self.has_own_error)?;
+        let errors = MapErrors::new(&self.table, levels.map(Vec::as_slice), bilinear, self.node_error)?;
         let map = Arc::new(NavigationMap { field, errors });
         if made.len() >= MOST_KEPT {
             made.remove(0);

@@ -93,7 +93,7 @@ impl NavigationFilter for Rts {
             self.further.enough(flown, &smoothed.line.report)?;
             let mut output = smoothed.line;
             let mut more = self.more(&smoothed.iterations, &mut output)?;
-            more.extend(self.further.arrays(smoothed.aids, Default::default(), smoothed.slope_nt_per_m));
+            more.extend(self.further.arrays(smoothed.aids, smoothed.slope_nt_per_m));
             return Ok(FilterTrack { more, update: updates(&smoothed.usage), ..FilterTrack::without_updates(output) });
         }
         let smoothed = rts::run(&line, &parameters).map_err(data)?;

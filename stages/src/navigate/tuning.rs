@@ -2,6 +2,7 @@
 
 use arrow_array::{ArrayRef, RecordBatch};
 use numerics::{
+    maps::map_surface::MapInterpolation,
     navigation::{
         aided::field_direction,
         likelihood::{self, IntervalEstimate, NoiseParameters, PARAMETERS},
@@ -16,12 +17,13 @@ use super::{
     Navigate,
     aircraft::AircraftCoefficientStates,
     filter::{FilterInput, FilterMagnetometer, PermanentStates, UpdateOutcome},
-    line_noise::{LineNoiseEstimate, LineNoiseInputs},
+    line_noise::{GivenNoise, LineNoiseEstimate, LineNoiseInputs},
     prepared::NavigationMap,
 };
 use crate::{
     columns::{array, data, faults_of, floats},
     compensate::NOISE,
+    map_errors::NodeErrorSource,
 };
 
 choice! {
@@ -184,7 +186,7 @@ impl Navigate {
         let values = [expected.sigma_nt, expected.fogm_sigma_nt, expected.fogm_tau_s];
         let given = self.of_calibration().map(|(value, ..)| value.is_some());
         let [sigma, fogm_sigma, fogm_tau] = [0, 1, 2].map(|at| given[at].then_some(values[at]));
-        let further = self.filter.keys.further().filter(|_| self.filter.keys.takes_permanent());
+        let further = self.filter.keys.further().filter(|_| self.filter.keys.takes_scalar_states());
         let permanent = further.map_or(Some(0.0), |further| further.permanent_change_sigma_nt);
         let permanent_tau = further.and_then(|further| further.permanent_change_tau_s);
         [sigma, fogm_sigma, fogm_tau, permanent, permanent_tau]
@@ -192,15 +194,31 @@ impl Navigate {
 
     /// States for the change of the permanent field that the keys give.
     pub(super) fn given_permanent(&self, flown: &FilterInput) -> Option<PermanentStates> {
-        let keys = self.filter.keys.further().filter(|_| self.filter.keys.takes_permanent())?;
+        let keys = self.filter.keys.further().filter(|_| self.filter.keys.takes_scalar_states())?;
         let sigma = keys.permanent_change_sigma_nt.filter(|sigma| *sigma > 0.0)?;
         flown.permanent_states(GaussMarkov { sigma, tau_s: keys.permanent_change_tau_s.unwrap_or(f64::INFINITY) })
     }
 
-    /// Whether the map's own error is used.
-    pub(super) fn takes_map_error(&self, map: &RecordBatch) -> bool {
+    /// Prior standard deviation of the lag of the magnetometer, in s: 0 without a state for the lag, `None` if the
+    /// likelihood decides.
+    pub(super) fn given_latency_s(&self) -> Option<f64> {
+        let keys = self.filter.keys.further().filter(|_| self.filter.keys.takes_scalar_states());
+        keys.map_or(Some(0.0), |keys| keys.mag_latency_sigma_s)
+    }
+
+    /// Whether the track has the columns of the lag.
+    pub(super) fn has_latency(&self, has_map: bool) -> bool {
+        self.given_latency_s().map_or_else(|| self.finds_noise(has_map), |sigma_s| sigma_s > 0.0)
+    }
+
+    /// Source of the error of the map's nodes.
+    pub(super) fn node_error(&self, map: &RecordBatch) -> NodeErrorSource {
         let known = || floats(map, ERROR).is_ok_and(|error| error.iter().any(|nt| *nt > 0.0));
-        self.map_error_length_m.is_some() || self.is_auto() && known()
+        match self.interpolation() {
+            _ if self.map_error_length_m.is_some() || self.is_auto() && known() => NodeErrorSource::Column,
+            MapInterpolation::Cubic if self.is_auto() => NodeErrorSource::Interpolation,
+            MapInterpolation::Cubic | MapInterpolation::Quadratic | MapInterpolation::Linear => NodeErrorSource::None,
+        }
     }
 
     /// Columns of the estimated noise.
@@ -209,7 +227,7 @@ impl Navigate {
             return vec![];
         }
         let mut columns = vec![];
-        let count = if self.filter.keys.takes_permanent() { PARAMETERS } else { PARAMETERS - 2 };
+        let count = if self.filter.keys.takes_scalar_states() { PARAMETERS } else { PARAMETERS - 2 };
         for (name, unit, what) in FOUND.into_iter().take(count) {
             columns.push(Column::float(name, unit, format!("{what}; NaN where the line is too short to estimate it")));
             columns.push(Column::float(format!("{name}_low"), unit, "lower end of its 95 % interval"));
@@ -232,7 +250,7 @@ impl Navigate {
         let found = flown.tuned.as_ref().and_then(|tuned| tuned.noise);
         let mut estimates =
             found.map_or(vec![none; 3], |noise| vec![noise.sigma_nt, noise.fogm_sigma_nt, noise.fogm_tau_s]);
-        if self.filter.keys.takes_permanent() {
+        if self.filter.keys.takes_scalar_states() {
             let constant = IntervalEstimate { value: 0.0, low: 0.0, high: 0.0 };
             let permanent = found.map(|noise| noise.permanent.unwrap_or([constant, none]));
             estimates.extend(permanent.unwrap_or([none; 2]));
@@ -260,12 +278,14 @@ impl Navigate {
     ) -> Result<(), Fault> {
         let given = self.not_searched(expected);
         let aircraft = self.aircraft_states(flown)?;
-        let asked = LineNoiseInputs::new(flown, given, aircraft.as_ref());
+        let latency_sigma_s = if aircraft.is_some() { Some(0.0) } else { self.given_latency_s() };
+        let given: GivenNoise = (given, aircraft.as_ref(), latency_sigma_s);
+        let asked = LineNoiseInputs::new(flown, given);
         let tuned = match known.iter().find(|(other, _)| *other == asked) {
             Some((_, tuned)) => tuned.clone(),
             None => {
-                let of_map = map.errors.has_own() && self.map_error_length_m.is_none();
-                let tuned = LineNoiseEstimate::most_likely(flown, of_map, map, starts, (given, aircraft.as_ref()))?;
+                let of_map = self.map_error_length_m.is_none();
+                let tuned = LineNoiseEstimate::most_likely(flown, of_map, map, starts, given)?;
                 known.push((asked, tuned.clone()));
                 tuned
             }
@@ -332,11 +352,11 @@ impl FilterInput<'_> {
     fn reject_outliers(&mut self) -> Result<(), Fault> {
         let line = NavigationLine { fixes: self.fixes(), ..self.line()? };
         let permanent = || self.permanent.as_ref().map(PermanentStates::model);
-        let rejected = likelihood::outliers(&line, permanent()).map_err(data)?;
+        let rejected = likelihood::outliers(&line, permanent(), self.latency_sigma_s).map_err(data)?;
         let mut of_each = vec![];
         for FilterMagnetometer { measured_nt, .. } in &self.magnetometers {
             let line = NavigationLine { measurement_nt: measured_nt, ..line };
-            let rejected = likelihood::outliers(&line, permanent()).map_err(data)?;
+            let rejected = likelihood::outliers(&line, permanent(), self.latency_sigma_s).map_err(data)?;
             of_each.push(measured_nt.iter().zip(rejected).map(|(nt, out)| if out { f64::NAN } else { *nt }).collect());
         }
         self.magnetometers.iter_mut().zip(of_each).for_each(|(mag, own)| mag.measured_nt = own);

@@ -48,7 +48,7 @@ impl NavigationFilter for Ukf {
         self.gate_nis.is_some()
     }
 
-    fn takes_permanent(&self) -> bool {
+    fn takes_scalar_states(&self) -> bool {
         true
     }
 
@@ -90,6 +90,7 @@ impl NavigationFilter for Ukf {
         let mut track = FilterTrack::from_output(flown, out.navigation, self.gate_nis)?;
         track.more.push(array(out.nonlinear_sd_nt));
         track.more.extend(states);
+        track.more.extend(flown.latency_arrays(Default::default()));
         Ok(track)
     }
 }

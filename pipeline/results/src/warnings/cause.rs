@@ -33,6 +33,8 @@ pub struct NavigationSettings {
     pub dates: Option<(f64, f64)>,
     /// Time of the first rejected GNSS position, in seconds from the start of the line.
     pub gnss_rejected_s: Option<f64>,
+    /// Lag of the magnetometer and its standard deviation at the last sample, in s; `None` without a state for it.
+    pub lag_s: Option<(f64, f64)>,
     /// Standard deviation of the initial position, and the largest one over which the map is linear, in m. `None` for a
     /// filter that does not linearise the map.
     pub start_m: Option<(f64, f64)>,
@@ -49,7 +51,7 @@ pub enum NavigationSide {
 
 impl NavigationSettings {
     /// Settings of a navigation with the parameters `params` in canonical spelling. `first` returns the first value of
-    /// a column. Unset: `compensated` and `gnss_rejected_s`.
+    /// a column. Unset: `compensated`, `gnss_rejected_s` and `lag_s`.
     ///
     /// # Errors
     /// Fails when `first` fails.
@@ -89,6 +91,7 @@ impl NavigationSettings {
             compensated: false,
             dates: declared_year.zip(flight_year),
             gnss_rejected_s: None,
+            lag_s: None,
             start_m: start?.zip(limit?),
         })
     }
@@ -118,8 +121,8 @@ impl<'a> LineFacts<'a> {
         let it = graph.plan.instance(t, i);
         let track = TableRef::Stage(t, i);
         let read = |side: NavigationSide, name: &str| match (side, it.first_input()) {
-            (NavigationSide::Track, _) => first(graph, store, track, line, name),
-            (NavigationSide::Flight, Some(input)) => first(graph, store, input, line, name),
+            (NavigationSide::Track, _) => value(graph, store, (track, line), name, End::First),
+            (NavigationSide::Flight, Some(input)) => value(graph, store, (input, line), name, End::First),
             (NavigationSide::Flight, None) => Ok(None),
         };
         let settings = NavigationSettings {
@@ -128,6 +131,7 @@ impl<'a> LineFacts<'a> {
                 Some((count, _)) if count > 0.0 => gnss_rejected_s(graph, store, track, line)?,
                 Some(_) | None => None,
             },
+            lag_s: lag_s(|name| value(graph, store, (track, line), name, End::Last))?,
             ..NavigationSettings::new(&it.params(), read)?
         };
         Ok(LineFacts { row, settings: Some(settings) })
@@ -150,6 +154,12 @@ impl<'a> LineFacts<'a> {
         self.settings.as_ref().and_then(|s| s.start_m).filter(exceeds)
     }
 
+    /// Lag of the magnetometer and its standard deviation, in s, if the lag exceeds its limits.
+    pub fn lag_s(&self) -> Option<(f64, f64)> {
+        let exceeds = |(lag_s, sigma_s): &(f64, f64)| lag_s.abs() > limits::LAG_S.max(limits::LAG_SIGMAS * sigma_s);
+        self.settings.as_ref().and_then(|s| s.lag_s).filter(exceeds)
+    }
+
     fn diverged(&self) -> bool {
         self.row.get("drms").zip(self.row.get("ins_drms")).is_some_and(|(drms, ins)| drms > ins)
     }
@@ -169,6 +179,11 @@ impl<'a> LineFacts<'a> {
             WarningKind::WideStart => vec![
                 "the initial position has no fix: set `filter = \"mpf_then_ekf\"`, or `start = \"fix\"` with a \
                  position, or a smaller `init_position_sigma_m` if the position is known better"
+                    .to_owned(),
+            ],
+            WarningKind::Late => vec![
+                "the logger stamps samples when they arrive, or a filter delays them; other stages use the time stamps \
+                 as they are, so remove the lag by `lag_s` of `resample` before the calibration"
                     .to_owned(),
             ],
             WarningKind::NotWhite => vec![
@@ -343,8 +358,28 @@ fn gnss_rejected_s(graph: &PlanGraph, store: &Store, track: TableRef, line: Line
     Ok(tt.filter(|tt| row < tt.len()).map(|tt| tt.value(row) - tt.value(0)))
 }
 
-/// The first value of a column of a line; `None` without a value.
-fn first(graph: &PlanGraph, store: &Store, r: TableRef, line: LineId, name: &str) -> Result<Option<f64>, Fault> {
+/// Lag of a track's magnetometer and its standard deviation, in s, by the last values of its columns.
+fn lag_s(last: impl Fn(&str) -> Result<Option<f64>, Fault>) -> Result<Option<(f64, f64)>, Fault> {
+    let lag = last("mag_latency")?;
+    let sigma = if lag.is_some() { last("mag_latency_sigma")? } else { None };
+    Ok(lag.zip(sigma))
+}
+
+/// End of a column.
+#[derive(Clone, Copy)]
+enum End {
+    First,
+    Last,
+}
+
+/// The value at one end of a column of a line; `None` without a value.
+fn value(
+    graph: &PlanGraph,
+    store: &Store,
+    (r, line): (TableRef, LineId),
+    name: &str,
+    end: End,
+) -> Result<Option<f64>, Fault> {
     let has = |r: TableRef| match r {
         TableRef::Flights(i) => {
             graph.records.get(i).and_then(|r| r.get(&line)).is_some_and(|l| l.columns.contains_key(name))
@@ -361,7 +396,11 @@ fn first(graph: &PlanGraph, store: &Store, r: TableRef, line: LineId, name: &str
         return Ok(None);
     }
     let batch = store.get(key, &[name])?;
-    let Some(array) = batch.columns().first().filter(|a| !a.is_empty() && a.is_valid(0)) else { return Ok(None) };
-    let float = array.as_primitive_opt::<Float64Type>().map(|a| a.value(0));
-    Ok(float.or_else(|| array.as_primitive_opt::<Int64Type>().map(|a| a.value(0) as f64)).filter(|v| v.is_finite()))
+    let row = match end {
+        End::First => 0,
+        End::Last => batch.num_rows().saturating_sub(1),
+    };
+    let Some(array) = batch.columns().first().filter(|a| a.len() > row && a.is_valid(row)) else { return Ok(None) };
+    let float = array.as_primitive_opt::<Float64Type>().map(|a| a.value(row));
+    Ok(float.or_else(|| array.as_primitive_opt::<Int64Type>().map(|a| a.value(row) as f64)).filter(|v| v.is_finite()))
 }

@@ -61,6 +61,11 @@ pub const CORRELATED_NIS: f64 = 1.5;
 /// aircraft at 1.6; at 1.07 over the Osborne map it converges.
 pub const WIDE_START: f64 = 1.5;
 
+/// Lag of the magnetometer that is flagged: in s, and in standard deviations of its estimate.
+pub const LAG_S: f64 = 0.05;
+/// See [`LAG_S`].
+pub const LAG_SIGMAS: f64 = 4.0;
+
 /// Minimum anomaly retention of a compensation.
 pub const RETENTION: f64 = 0.9;
 /// Number of standard errors by which a retention must be below its limit.

@@ -37,6 +37,8 @@ pub enum WarningKind {
     NotWhite,
     /// The initial position is less certain than the distance over which the map is linear.
     WideStart,
+    /// The time stamps of the magnetometer are late or early.
+    Late,
     /// The test of GNSS positions rejected some.
     Gnss,
     /// Most of the line is off the map, where the filter only predicts.
@@ -57,7 +59,7 @@ pub enum WarningKind {
 
 impl WarningKind {
     /// All kinds.
-    pub const ALL: [WarningKind; 15] = [
+    pub const ALL: [WarningKind; 16] = [
         WarningKind::WorseThanIns,
         WarningKind::NeesHigh,
         WarningKind::NeesLow,
@@ -65,6 +67,7 @@ impl WarningKind {
         WarningKind::NisLow,
         WarningKind::NotWhite,
         WarningKind::WideStart,
+        WarningKind::Late,
         WarningKind::Gnss,
         WarningKind::OffMap,
         WarningKind::Flat,
@@ -85,6 +88,7 @@ impl WarningKind {
             WarningKind::NisLow => "nis_low",
             WarningKind::NotWhite => "not_white",
             WarningKind::WideStart => "wide_start",
+            WarningKind::Late => "late",
             WarningKind::Gnss => "gnss",
             WarningKind::OffMap => "off_map",
             WarningKind::Flat => "flat",
@@ -106,7 +110,11 @@ impl WarningKind {
             | WarningKind::NisHigh
             | WarningKind::NisLow
             | WarningKind::NotWhite => true,
-            WarningKind::WideStart | WarningKind::Gnss | WarningKind::OffMap | WarningKind::Flat => false,
+            WarningKind::WideStart
+            | WarningKind::Late
+            | WarningKind::Gnss
+            | WarningKind::OffMap
+            | WarningKind::Flat => false,
             WarningKind::MapHeight
             | WarningKind::Retention
             | WarningKind::Fit
@@ -132,6 +140,7 @@ impl WarningKind {
             WarningKind::NisLow => "the filter is cautious: the innovations are far smaller than it predicts",
             WarningKind::NotWhite => "the innovations are correlated in time, so the covariance is too small",
             WarningKind::WideStart => "the initial position is too uncertain for a filter that linearises the map",
+            WarningKind::Late => "the time stamps of the magnetometer are wrong by a constant lag",
             WarningKind::Gnss => "GNSS positions contradict the INS and are rejected",
             WarningKind::OffMap => "most samples are off the map",
             WarningKind::Flat => "the map is too flat to correct the position at most samples",
@@ -303,6 +312,14 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
             WarningKind::WideStart.of_many()
         );
         add(WarningKind::WideStart, (sigma_m, limit_m, "m"), text);
+    }
+    if let Some((lag_s, sigma_s)) = facts.lag_s() {
+        let (by_s, what) = (lag_s.abs(), if lag_s > 0.0 { "late" } else { "early" });
+        let text = format!(
+            "the time stamps of the magnetometer are {by_s:.2} s {what} (standard deviation {sigma_s:.2} s); the filter \
+             estimates this lag and corrects its own measurements only"
+        );
+        add(WarningKind::Late, (by_s, limits::LAG_S.max(limits::LAG_SIGMAS * sigma_s), "s"), text);
     }
     if let Some((count, fixes)) = row.counted("gnss_rejected").filter(|(count, _)| *count > 0.0) {
         let first = facts

@@ -180,6 +180,20 @@ fn unit_a_wide_start_is_flagged_with_its_remedy() {
     assert!(found[0].cause.as_ref().unwrap().starts_with("the initial position is known to 1500 m"));
 }
 
+#[test]
+fn unit_a_significant_lag_is_flagged() {
+    let row = LineMetrics::from([("nis", 1.0)]);
+    let of = |lag_s| judge(&facts(&row, NavigationSettings { lag_s, ..given(5.0) }));
+    let found = of(Some((0.6, 0.04)));
+    assert_eq!(kinds(&found), ["late"]);
+    assert_eq!((found[0].value, found[0].unit), (0.6, "s"));
+    assert!(found[0].text.contains("0.60 s late (standard deviation 0.04 s)"), "{}", found[0].text);
+    assert!(of(Some((-0.3, 0.02)))[0].text.contains("0.30 s early"));
+    assert!(
+        [Some((0.1, 0.04)), Some((0.03, 0.001)), Some((0.0, f64::NAN)), None].into_iter().all(|lag| of(lag).is_empty())
+    );
+}
+
 fn warning(kind: WarningKind, value: f64, limit: f64, line: &str) -> Warning {
     Warning {
         stage: "scores".into(),

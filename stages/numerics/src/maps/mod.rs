@@ -15,6 +15,7 @@
 //! | [`magnetic_sources`] | dipoles and rectangular prisms in closed form |
 //! | [`anomaly_retention`] | the fraction of the crustal anomaly that a compensation keeps |
 //! | [`information`] | the Cramér-Rao bound of a position along a line on a map |
+//! | [`undersampling`] | the error of a map between its nodes |
 //! | [`crossings`] | the misclosure of a line where its track crosses itself |
 //!
 //! A survey is processed in this order: [`levelling`], [`gridding`], [`fill`], [`continuation`], [`map_surface`].
@@ -93,6 +94,7 @@ pub mod map_stack;
 pub mod map_surface;
 pub mod plane_grid;
 pub mod projection;
+pub mod undersampling;
 
 pub use continuation::{Padding, downward, upward};
 pub use gridding::{GriddingOptions, GriddingResult, SurveyPoints};

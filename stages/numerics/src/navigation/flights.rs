@@ -65,6 +65,21 @@ impl OsborneFlight {
         self.field_nt.iter().map(|field| field + sigma_nt * normals.draw()).collect()
     }
 
+    /// Readings of a magnetometer whose samples were measured `delay_s` before their time stamps, with white noise of
+    /// this standard deviation.
+    pub(crate) fn late_nt(&self, delay_s: f64, seed: u64, sigma_nt: f64) -> Vec<f64> {
+        let (OsborneWorld { map, core }, columns) = (world(), &self.truth.columns);
+        let mut normals = NormalGenerator::new(seed);
+        let of = |row: usize| {
+            let [lat, lon, alt] = [1, 2, 3].map(|column: usize| columns[column][row]);
+            let (north_m, east_m) = EarthModel::Wgs84.north_east_m_per_rad(lat.to_radians(), alt);
+            let before = |speed_mps: f64, m_per_rad: f64| (delay_s * speed_mps / m_per_rad).to_degrees();
+            let (lat, lon) = (lat - before(columns[4][row], north_m), lon - before(columns[5][row], east_m));
+            map.at(lat, lon, alt).unwrap().value_nt + core.magnitude_nt(lat, lon, alt) + temporal_nt(&self.errors[row])
+        };
+        (0..columns[0].len()).map(|row| of(row) + sigma_nt * normals.draw()).collect()
+    }
+
     /// Line for the filters.
     pub(crate) fn line<'a>(
         &self,

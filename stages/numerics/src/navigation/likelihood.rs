@@ -18,10 +18,14 @@
 //! magnetised. In turns this change is not a Gauss-Markov process of time. If three states for it increase the
 //! likelihood by more than a threshold, they are used, with the most likely standard deviation and time constant.
 //!
+//! A magnetometer with late time stamps measures the field of earlier positions. Its lag becomes a state if that
+//! increases the likelihood by more than a threshold.
+//!
 //! For an uncompensated magnetometer, the coefficients of the aircraft field are states of the filter, with their prior.
 
 mod aircraft;
 mod interval;
+mod latency;
 mod outliers;
 mod permanent;
 mod thinned;
@@ -54,9 +58,12 @@ pub struct LineNoise {
     /// Change of the permanent field, if it is given or detected: standard deviation of each component, in nT, and time
     /// constant, in s, reduced so that the process noise increases by the same factor.
     pub permanent: Option<[IntervalEstimate; 2]>,
-    /// Factor on the variance of the map's own error at each sample; 0 if no map error is given or detected.
+    /// Prior standard deviation of the lag of the magnetometer, in s, if it is given or detected.
+    pub latency_sigma_s: Option<f64>,
+    /// Factor on the variance of the map's own error at each sample, increased for the correlation of the innovations;
+    /// 0 if no map error is given or detected.
     pub map_factor: f64,
-    /// Factor by which `sigma_nt` was increased; 1 for white innovations.
+    /// Factor by which `sigma_nt` was increased, and its square is in `map_factor`; 1 for white innovations.
     pub inflation: f64,
     /// Logarithm of the likelihood, with the prior and without its constant.
     pub log_likelihood: f64,
@@ -100,6 +107,9 @@ pub struct NoiseSearch<'a> {
     pub direction: Option<&'a [[f64; 3]]>,
     /// Aircraft field of an uncompensated magnetometer. It cannot be combined with `direction`.
     pub aircraft: Option<AircraftStates<'a>>,
+    /// Prior standard deviation of the lag of the magnetometer, in s; 0 for none, `None` to search for a lag. An
+    /// `aircraft` field has no lag.
+    pub latency_sigma_s: Option<f64>,
     /// Given parameters: white noise in nT, standard deviation of the process in nT, its time constant in s, standard
     /// deviation of the change of the permanent field in nT (0 for none), and its time constant in s.
     pub given: NoiseParameters,
@@ -153,7 +163,8 @@ pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationE
     search.line.check()?;
     let thinned = ThinnedLine::new(search.line, search.rows);
     let terms = search.aircraft.map(|aircraft| aircraft.at(search.rows)).unwrap_or_default();
-    let mut likelihood = NoiseLikelihood { search, thinned: &thinned, terms: &terms, map_factor: 0.0 };
+    let latency_sigma_s = search.latency_sigma_s.filter(|sigma_s| *sigma_s > 0.0);
+    let mut likelihood = NoiseLikelihood { search, thinned: &thinned, terms: &terms, map_factor: 0.0, latency_sigma_s };
     let grid = search.grid();
     let scored = likelihood.scores(&grid);
     let most_used = scored.iter().map(|score| score.used).max().unwrap_or(0);
@@ -165,6 +176,7 @@ pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationE
     order.sort_by(|a, b| scored[*b].log_likelihood(least_used).total_cmp(&scored[*a].log_likelihood(least_used)));
     let mut best = likelihood.best_of(order.iter().take(STARTS).map(|at| grid[*at]), least_used);
     best = likelihood.with_permanent(best, least_used);
+    (best, likelihood) = likelihood.with_latency(best, least_used);
     if search.map_nt.is_some() {
         for map_factor in MAP_FACTORS {
             let other = NoiseLikelihood { map_factor, ..likelihood };
@@ -191,7 +203,8 @@ pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationE
             let is_given = search.given[PERMANENT[1]].is_some();
             [permanent_nt, tau_s.scaled(if is_given { 1.0 } else { 1.0 / factor })]
         }),
-        map_factor,
+        latency_sigma_s: likelihood.latency_sigma_s,
+        map_factor: factor * map_factor,
         inflation,
         log_likelihood,
         used,
@@ -239,6 +252,8 @@ struct NoiseLikelihood<'a> {
     /// Terms of the aircraft field at the thinned samples.
     terms: &'a [f64],
     map_factor: f64,
+    /// Prior standard deviation of the lag, in s; `None` without a state for it.
+    latency_sigma_s: Option<f64>,
 }
 
 /// Logarithm of the likelihood, with the prior, and the number of predicted measurements.
@@ -266,8 +281,8 @@ impl NoiseLikelihood<'_> {
         if let Some(aircraft) = self.search.aircraft {
             return points.par_iter().map(|point| self.output_with_aircraft(&aircraft, point)).collect();
         }
-        if points.iter().any(has_permanent) {
-            return points.par_iter().map(|point| self.output_with_permanent(point)).collect();
+        if self.latency_sigma_s.is_some() || points.iter().any(has_permanent) {
+            return points.par_iter().map(|point| self.output_with_states(point)).collect();
         }
         let line = self.search.line;
         let ins = self.thinned.ins();
@@ -373,11 +388,12 @@ impl NoiseLikelihood<'_> {
         (now, best)
     }
 
-    /// Neighbours of a point: each free parameter one step down, unchanged, or one step up. With a permanent field only
-    /// one parameter changes, because its filter takes longer.
+    /// Neighbours of a point: each free parameter one step down, unchanged, or one step up. With further states only
+    /// one parameter changes, because their filter takes longer.
     fn around(&self, point: NoisePoint, factor: f64) -> Vec<NoisePoint> {
         let free = self.search.free(&point);
-        let together: Vec<&[usize]> = if has_permanent(&point) { free.chunks(1).collect() } else { vec![&free] };
+        let is_slow = self.latency_sigma_s.is_some() || has_permanent(&point);
+        let together: Vec<&[usize]> = if is_slow { free.chunks(1).collect() } else { vec![&free] };
         together.into_iter().flat_map(|parameters| Self::grid_around(point, factor, parameters)).collect()
     }
 

@@ -60,8 +60,13 @@ pub struct FilterInput<'a> {
     /// GNSS positions after the test, for a filter that uses them ([`NavigationFilter::aiding`]).
     pub gnss: Option<GnssPositions>,
     /// Change of the aircraft's permanent field, for a filter that estimates it
-    /// ([`NavigationFilter::takes_permanent`]).
+    /// ([`NavigationFilter::takes_scalar_states`]).
     pub permanent: Option<PermanentStates>,
+    /// Prior standard deviation of the lag of the magnetometer, in s, for a filter that estimates the lag. `None`
+    /// without a state for the lag.
+    pub latency_sigma_s: Option<f64>,
+    /// Whether the track has the columns of the lag.
+    pub(in crate::navigate) has_latency: bool,
     /// Whether the curvature of the map over the position's uncertainty counts as measurement noise.
     pub second_order: bool,
     /// Uncertainty of the initial position, and the largest one over which the map is linear within the assumed noise.

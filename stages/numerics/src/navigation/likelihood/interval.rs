@@ -23,7 +23,9 @@ pub fn denser(search: &NoiseSearch<'_>, noise: &LineNoise, rows: usize) -> Resul
     search.line.check()?;
     let thinned = ThinnedLine::new(search.line, search.rows);
     let terms = search.aircraft.map(|aircraft| aircraft.at(search.rows)).unwrap_or_default();
-    let likelihood = NoiseLikelihood { search, thinned: &thinned, terms: &terms, map_factor: noise.map_factor };
+    let latency_sigma_s = noise.latency_sigma_s;
+    let map_factor = noise.map_factor / (noise.inflation * noise.inflation);
+    let likelihood = NoiseLikelihood { search, thinned: &thinned, terms: &terms, map_factor, latency_sigma_s };
     let [permanent_nt, permanent_tau_s] = noise.permanent.map_or([0.0; 2], |of| of.map(|estimate| estimate.value));
     let white_nt = noise.sigma_nt.value / noise.inflation;
     let point =
@@ -42,6 +44,7 @@ pub fn denser(search: &NoiseSearch<'_>, noise: &LineNoise, rows: usize) -> Resul
     }
     Ok(Some(LineNoise {
         sigma_nt: noise.sigma_nt.scaled(best[0] / noise.sigma_nt.value),
+        map_factor,
         inflation: 1.0,
         log_likelihood: score.log,
         used: score.used,

@@ -2,7 +2,7 @@
 
 use super::{
     AidedParameters, Aids, GATE_NIS, NavigationError, NavigationOutput, NoiseLikelihood, NoisePoint, PERMANENT,
-    PermanentChange, aided,
+    PermanentChange, aided, has_permanent,
 };
 use crate::signal::gauss_markov::GaussMarkov;
 
@@ -70,15 +70,16 @@ impl NoiseLikelihood<'_> {
         std::array::from_fn(|at| self.search.given[at].unwrap_or(point[at]))
     }
 
-    /// Output of the filter at a point with a permanent field.
-    pub(super) fn output_with_permanent(&self, point: &NoisePoint) -> Result<NavigationOutput, NavigationError> {
+    /// Output of the filter with the further states of a point: the permanent field, and the lag.
+    pub(super) fn output_with_states(&self, point: &NoisePoint) -> Result<NavigationOutput, NavigationError> {
         let [.., sigma, tau_s] = *point;
         let (ins, sigma_nt) = (self.thinned.ins(), self.sigma_nt(point));
         let line = self.line_at(point, &ins, &sigma_nt);
         let process = GaussMarkov { sigma, tau_s };
-        let permanent = self.search.direction.map(|direction| PermanentChange { direction, process });
+        let direction = self.search.direction.filter(|_| has_permanent(point));
+        let permanent = direction.map(|direction| PermanentChange { direction, process });
         let parameters = AidedParameters { gate_nis: Some(GATE_NIS), ..AidedParameters::default() };
-        let aids = Aids { permanent, ..Aids::default() };
+        let aids = Aids { permanent, latency_sigma_s: self.latency_sigma_s, ..Aids::default() };
         aided::run(&line, &aids, &parameters).map(|output| output.navigation)
     }
 }

@@ -23,6 +23,39 @@ fn found(flight: &OsborneFlight, measured_nt: &[f64], given: NoiseParameters) ->
     found_with(flight, measured_nt, None, given)
 }
 
+/// Noise of a line for which a lag is searched.
+fn found_late(flight: &OsborneFlight, measured_nt: &[f64]) -> LineNoise {
+    let series = flight.ins.series();
+    let sigma_nt = vec![1.0; measured_nt.len()];
+    let line = flight.line(&series, measured_nt, &sigma_nt);
+    let rows = rows_at(series.tt_s, 2.0);
+    let search_of = NoiseSearch {
+        line: &line,
+        rows: &rows,
+        scale: &sigma_nt,
+        known_nt: None,
+        map_nt: None,
+        direction: None,
+        aircraft: None,
+        latency_sigma_s: None,
+        given: [None; PARAMETERS],
+    };
+    search(&search_of).unwrap().unwrap()
+}
+
+#[test]
+fn law_a_lag_is_found_and_no_lag_is_found_where_there_is_none() {
+    let lag = |delay_s: f64| {
+        move |seed: &u64| {
+            let flight = flown(*seed);
+            found_late(&flight, &flight.late_nt(delay_s, 50 + seed, SIGMA_NT)).latency_sigma_s.is_some()
+        }
+    };
+    let of = |delay_s: f64| (0..6).filter(lag(delay_s)).count();
+    let found = [2.5, -2.5, 0.0].map(of);
+    assert!(found[0] >= 5 && found[1] >= 5 && found[2] == 0, "{found:?} of 6");
+}
+
 /// Noise found with the direction of the field at each sample.
 fn found_with(
     flight: &OsborneFlight,
@@ -43,6 +76,7 @@ fn found_with(
         map_nt: None,
         direction: direction.as_deref(),
         aircraft: None,
+        latency_sigma_s: Some(0.0),
         given,
     };
     search(&search_of).unwrap().unwrap()
@@ -102,7 +136,7 @@ fn law_spikes_are_outliers_and_healthy_measurements_are_not() {
     flight.model.fogm_sigma_nt = noise.fogm_sigma_nt.value;
     let series = flight.ins.series();
     let sigma_nt = vec![noise.sigma_nt.value; measured.len()];
-    let rejected = outliers(&flight.line(&series, &measured, &sigma_nt), None).unwrap();
+    let rejected = outliers(&flight.line(&series, &measured, &sigma_nt), None, None).unwrap();
     let healthy = (0..measured.len()).filter(|row| rejected[*row] && !spikes.contains(row)).count();
     assert!(spikes.iter().all(|row| rejected[*row]), "every spike");
     assert!(healthy <= 2, "{healthy}");
@@ -124,6 +158,7 @@ fn unit_too_few_measurements_give_no_noise() {
         map_nt: None,
         direction: None,
         aircraft: None,
+        latency_sigma_s: None,
         given: [None; PARAMETERS],
     };
     assert_eq!(search(&all).unwrap(), None);
@@ -162,6 +197,7 @@ fn law_the_noise_is_estimated_beside_an_unknown_aircraft_field() {
             map_nt: None,
             direction: None,
             aircraft: Some(aircraft),
+            latency_sigma_s: Some(0.0),
             given: [None; PARAMETERS],
         };
         let noise = search(&search_of).unwrap().unwrap();
@@ -273,6 +309,7 @@ fn law_more_measurements_are_used_only_if_their_errors_are_independent() {
                 map_nt: None,
                 direction: None,
                 aircraft: None,
+                latency_sigma_s: Some(0.0),
                 given: [None; PARAMETERS],
             };
             let noise = search(&search_of).unwrap().unwrap();

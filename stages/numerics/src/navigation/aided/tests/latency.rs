@@ -2,23 +2,8 @@
 
 use super::flights::SAMPLES;
 use super::*;
-use crate::navigation::flights::{OsborneFlight, world};
+use crate::navigation::flights::OsborneFlight;
 use crate::navigation::ins_error::{InsErrorModel, InsErrors};
-use crate::random::NormalGenerator;
-
-/// Measurement of a magnetometer with a lag of `delay_s` and white noise of 2 nT.
-fn late_nt(flight: &OsborneFlight, delay_s: f64, seed: u64) -> Vec<f64> {
-    let (world, columns) = (world(), &flight.truth.columns);
-    let mut normals = NormalGenerator::new(seed);
-    let of = |row: usize| {
-        let [lat, lon, alt] = [1, 2, 3].map(|column: usize| columns[column][row]);
-        let (north_m, east_m) = EarthModel::Wgs84.north_east_m_per_rad(lat.to_radians(), alt);
-        let before = |speed_mps: f64, m_per_rad: f64| (delay_s * speed_mps / m_per_rad).to_degrees();
-        let (lat, lon) = (lat - before(columns[4][row], north_m), lon - before(columns[5][row], east_m));
-        world.map.at(lat, lon, alt).unwrap().value_nt + world.core.magnitude_nt(lat, lon, alt) + flight.errors[row][S]
-    };
-    (0..columns[0].len()).map(|row| of(row) + 2.0 * normals.draw()).collect()
-}
 
 /// Mean square error from 200 s on, in m², mean NEES, and lag with its standard deviation at the end of flights.
 fn flown(delay_s: f64, latency_sigma_s: Option<f64>, linearisation: Linearisation) -> (f64, f64, Vec<[f64; 2]>) {
@@ -27,7 +12,7 @@ fn flown(delay_s: f64, latency_sigma_s: Option<f64>, linearisation: Linearisatio
     let flights = 6;
     for seed in 0..flights {
         let flight = OsborneFlight::flown(seed, SAMPLES, 1.0, model);
-        let (measured, sigma) = (late_nt(&flight, delay_s, 50 + seed), vec![2.0; SAMPLES as usize]);
+        let (measured, sigma) = (flight.late_nt(delay_s, 50 + seed, 2.0), vec![2.0; SAMPLES as usize]);
         let ins = flight.ins.series();
         let aids = Aids { latency_sigma_s, ..Aids::default() };
         let parameters = AidedParameters { linearisation, ..AidedParameters::default() };
