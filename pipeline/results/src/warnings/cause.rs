@@ -195,8 +195,9 @@ impl<'a> LineFacts<'a> {
                     .to_owned(),
             ],
             WarningKind::Late => vec![
-                "the logger stamps samples when they arrive, or a filter delays them; other stages use the time stamps \
-                 as they are, so remove the lag by `lag_s` of `resample` before the calibration"
+                "the logger stamps samples when they arrive, or a filter delays them: remove the lag by `lag_s` of \
+                 `resample` before the calibration, because other stages use the time stamps as they are. An error of \
+                 the position at the start has a similar effect: check `start` first"
                     .to_owned(),
             ],
             WarningKind::NotWhite => vec![

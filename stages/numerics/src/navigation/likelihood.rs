@@ -282,7 +282,10 @@ impl NoiseLikelihood<'_> {
             return points.par_iter().map(|point| self.output_with_aircraft(&aircraft, point)).collect();
         }
         if self.latency_sigma_s.is_some() || points.iter().any(has_permanent) {
-            return points.par_iter().map(|point| self.output_with_states(point)).collect();
+            return points
+                .par_iter()
+                .map(|point| self.output_with_states(point).map(|output| output.navigation))
+                .collect();
         }
         let line = self.search.line;
         let ins = self.thinned.ins();

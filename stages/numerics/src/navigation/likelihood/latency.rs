@@ -4,6 +4,8 @@ use super::{NoiseLikelihood, NoisePoint, PERMANENT};
 
 /// Prior standard deviation of the lag, in s. It covers the delays of loggers and filters.
 const PRIOR_SIGMA_S: f64 = 1.0;
+/// Largest lag, in s. A larger estimate is more likely the effect of a wrong position.
+const LARGEST_S: f64 = 2.0;
 /// Smallest increase of the logarithm of the likelihood for which the lag becomes a state. The likelihood integrates
 /// over the prior of the lag, which alone reduces it by about 3 for a lag known to 0.05 s.
 const LEAST_GAIN: f64 = 6.0;
@@ -12,8 +14,8 @@ const LEAST_GAIN: f64 = 6.0;
 const FACTORS: [[f64; 2]; 5] = [[1.0, 1.0], [1.0, 0.5], [0.7, 1.0], [0.5, 0.5], [0.4, 0.25]];
 
 impl NoiseLikelihood<'_> {
-    /// Best point and likelihood with the lag as a state if its likelihood is larger by [`LEAST_GAIN`], otherwise
-    /// `best` and this likelihood.
+    /// Best point and likelihood with the lag as a state if its likelihood is larger by [`LEAST_GAIN`] and the lag at
+    /// most [`LARGEST_S`], otherwise `best` and this likelihood.
     pub(super) fn with_latency(self, best: (NoisePoint, f64), least_used: usize) -> ((NoisePoint, f64), Self) {
         if self.search.latency_sigma_s.is_some() || self.search.aircraft.is_some() {
             return (best, self);
@@ -35,7 +37,14 @@ impl NoiseLikelihood<'_> {
             return (best, self);
         }
         let found = late.best_of([start].into_iter(), least_used);
-        if found.1 > best.1 + LEAST_GAIN { (found, late) } else { (best, self) }
+        let is_late = found.1 > best.1 + LEAST_GAIN && late.lag_s(&found.0).abs() <= LARGEST_S;
+        if is_late { (found, late) } else { (best, self) }
+    }
+
+    /// Estimate of the lag at the last sample, in s; NaN without an estimate.
+    fn lag_s(&self, point: &NoisePoint) -> f64 {
+        let output = self.output_with_states(point);
+        output.ok().and_then(|output| output.latency_s[0].last().copied()).unwrap_or(f64::NAN)
     }
 
     /// The point with its white noise and its process times these factors, unless they are given.

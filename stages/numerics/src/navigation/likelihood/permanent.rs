@@ -1,9 +1,10 @@
 //! Search for a change of the permanent field of the aircraft.
 
 use super::{
-    AidedParameters, Aids, GATE_NIS, NavigationError, NavigationOutput, NoiseLikelihood, NoisePoint, PERMANENT,
-    PermanentChange, aided, has_permanent,
+    AidedParameters, Aids, GATE_NIS, NavigationError, NoiseLikelihood, NoisePoint, PERMANENT, PermanentChange, aided,
+    has_permanent,
 };
+use crate::navigation::aided::AidedOutput;
 use crate::signal::gauss_markov::GaussMarkov;
 
 /// Smallest increase of the logarithm of the likelihood for which the permanent field becomes a state. With two
@@ -71,7 +72,7 @@ impl NoiseLikelihood<'_> {
     }
 
     /// Output of the filter with the further states of a point: the permanent field, and the lag.
-    pub(super) fn output_with_states(&self, point: &NoisePoint) -> Result<NavigationOutput, NavigationError> {
+    pub(super) fn output_with_states(&self, point: &NoisePoint) -> Result<AidedOutput, NavigationError> {
         let [.., sigma, tau_s] = *point;
         let (ins, sigma_nt) = (self.thinned.ins(), self.sigma_nt(point));
         let line = self.line_at(point, &ins, &sigma_nt);
@@ -80,6 +81,6 @@ impl NoiseLikelihood<'_> {
         let permanent = direction.map(|direction| PermanentChange { direction, process });
         let parameters = AidedParameters { gate_nis: Some(GATE_NIS), ..AidedParameters::default() };
         let aids = Aids { permanent, latency_sigma_s: self.latency_sigma_s, ..Aids::default() };
-        aided::run(&line, &aids, &parameters).map(|output| output.navigation)
+        aided::run(&line, &aids, &parameters)
     }
 }
