@@ -21,6 +21,7 @@ mod cluster_support;
 mod corrections;
 mod cost;
 mod examples;
+mod exchange;
 mod export;
 mod failures;
 mod field;

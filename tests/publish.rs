@@ -253,6 +253,9 @@ fn user_all_damage_to_a_set_is_found_and_reported() {
         fs::write(&path, &original[name][..at]).unwrap();
         found(&format!("{name} cut"), &[name]);
         fs::remove_file(&path).unwrap();
+        let (_, message) = verify(&bench, "set");
+        let named = message.lines().filter(|line| line.trim_start().starts_with(&format!("{name}: ")));
+        assert_eq!(named.count(), 1, "{message}");
         found(&format!("{name} missing"), &[name]);
     }
     fs::write(bench.path("set/data/clean/more.parquet"), "x").unwrap();

@@ -17,7 +17,7 @@ pub mod table;
 
 /// Version of the readers and the simulator, part of the key of their cached results. It is increased when the values
 /// for the same bytes change.
-pub const VERSION: &str = "8";
+pub const VERSION: &str = "9";
 
 pub use formats::{
     FlightBatch, FlightOptions, FlightReader, LogTopic, MapOptions, MapTable, PointOptions, RawReader, ReadHints,

@@ -8,7 +8,7 @@ use datasets::{
     open_flight_among,
 };
 
-use super::{log_reader::LogReader, mapping::MappingTable};
+use super::{log_reader::LogReader, mapping::MappingTable, renamed::renamed};
 
 static FORMATS: LazyLock<Vec<FlightFormat>> = LazyLock::new(|| formats::flight_formats(&[simulate::FORMAT]));
 
@@ -25,10 +25,10 @@ pub fn open_flight(path: &Path, options: &FlightOptions, reading: &ReadHints) ->
     open_flight_among(flight_formats(), path, options, reading)
 }
 
-/// Opens a log, through the mapping `mapped` if any.
+/// Opens a log, through the mapping `mapped` if any. With a mapping, the options rename columns of the mapping.
 ///
 /// # Errors
-/// Fails as [`open_flight`], and for a mapping that does not fit the file.
+/// Fails as [`open_flight`], for a mapping that does not fit the file, and for a wrong new name.
 pub fn open_log(
     path: &Path,
     options: &FlightOptions,
@@ -36,7 +36,8 @@ pub fn open_log(
     reading: &ReadHints,
 ) -> Result<LogReader, ReadError> {
     if let Some(mapped) = mapped {
-        return mapped.open(path, options, reading, flight_formats());
+        let log = mapped.open(path, options, reading, flight_formats())?;
+        return renamed(log, path, &options.rename);
     }
     let mut reader = open_flight(path, options, reading)?;
     Ok(LogReader {

@@ -16,6 +16,7 @@ pub mod log_reader;
 pub mod mapping;
 pub mod midnight;
 pub mod quality;
+mod renamed;
 
 pub use formats::{flight_formats, open_flight, open_log};
 pub use line_table::{FlightDivision, LineTable};

@@ -4,7 +4,7 @@ use std::{collections::HashSet, path::Path, sync::Arc};
 
 use arrow_array::{ArrayRef, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema};
-use schemas::{convert, convertible_to, field, flight};
+use schemas::{Role, convert, convertible_to, describe_field, field, flight};
 
 use super::{FlightBatch, FlightOptions, RawFlight, missing::MissingMarkers, unit_name};
 use crate::ReadError;
@@ -116,7 +116,10 @@ fn check_names(path: &Path, own: &[String], made: &[String], options: &FlightOpt
 /// flight or line.
 pub(super) fn adopt(path: &Path, raw: RawFlight, options: &FlightOptions) -> Result<RawFlight, ReadError> {
     let names: Vec<String> = raw.schema.fields().iter().map(|f| f.name().clone()).collect();
-    check_names(path, raw.own.as_deref().unwrap_or(&names), &names, options)?;
+    // A column `alt [ft]` can be renamed, and given another unit, under both names.
+    let heads = names.iter().flat_map(|name| [name.as_str(), name_of_head(name)]);
+    let heads: Vec<String> = heads.map(str::to_owned).collect();
+    check_names(path, raw.own.as_deref().unwrap_or(&heads), &names, options)?;
     let one = |f: &Arc<Field>| match &raw.own {
         // Derived columns can also be renamed.
         Some(own) if own.contains(f.name()) => Ok(f.as_ref().clone()),
@@ -188,8 +191,12 @@ fn added_keys(
 /// The field of a column in the flight table; nullable, since values may be missing.
 fn settled(path: &Path, source: &Field, unstated: bool, options: &FlightOptions) -> Result<Field, ReadError> {
     let metadata = source.metadata();
-    let FlightColumnTarget { name, unit } =
-        named(path, &[source.name()], metadata.get("unit").map(String::as_str), options)?;
+    let declared = metadata.get("unit").map(String::as_str).filter(|unit| !unit.is_empty());
+    let head = if declared.is_none() { unit_name::split_head(source.name()) } else { None };
+    let FlightColumnTarget { name, unit } = match head {
+        Some((name, unit)) => of_head(path, source.name(), (name, unit), options)?,
+        None => named(path, &[source.name()], declared, options)?,
+    };
     let wanted = flight::describe(&name).unit;
     if unstated && unit.is_empty() && !wanted.is_empty() {
         let what = format!("the file does not give its unit, but `{name}` must be in {wanted}");
@@ -200,13 +207,40 @@ fn settled(path: &Path, source: &Field, unstated: bool, options: &FlightOptions)
     }
     let known = flight::describe(&name);
     let unit = if unit.is_empty() { known.unit } else { &unit };
+    // A role in the file applies to every name without a fixed role: truth stays truth.
+    let declared = describe_field(source).role;
+    let role =
+        if matches!(declared, Role::Truth | Role::Sensor) && known.role == Role::Aux { declared } else { known.role };
     let own = metadata.get("description").filter(|d| name == *source.name() && !d.is_empty());
     let description = own.map_or(known.description, String::as_str);
-    Ok(field(&name, source.data_type().clone(), unit, known.role, description))
+    Ok(field(&name, source.data_type().clone(), unit, role, description))
+}
+
+/// The name and unit of a column with a head such as `alt [ft]`.
+///
+/// # Errors
+/// Fails as [`named`], and for a unit that does not convert to the unit of the name.
+fn of_head(
+    path: &Path,
+    head: &str,
+    (name, unit): (&str, &str),
+    options: &FlightOptions,
+) -> Result<FlightColumnTarget, ReadError> {
+    let target = named(path, &[head, name], Some(unit), options)?;
+    let wanted = flight::describe(&target.name).unit;
+    if !wanted.is_empty() && convert(&target.unit, wanted).is_none() {
+        return Err(other_unit(path, head, &target.name, "its name gives", &target.unit, wanted));
+    }
+    Ok(target)
+}
+
+/// The name that a head such as `alt [ft]` gives to a column; other names are unchanged.
+pub fn name_of_head(head: &str) -> &str {
+    unit_name::split_head(head).map_or(head, |(name, _)| name)
 }
 
 /// The unit that the end of a name implies, where it is not ambiguous.
-pub(super) fn unit_of_name(name: &str) -> Option<String> {
+pub fn unit_of_name(name: &str) -> Option<String> {
     unit_name::kept_unit(name)
 }
 

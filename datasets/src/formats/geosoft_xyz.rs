@@ -86,13 +86,47 @@ fn kind(text: &str, width: Option<usize>) -> GeosoftTextLine {
     }
 }
 
-/// The words of a line, separated by commas or tabs if there are any, otherwise by blanks.
+/// The words of a line, separated by commas or tabs if there are any, otherwise by blanks. A text in double quotes is one
+/// word.
 fn words(text: &str) -> Vec<String> {
+    // A single quote character is part of a word.
+    let quotes = text.matches('"').count();
+    if quotes > 0 && quotes.is_multiple_of(2) {
+        return quoted_words(text);
+    }
     let own = |w: &str| w.trim().trim_matches('"').to_owned();
     match [',', '\t'].into_iter().find(|s| text.contains(*s)) {
         Some(separator) => text.split(separator).map(own).collect(),
         None => text.split_whitespace().map(own).collect(),
     }
+}
+
+/// [`words`] of a line with double quotes.
+fn quoted_words(text: &str) -> Vec<String> {
+    let parts: Vec<(bool, &str)> = text.split('"').enumerate().map(|(i, part)| (i % 2 == 0, part)).collect();
+    let is_outside = |separator: &char| parts.iter().any(|(outside, part)| *outside && part.contains(*separator));
+    let separator = [',', '\t'].into_iter().find(is_outside);
+    let (mut words, mut word, mut begun) = (vec![], String::new(), false);
+    for (outside, part) in parts {
+        if !outside {
+            word += part;
+            begun = true;
+            continue;
+        }
+        for c in part.chars() {
+            let ends = separator.map_or(c.is_whitespace(), |separator| c == separator);
+            if !ends {
+                word.push(c);
+            } else if separator.is_some() || begun || !word.is_empty() {
+                words.push(std::mem::take(&mut word).trim().to_owned());
+                begun = false;
+            }
+        }
+    }
+    if separator.is_some() || begun || !word.is_empty() {
+        words.push(word.trim().to_owned());
+    }
+    words
 }
 
 /// Result of the first pass.

@@ -76,6 +76,7 @@ mod topics;
 mod ulog;
 mod unit_name;
 
+pub use adopt::{name_of_head, unit_of_name};
 pub use grids::{MapTable, ReductionColumns, SurveyPointSet};
 pub(crate) use guarded::guarded;
 pub use head::FileHead;

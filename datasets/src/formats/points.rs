@@ -11,6 +11,7 @@ use schemas::{
 use super::{
     markers,
     points_table::{PointColumn, PointTable, load},
+    unit_name,
 };
 use crate::{
     ReadError,
@@ -206,7 +207,7 @@ impl<'a> PointColumnRoles<'a> {
         let mut notes =
             vec![format!("positions from `{}` and `{}`, values from `{}`", self.x.name, self.y.name, self.value.name)];
         match self.height {
-            Some(height) if height.name.contains("orthometric") || height.name == "msl" => {
+            Some(height) if height.name.contains("orthometric") || unit_name::without_unit(&height.name) == "msl" => {
                 notes.push(format!("heights from `{}`, which are above sea level", height.name));
             }
             Some(height) => notes.push(format!("heights from `{}`", height.name)),
@@ -385,7 +386,7 @@ impl<'a> PointColumnRoles<'a> {
 
     fn extra(&self, path: &Path, pick: &dyn Fn(&[f64]) -> Vec<f64>) -> Result<ReductionColumns, ReadError> {
         let column = |names: &[&str], unit: &str| -> Result<Option<Vec<f64>>, ReadError> {
-            let column = names.iter().find_map(|n| self.table.column(n)).filter(|c| c.is_number());
+            let column = self.table.first(names).filter(|c| c.is_number());
             column.map(|c| c.in_unit(path, unit).map(|v| pick(&v))).transpose()
         };
         Ok(ReductionColumns {

@@ -10,7 +10,7 @@ use schemas::{canonical::identifiers, convert};
 
 use super::{
     FLIGHT_FORMATS, FileHead, FlightOptions, adopt, foreign, line_records::GeosoftLineNames, open_flight, parquet,
-    text_table,
+    text_table, unit_name,
 };
 use crate::{
     ReadError,
@@ -140,6 +140,13 @@ impl PointTable {
         self.columns.iter().find(|c| c.name.eq_ignore_ascii_case(name))
     }
 
+    /// The column with the first of these names that the table has, with or without a unit in brackets.
+    pub(super) fn first(&self, known: &[&str]) -> Option<&PointColumn> {
+        let base = |c: &&PointColumn, name: &str| unit_name::without_unit(&c.name).eq_ignore_ascii_case(name);
+        let with_unit = |name: &&str| self.columns.iter().find(|c| base(c, name));
+        known.iter().find_map(|name| self.column(name)).or_else(|| known.iter().find_map(with_unit))
+    }
+
     /// [`PointTable::named_or`] of a coordinate, whose name may end in a unit.
     ///
     /// # Errors
@@ -167,7 +174,7 @@ impl PointTable {
         known: &[&str],
         what: &str,
     ) -> Result<Option<&PointColumn>, ReadError> {
-        let Some(given) = given else { return Ok(known.iter().find_map(|n| self.column(n))) };
+        let Some(given) = given else { return Ok(self.first(known)) };
         let names: Vec<&str> = self.columns.iter().map(|c| c.name.as_str()).collect();
         let exact = self.columns.iter().find(|c| c.name == given).or_else(|| self.column(given));
         match exact {

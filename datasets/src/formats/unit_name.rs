@@ -70,6 +70,23 @@ pub(super) fn implied_unit(name: &str) -> ImpliedUnit {
     implied_by_suffix(name)
 }
 
+/// The name and the unit of a head such as `mag_c [nT]`, as `magline export --units` writes it. Other names with
+/// brackets, such as `Mag [nT]` and `GPS Alt [ft]`, remain whole.
+pub(super) fn split_head(head: &str) -> Option<(&str, &str)> {
+    let (name, unit) = head.trim().strip_suffix(']')?.rsplit_once(" [")?;
+    let plain = name.starts_with(|c: char| c.is_ascii_lowercase())
+        && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
+    // An unknown unit of a standard name is an error of the conversion.
+    (plain && !unit.is_empty() && (is_unit(unit) || is_canonical(name))).then_some((name, unit))
+}
+
+/// A name without a known unit in brackets at its end: `Anomaly (nT)` is `Anomaly`.
+pub(super) fn without_unit(name: &str) -> &str {
+    let name = name.trim();
+    let Some(inside) = bracketed(name).filter(|inside| is_unit(&spelt(inside))) else { return name };
+    name.get(..name.len() - inside.len() - 2).unwrap_or(name).trim_end_matches([' ', '_'])
+}
+
 /// Whether the name is a standard name with a unit.
 pub(super) fn is_canonical(name: &str) -> bool {
     flight::COLUMNS.iter().any(|(known, _)| *known == name) || !flight::describe(name).unit.is_empty()
@@ -322,6 +339,22 @@ mod tests {
         assert_eq!(implied_unit("MagCabin_T"), ImpliedUnit::Perhaps("T".into()));
         assert_eq!(implied_unit("Mag (counts)"), ImpliedUnit::Unknown("counts".into()));
         assert_eq!(implied_unit("Mag [T]"), unit("T"));
+    }
+
+    #[test]
+    fn unit_a_head_of_an_export_is_a_name_and_a_unit() {
+        for (head, parts) in [
+            ("tt [s]", Some(("tt", "s"))),
+            ("my_2 [nT/s]", Some(("my_2", "nT/s"))),
+            ("alt [fathoms]", Some(("alt", "fathoms"))),
+            ("lat[deg]", None),
+            ("Mag [nT]", None),
+            ("my_2 [counts]", None),
+            ("flight", None),
+            ("x []", None),
+        ] {
+            assert_eq!(split_head(head), parts, "{head}");
+        }
     }
 
     #[test]

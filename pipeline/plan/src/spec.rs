@@ -6,6 +6,7 @@ mod faults;
 pub mod publish;
 mod search;
 mod set;
+mod several;
 
 use std::{collections::BTreeMap, ops::Range, path::PathBuf, time::Duration};
 
@@ -230,6 +231,7 @@ impl SpecParser {
         let seed = self.seed(root);
         let (store, store_at) = self.store(root);
         let tables = self.named(root, "tables").iter().filter_map(|(n, v)| self.source(n, v)).collect();
+        let tables = several::tables(tables, &mut self.faults);
         let axes: Vec<SweepAxis> = self.named(root, "axes").iter().filter_map(|(n, v)| self.axis(n, v)).collect();
         let search = self.search(root, seed, &axes);
         let stages = self.stages(root);

@@ -25,7 +25,7 @@ def frame(table: Table) -> pl.LazyFrame:
 
     def read(chosen: str, end: str) -> pl.DataFrame:
         query = f"select {chosen} from ({table._query}) as whole{end}"
-        return polars.DataFrame(Table(table._store, query, table._memory_limit))
+        return polars.DataFrame(Table(table._store, query, table._memory_limit, name=table._name))
 
     def batches(
         columns: list[str] | None, predicate: pl.Expr | None, rows: int | None, size: int | None

@@ -25,7 +25,8 @@ class Table:
     use and kept there. Any library with Arrow's PyCapsule interface can read the table, without a
     copy of the Arrow data: ``polars.DataFrame(table)``, ``pyarrow.table(table)``.
 
-    Sort the rows or use ``order by`` before you apply functions that require increasing times.
+    The rows of a table of a store have the order of the store: flight, line, axes, time. The rows
+    of a query have an order only with ``order by``.
 
     Examples
     --------
@@ -53,7 +54,8 @@ class Table:
     @cached_property
     def _rows(self) -> _magline.QueryResult:
         with tempfile.TemporaryDirectory(prefix="magline-") as spill:
-            return _magline.sql(self._store, self._query, spill, self._memory_limit)
+            in_order = self._name is not None
+            return _magline.sql(self._store, self._query, spill, self._memory_limit, in_order)
 
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
         """Capsule with an Arrow C stream of the rows. ``requested_schema`` has no effect."""

@@ -53,15 +53,16 @@ pub fn table_parts(py: Python<'_>, store: PathBuf, table: String) -> PyResult<Qu
 }
 
 /// Result of a query over a store. `spill` is a private folder for temporary files. The memory limit does not count the
-/// result, which the caller keeps.
+/// result, which the caller keeps. With `in_order`, the rows of a table keep the order of the store.
 #[pyfunction]
-#[pyo3(signature = (store, query, spill, memory_limit))]
+#[pyo3(signature = (store, query, spill, memory_limit, in_order))]
 pub fn sql(
     py: Python<'_>,
     store: PathBuf,
     query: String,
     spill: PathBuf,
     memory_limit: Option<usize>,
+    in_order: bool,
 ) -> PyResult<QueryResult> {
     let stopped = Arc::new(AtomicBool::new(false));
     let seen = stopped.clone();
@@ -69,7 +70,9 @@ pub fn sql(
         pulled(&store)?;
         let memory = memory_limit.unwrap_or_else(memory::by_default);
         let mut collector = Collector { batches: vec![], schema: None, stopped: seen };
-        pipeline::report::sql::sql(&StoreQuery { store: &store, query: &query, memory, spill }, &mut collector)?;
+        let question = StoreQuery { store: &store, query: &query, memory, spill };
+        let ask = if in_order { pipeline::report::sql::sql_in_order } else { pipeline::report::sql::sql };
+        ask(&question, &mut collector)?;
         let Collector { batches, schema, .. } = collector;
         Ok(schema.map(|schema| QueryResult { schema, batches }))
     };

@@ -64,6 +64,20 @@ def read(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     return since
 
 
+def test_rows_have_the_order_of_flight_line_axes_and_time(done: magline.Run) -> None:
+    keys = ["flight", "line", "factor", "tt"]
+    table = done.table("made")
+    first = table.polars()
+    assert first.height == 2 * 2 * 4 * ROWS
+    assert first.select(keys).equals(first.select(keys).sort(keys))
+    for _ in range(5):
+        again = magline.Store(done.store.path)["lazy"]["made"]
+        assert again.polars().equals(first)
+        assert again.lazy().collect().equals(first)
+        assert again.lazy().select("line", "tt").collect().equals(first.select("line", "tt"))
+        assert again.lazy().filter(pl.col("line") == "2").collect().equals(first.filter(pl.col("line") == "2"))
+
+
 def test_a_predicate_on_keys_reads_only_its_rows(done: magline.Run, read: Callable[[], int]) -> None:
     lazy, whole = done.table("made").lazy(), done.table("made").polars()
     assert whole.height == 2 * 2 * 4 * ROWS

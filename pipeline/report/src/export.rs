@@ -1,20 +1,44 @@
-//! Export of a table of a store: lists spread over columns, rows in the order of the table.
+//! Export of a table of a store: lists spread over columns, time stamps in UTC, rows in the order of the table.
 
+mod gpkg;
 mod mat;
 mod spread;
+mod utc;
 mod xyz;
 
-use std::{io, sync::Arc};
+use std::{fs::File, io, io::BufWriter, path::Path, sync::Arc};
 
 use arrow_array::{RecordBatch, RecordBatchOptions};
 use arrow_schema::{Field, Schema, SchemaRef};
 use schemas::Fault;
 
-pub use mat::MatWriter;
-pub use xyz::GeosoftWriter;
-
 use crate::sql::{BatchSink, StoreQuery, sql_in_order};
+use gpkg::GeoPackageWriter;
+use mat::MatWriter;
 use spread::spread;
+use utc::UtcColumn;
+use xyz::GeosoftWriter;
+
+/// File format with its own writer.
+#[derive(Clone, Copy)]
+pub struct TableFormat {
+    /// Extension of its files.
+    pub extension: &'static str,
+    /// Creates a file for a table of this name.
+    pub create: fn(&Path, &str) -> Result<Box<dyn TableWriter>, Fault>,
+}
+
+/// The file formats with their own writers.
+pub const TABLE_FORMATS: &[TableFormat] = &[
+    TableFormat { extension: "xyz", create: |path, _| Ok(Box::new(GeosoftWriter::new(file(path)?))) },
+    TableFormat { extension: "gpkg", create: |path, table| Ok(Box::new(GeoPackageWriter::create(path, table)?)) },
+    TableFormat { extension: "mat", create: |path, _| Ok(Box::new(MatWriter::new(file(path)?))) },
+];
+
+fn file(path: &Path) -> Result<BufWriter<File>, Fault> {
+    let file = File::create(path).map_err(|e| write_failed(&e))?;
+    Ok(BufWriter::with_capacity(1 << 16, file))
+}
 
 /// Writer of a table in a file format.
 pub trait TableWriter: Send {
@@ -56,24 +80,25 @@ pub fn query(table: &str, lines: &[String], condition: Option<&str>) -> Result<S
     Ok(format!("SELECT * FROM {}.{}{conditions}", name(pipeline), name(own)))
 }
 
-/// Sends the rows of a query to `sink`, batch by batch, in the order of the table, with lists spread over columns. With
-/// `units`, the name of each column ends with its unit: `mag_c [nT]`.
+/// Sends the rows of a query to `sink`, batch by batch, in the order of the table, with lists spread over columns. A
+/// table with a date also has the column `utc`. With `units`, the name of each column ends with its unit: `mag_c [nT]`.
 ///
 /// # Errors
 /// Fails when the query fails, and for a list that cannot be spread over columns.
 pub fn export(question: &StoreQuery, sink: &mut dyn BatchSink, units: bool) -> Result<(), Fault> {
-    sql_in_order(question, &mut SpreadSink { sink, units })
+    sql_in_order(question, &mut SpreadSink { sink, units, utc: UtcColumn::default() })
 }
 
 /// Receiver that spreads lists over columns for another receiver.
 struct SpreadSink<'a> {
     sink: &'a mut dyn BatchSink,
     units: bool,
+    utc: UtcColumn,
 }
 
 impl SpreadSink<'_> {
-    fn spread(&self, batch: &RecordBatch) -> Result<RecordBatch, Fault> {
-        let spread = spread(batch)?;
+    fn spread(&mut self, batch: &RecordBatch) -> Result<RecordBatch, Fault> {
+        let spread = self.utc.add(&spread(batch)?)?;
         if !self.units {
             return Ok(spread);
         }
@@ -90,7 +115,8 @@ impl SpreadSink<'_> {
 
 impl BatchSink for SpreadSink<'_> {
     fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault> {
-        self.sink.take(self.spread(&batch)?)
+        let spread = self.spread(&batch)?;
+        self.sink.take(spread)
     }
 
     fn keeps(&self, batch: &RecordBatch) -> usize {
@@ -98,6 +124,7 @@ impl BatchSink for SpreadSink<'_> {
     }
 
     fn finish(&mut self, schema: &SchemaRef) -> Result<(), Fault> {
-        self.sink.finish(&self.spread(&RecordBatch::new_empty(schema.clone()))?.schema())
+        let spread = self.spread(&RecordBatch::new_empty(schema.clone()))?;
+        self.sink.finish(&spread.schema())
     }
 }

@@ -74,7 +74,7 @@ pub fn sql(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault>
 ///
 /// # Errors
 /// Fails as [`sql`].
-pub(crate) fn sql_in_order(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault> {
+pub fn sql_in_order(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault> {
     query(question, sink, true)
 }
 

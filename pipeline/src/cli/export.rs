@@ -1,16 +1,12 @@
 //! `magline export`: a table of a store as a file for other programs.
 
-use std::{
-    fs::File,
-    io::BufWriter,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
 use clap::Args;
 use report::{
-    export::{self, GeosoftWriter, MatWriter, TableWriter},
+    export::{self, TABLE_FORMATS, TableFormat, TableWriter},
     sql::{BatchSink, StoreQuery, memory},
 };
 use schemas::Fault;
@@ -27,9 +23,8 @@ use super::{
 pub struct ExportArgs {
     /// The table, as PIPELINE.TABLE.
     table: String,
-    /// The output file; its extension selects the format: .csv, .xyz (Geosoft), .mat (MATLAB) or
-    /// .parquet. An existing file is
-    /// replaced when the new file is complete.
+    /// The output file; its extension selects the format: .csv, .parquet, .xyz (Geosoft), .gpkg (GeoPackage) or .mat
+    /// (MATLAB). An existing file is replaced when the new file is complete.
     #[arg(short, long)]
     output: PathBuf,
     /// Append the unit to each column name in the header of a CSV file, such as `mag_c [nT]`.
@@ -50,8 +45,7 @@ pub struct ExportArgs {
 /// File format of an export.
 enum ExportFormat {
     Answer(answer::AnswerFormat),
-    /// A format with a writer of its own.
-    Table(fn(BufWriter<File>) -> Box<dyn TableWriter>),
+    Table(TableFormat),
 }
 
 fn format(output: &Path) -> Result<ExportFormat, Fault> {
@@ -59,12 +53,14 @@ fn format(output: &Path) -> Result<ExportFormat, Fault> {
     Ok(match ending.as_deref() {
         Some("csv") => ExportFormat::Answer(answer::AnswerFormat::Csv),
         Some("parquet") => ExportFormat::Answer(answer::AnswerFormat::Parquet),
-        Some("xyz") => ExportFormat::Table(|file| Box::new(GeosoftWriter::new(file))),
-        Some("mat") => ExportFormat::Table(|file| Box::new(MatWriter::new(file))),
         other => {
+            if let Some(format) = TABLE_FORMATS.iter().find(|format| other == Some(format.extension)) {
+                return Ok(ExportFormat::Table(*format));
+            }
             let given = other.map_or("a file without an extension".to_owned(), |e| format!("`.{e}`"));
             let fault = Fault::new(format!("a table cannot be exported as {given}"));
-            return Err(fault.help("use one of the extensions .csv, .xyz, .mat, .parquet"));
+            let more: String = TABLE_FORMATS.iter().map(|format| format!(", .{}", format.extension)).collect();
+            return Err(fault.help(format!("use one of the extensions .csv, .parquet{more}")));
         }
     })
 }
@@ -88,8 +84,9 @@ pub fn run(args: &ExportArgs) -> Result<(), ExitReason> {
                 let mut writer = answer::AnswerWriter::new(format, Some(&args.output))?;
                 answered(&question, &mut writer, |question, sink| export::export(question, sink, args.units))?;
             }
-            ExportFormat::Table(writer) => {
-                let mut file = TableFile::new(&args.output, writer)?;
+            ExportFormat::Table(format) => {
+                let table = args.table.split_once('.').map_or("", |(_, table)| table);
+                let mut file = TableFile::new(&args.output, format, table.trim_matches('"'))?;
                 answered(&question, &mut file, |question, sink| export::export(question, sink, false))?;
             }
         }
@@ -105,11 +102,10 @@ struct TableFile<'a> {
 }
 
 impl TableFile<'_> {
-    fn new(path: &Path, writer: fn(BufWriter<File>) -> Box<dyn TableWriter>) -> Result<TableFile<'_>, Fault> {
+    fn new<'a>(path: &'a Path, format: TableFormat, table: &str) -> Result<TableFile<'a>, Fault> {
         let tmp = TemporaryFile::new(answer::unfinished(path, std::process::id()));
-        let file = File::create(tmp.path());
-        let file = file.map_err(|e| Fault::machine(format!("cannot write {}: {e}", path.display())))?;
-        Ok(TableFile { path, tmp, writer: Some(writer(BufWriter::with_capacity(1 << 16, file))) })
+        let writer = (format.create)(tmp.path(), table)?;
+        Ok(TableFile { path, tmp, writer: Some(writer) })
     }
 }
 

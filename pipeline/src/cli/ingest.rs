@@ -73,7 +73,8 @@ pub struct IngestArgs {
     /// Accept impossible values.
     #[arg(long)]
     accept_range: bool,
-    /// Write a suggested mapping for the log instead, with the reason for each guess.
+    /// Write a suggested mapping for the logs instead, with the reason for each guess. Of several logs, the first one is
+    /// examined, and the others are compared with it.
     #[arg(long, conflicts_with = "lines")]
     suggest: bool,
     /// The output file of the suggested mapping; standard output by default.
@@ -475,14 +476,14 @@ fn as_json(work: &IngestItem, exported: &ExportOutcome, line: &ExportLine) -> se
     })
 }
 
-/// Writes a suggested mapping for a log.
+/// Writes a suggested mapping for logs.
 fn suggested(args: &IngestArgs) -> Result<(), ExitReason> {
-    let [input] = args.inputs.as_slice() else {
-        return Err(Fault::new("`--suggest` requires exactly one log").into());
-    };
-    let path = Path::new(input);
+    let mut logs = vec![];
+    for input in &args.inputs {
+        logs.extend(find(input, Path::new(""), args.format.is_some() || Path::new(input).is_file())?);
+    }
     let options = FlightOptions { format: args.format.clone(), ..FlightOptions::default() };
-    let text = suggest::suggest(path, &options, flight_formats()).map_err(Fault::from)?.text;
+    let text = suggest::suggest_for(&logs, &options, flight_formats()).map_err(Fault::from)?.text;
     let Some(to) = &args.output else {
         say::out_text(text);
         return Ok(());

@@ -1,6 +1,11 @@
 //! `magline verify DIR`: checks that a published set is unchanged, and that its description is correct.
 
-use std::{collections::BTreeMap, fs, io::Read, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    io::Read,
+    path::Path,
+};
 
 use arrow_array::cast::AsArray;
 use rayon::prelude::*;
@@ -27,13 +32,28 @@ impl ReleaseVerification {
     fn push(&mut self, file: &str, why: impl Into<String>) {
         self.faults.push((file.to_owned(), why.into()));
     }
+
+    /// Removes the further reasons of a missing file.
+    fn merge(&mut self) {
+        let mut missing = BTreeSet::new();
+        self.faults.retain(|(file, why)| !missing.contains(file) && (why != MISSING || missing.insert(file.clone())));
+    }
 }
+
+/// Reason of a missing file.
+const MISSING: &str = "it is missing";
 
 /// Checks the set in the folder `root`: checksums, files, every value of every table, and the documents against these.
 ///
 /// # Errors
 /// Fails when there is no published set, or the folder cannot be read.
 pub fn verify(root: &Path) -> Result<ReleaseVerification, Fault> {
+    let mut found = checked(root)?;
+    found.merge();
+    Ok(found)
+}
+
+fn checked(root: &Path) -> Result<ReleaseVerification, Fault> {
     let read = |name: &str| text(root, name);
     if !root.join(checksums::NAME).exists() && !root.join(DICTIONARY).exists() {
         let fault = Fault::new(format!("{} is not a published set", root.display()));
@@ -105,7 +125,7 @@ fn text(root: &Path, name: &str) -> Result<String, String> {
 fn sum(root: &Path, path: &str, sizes: &DocumentedSizes) -> Result<String, String> {
     let full = root.join(path);
     let there = fs::symlink_metadata(&full).map_err(|e| match e.kind() {
-        std::io::ErrorKind::NotFound => "it is missing".to_owned(),
+        std::io::ErrorKind::NotFound => MISSING.to_owned(),
         _ => e.to_string(),
     })?;
     if !there.is_file() {
@@ -255,7 +275,7 @@ fn agree(set: &ReleaseSet, root: &Path, found: &mut ReleaseVerification) -> Resu
         }
         let Ok(text) = text(root, &path) else {
             if !root.join(&path).exists() {
-                found.push(&path, "it is missing");
+                found.push(&path, MISSING);
             }
             continue;
         };

@@ -118,8 +118,13 @@ impl<'a> ParamReader<'a> {
     /// Adds the fault of a value of another type.
     pub fn wrong_type(&mut self, name: &str, wanted: &str, given: &SpecEntry) {
         let article = if wanted.starts_with(['a', 'e', 'i', 'o']) { "an" } else { "a" };
+        let is_number = |item: &&Literal| matches!(item, Literal::Int(_) | Literal::Float(_));
         let found = match &given.value {
             Literal::Int(_) | Literal::Float(_) => given.value.to_string(),
+            Literal::List(items) => match items.iter().find(|item| !is_number(item)).or(items.first()) {
+                Some(Literal::Text(word)) if wanted.contains("number") => format!("a list with the text `{word}`"),
+                _ => format!("a list of {}", items.len()),
+            },
             other => format!("a {}", other.type_name()),
         };
         let what = format!("`{name}` of `{}` must be {article} {wanted}, not {found}", self.owner);

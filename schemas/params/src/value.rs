@@ -319,10 +319,7 @@ impl<T: ParamValue> ParamValue for Vec<T> {
     const TYPE: &'static str = "list";
 
     fn type_words() -> String {
-        match T::TYPE {
-            "list" => format!("list of {}", several(&T::type_words())),
-            _ => Self::TYPE.to_owned(),
-        }
+        format!("list of {}", several(&T::type_words()))
     }
 
     const WORDS: &'static [&'static str] = T::WORDS;
@@ -410,8 +407,8 @@ impl<T: ParamValue, const N: usize> ParamValue for [T; N] {
 
 /// The plural of the name of a type.
 fn several(words: &str) -> String {
-    match words.split_once(' ') {
-        Some((first, rest)) => format!("{first}s {rest}"),
+    match words.split_once(" of ") {
+        Some((first, rest)) => format!("{first}s of {rest}"),
         None => format!("{words}s"),
     }
 }

@@ -256,7 +256,7 @@ mod tests {
             ("`mag` has no parameter `topik` (did you mean `topic`?)", "topik"),
             ("`lat` has no parameter `unti` (did you mean `unit`?)", "unti"),
             ("`lon` must be a table, not a whole number", "3"),
-            ("`scale` of `flux_a` must be a list, not a text", "'x'"),
+            ("`scale` of `flux_a` must be a list of numbers, not a text", "'x'"),
         ];
         assert_eq!(found.iter().map(|(a, b)| (a.as_str(), *b)).collect::<Vec<_>>(), expected);
     }

@@ -20,8 +20,8 @@ use self::{
     separated::{CsvStyle, CsvText},
 };
 use super::{
-    FileHead, FlightBatch, FlightFormat, FlightOptions, RawFlight, ReadHints, RowFault, decimal, limits::check_columns,
-    missing, missing::MissingMarkers,
+    FileHead, FlightBatch, FlightFormat, FlightOptions, RawFlight, ReadHints, RowFault, adopt, decimal,
+    limits::check_columns, missing, missing::MissingMarkers,
 };
 use crate::{
     ReadError,
@@ -134,8 +134,7 @@ pub(super) fn header(path: &Path) -> Result<Vec<String>, ReadError> {
 
 /// Rejects a column that becomes `tt` if its first value is text, such as a date: `tt` is a number of seconds.
 fn check_time(path: &Path, names: &[String], options: &FlightOptions) -> Result<(), ReadError> {
-    let ours = |name: &String| options.rename.get(name).map_or(name.as_str(), String::as_str) == "tt";
-    let Some(at) = names.iter().position(ours) else { return Ok(()) };
+    let Some(at) = names.iter().position(|name| ours(name, options) == "tt") else { return Ok(()) };
     let (name, missing) = (&names[at], MissingMarkers::from_options(options));
     let first = reader(path)?.into_records().find_map(Result::ok);
     let Some(text) = first.as_ref().and_then(|record| record.get(at)) else { return Ok(()) };
@@ -164,9 +163,15 @@ fn reader(path: &Path) -> Result<csv::Reader<CsvText>, ReadError> {
     Ok(csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(file))
 }
 
+/// Name in the flight table of the column `name` of a file.
+fn ours<'a>(name: &'a str, options: &'a FlightOptions) -> &'a str {
+    let plain = adopt::name_of_head(name);
+    options.rename.get(name).or_else(|| options.rename.get(plain)).map_or(plain, String::as_str)
+}
+
 /// Type of a column according to its canonical name or the options; `None` if the values determine it.
 fn settled_kind(name: &str, options: &FlightOptions) -> Option<CsvColumnKind> {
-    let ours = options.rename.get(name).map_or(name, String::as_str);
+    let ours = ours(name, options);
     let known = flight::describe(ours);
     match ours {
         "flight" | "line" => Some(CsvColumnKind::Key),

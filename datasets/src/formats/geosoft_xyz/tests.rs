@@ -108,3 +108,17 @@ fn unit_faults_are_reported_with_their_line() {
     fs::write(&path, "/ x y\nLine 10\n\x1a").unwrap();
     assert!(open_raw(&path, &FlightOptions::default(), &ReadHints::default()).is_err());
 }
+
+#[test]
+fn unit_a_text_in_quotes_is_one_word() {
+    for (text, expected) in [
+        (r#"1.0 "tactical grade" 2"#, vec!["1.0", "tactical grade", "2"]),
+        (r#"1.0 "a, b" 2"#, vec!["1.0", "a, b", "2"]),
+        (r#"1.0,"a, b",,2"#, vec!["1.0", "a, b", "", "2"]),
+        (r#"1.0 "" 2"#, vec!["1.0", "", "2"]),
+        (r#"1.0 "x" 2"#, vec!["1.0", "x", "2"]),
+        (r#"1.0 5" 2"#, vec!["1.0", "5", "2"]),
+    ] {
+        assert_eq!(words(text), expected, "{text}");
+    }
+}

@@ -109,7 +109,7 @@ impl Flights {
         trust: ReusePolicy,
     ) -> Result<Flights, Vec<Fault>> {
         let placed = |f: Fault| f.at(decl.path.1.clone());
-        let FileOptions { options, mapped, lines } = flight_options(decl, folder)?;
+        let FileOptions { options, mapped, lines, note } = flight_options(decl, folder)?;
         // A fault in a mapping is shown at its place in the mapping.
         let shown = |f: &Fault| mapped.is_some() && intake::mapping::is_shown(f);
         let any_name = decl.options.contains_key("format");
@@ -131,6 +131,7 @@ impl Flights {
         let mut faults = vec![];
         let mut fields: Vec<arrow_schema::FieldRef> = vec![];
         let (mut files, mut notes) = (vec![], Vec::from_iter(young.map(|what| format!("`{}`: {what}", decl.name))));
+        notes.extend(note);
         let threads = threads_in_each(found.len());
         for path in found {
             // A second file that it names may also be an object.

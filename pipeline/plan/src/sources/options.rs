@@ -4,22 +4,24 @@ use std::{path::Path, sync::Arc};
 
 use datasets::{FlightOptions, MapOptions};
 use intake::{
+    flight_formats,
     line_table::{FlightDivision, LineTable},
-    mapping::{Mapping, MappingTable, is_shown},
+    mapping::{Mapping, MappingTable, detect::fitting, is_shown},
 };
 use schemas::{ChoiceRegistry, Fault, ParamReader, Params, params};
 
-use super::files::file;
+use super::files::{file, find};
 use crate::spec::SourceDecl;
 
 params! {
     /// The mapping and the lines of a log.
     pub struct MappingOptions, all default;
-    /// The mapping of the columns: a TOML file, or the name of a built-in mapping such as `px4_ulog`. It replaces
-    /// `rename`, `units` and `topic`.
+    /// The mapping of the columns: a TOML file, or the name of a built-in mapping such as `px4_ulog`. `auto` chooses the
+    /// built-in mapping that reads most of the first log, and a note names it. A mapping replaces `units` and `topic`. With a mapping, `rename` applies to the columns of the mapping.
     mapping: Option<String>, unit "", default None, absent "columns are identified by their names";
-    /// The table of the mapping.
-    table: Option<String>, unit "", default None, absent "the only table";
+    /// The table of the mapping. A list declares several tables at once: in `[tables.log]`, `table = ["mag", "gps"]`
+    /// declares `log_mag` and `log_gps`.
+    table: Option<Vec<String>>, unit "", default None, absent "the only table";
     /// A table of `flight`, `line`, `t_start` and `t_end` (s past midnight UTC) that replaces the lines in the files. A
     /// sample belongs to the line that contains its time; samples outside all lines are dropped. `auto` finds the lines
     /// of each flight: straight lines and tie lines, calibration boxes, cloverleafs, figures of eight and circles.
@@ -43,9 +45,11 @@ pub struct FileOptions {
     pub mapped: Option<MappingTable>,
     /// Division of the flights into lines, if it differs from the lines in the file.
     pub lines: Option<FlightDivision>,
+    /// The mapping that was chosen by content, for the user.
+    pub note: Option<String>,
 }
 
-/// Value of `lines` that selects detection.
+/// Value of `lines` and of `mapping` that selects detection.
 pub const AUTO: &str = "auto";
 
 /// Division by the table of lines `name`, or by detection.
@@ -86,10 +90,10 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<FileOptions, V
         return if table.is_some() {
             Err(vec![at(fault(), "table")])
         } else {
-            Ok(FileOptions { options, mapped: None, lines })
+            Ok(FileOptions { options, mapped: None, lines, note: None })
         };
     };
-    let taken: Vec<Fault> = ["rename", "units", "topic", "epsg"]
+    let taken: Vec<Fault> = ["units", "topic", "epsg"]
         .into_iter()
         .filter_map(|key| option_of(key).map(|given| (key, given)))
         .map(|(key, given)| {
@@ -100,12 +104,35 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<FileOptions, V
     if !taken.is_empty() {
         return Err(taken);
     }
+    let (name, note) = if name == AUTO {
+        chosen(decl, folder, &options).map_err(|fault| vec![at(fault, "mapping")])?
+    } else {
+        (name, None)
+    };
     // A fault in the text of a mapping is shown at its own place.
     let mapping = Mapping::load(&name, |name| file(name, folder))
         .map_err(|f| vec![if is_shown(&f) { f } else { at(f, "mapping") }])?;
     let key = if table.is_some() { "table" } else { "mapping" };
-    let mapped = Arc::new(mapping).table(table.as_deref()).map_err(|f| vec![at(f, key)])?;
-    Ok(FileOptions { options, mapped: Some(mapped), lines })
+    let mapped =
+        Arc::new(mapping).table(table.iter().flatten().map(String::as_str).next()).map_err(|f| vec![at(f, key)])?;
+    Ok(FileOptions { options, mapped: Some(mapped), lines, note })
+}
+
+/// The name of the built-in mapping that reads most tables of the first log of a declaration, and a note on the choice.
+fn chosen(decl: &SourceDecl, folder: &Path, options: &FlightOptions) -> Result<(String, Option<String>), Fault> {
+    let logs = find(&decl.path.0, folder, options.format.is_some())?;
+    let log = logs.first().ok_or_else(|| Fault::new(format!("there is no log in {}", decl.path.0)))?;
+    let raw = FlightOptions { format: options.format.clone(), ..FlightOptions::default() };
+    let fits = fitting(log, &raw, flight_formats()).map_err(Fault::from)?;
+    let shown = log.file_name().unwrap_or_default().to_string_lossy();
+    let Some(best) = fits.first() else {
+        let fault = Fault::new(format!("no built-in mapping fits {shown}"));
+        return Err(fault.help("`magline ingest --suggest LOG -o ours.toml` writes a mapping"));
+    };
+    let tables = best.tables.join(", ");
+    let note =
+        format!("`{}`: the mapping `{}` is chosen by the content of {shown}; it reads {tables}", decl.name, best.name);
+    Ok((best.name.to_owned(), Some(note)))
 }
 
 /// The options of a map.

@@ -1,17 +1,21 @@
 //! MATLAB MAT-files of level 5, uncompressed. [MathWorks, MAT-File Format, R2025a]
 //!
 //! Each column is a column vector of the same name. A column of texts is a vector of positions in a cell array
-//! `NAME_names`; 0 is a missing text. The cell array `columns` has one row for each vector: its variable, the name of
-//! the column, the unit and the description.
+//! `NAME_names`; 0 is a missing text. A time is in seconds since 1970-01-01 UTC, as `datetime` of MATLAB reads it. The
+//! cell array `columns` has one row for each vector: its variable, the name of the column, the unit and the description.
 
 use std::{
     collections::{HashMap, HashSet},
     io::Write,
 };
 
-use arrow_array::{Array, RecordBatch, cast::AsArray, types::Float64Type};
+use arrow_array::{
+    Array, RecordBatch,
+    cast::AsArray,
+    types::{Float64Type, TimestampMicrosecondType},
+};
 use arrow_cast::{cast, display::ArrayFormatter};
-use arrow_schema::{DataType, Field, Schema};
+use arrow_schema::{DataType, Field, Schema, TimeUnit};
 use schemas::Fault;
 
 use super::{TableWriter, write_failed};
@@ -81,7 +85,9 @@ impl<W: Write> MatWriter<W> {
             let of = |key: &str| field.metadata().get(key).cloned().unwrap_or_default();
             let is_text = is_text(field);
             let variable = variable(field.name(), is_text, &mut taken);
-            let names = [variable, field.name().clone(), of("unit"), of("description")];
+            let is_time = matches!(field.data_type(), DataType::Timestamp(..));
+            let unit = if is_time { "s since 1970-01-01 UTC".to_owned() } else { of("unit") };
+            let names = [variable, field.name().clone(), unit, of("description")];
             self.columns.push(MatVector { names, values: vec![], texts: is_text.then(DistinctTexts::default) });
         }
     }
@@ -136,6 +142,13 @@ impl MatVector {
             self.values.extend((0..array.len()).map(of).map(|at| at as f64));
             return Ok(());
         }
+        if let DataType::Timestamp(_, zone) = array.data_type() {
+            let micro = DataType::Timestamp(TimeUnit::Microsecond, zone.clone());
+            let times = cast(array, &micro).map_err(|e| Fault::bug(e.to_string()))?;
+            let times = times.as_primitive::<TimestampMicrosecondType>();
+            self.values.extend(times.iter().map(|time| time.map_or(f64::NAN, |time| time as f64 / 1e6)));
+            return Ok(());
+        }
         let cast = cast(array, &DataType::Float64).map_err(|e| Fault::bug(e.to_string()))?;
         self.values.extend(cast.as_primitive::<Float64Type>().iter().map(|value| value.unwrap_or(f64::NAN)));
         let exact = |value: &f64| !array.data_type().is_integer() || value.is_nan() || value.abs() < 2f64.powi(53);
@@ -149,7 +162,8 @@ impl MatVector {
 }
 
 fn is_text(field: &Field) -> bool {
-    !(field.data_type().is_numeric() || matches!(field.data_type(), DataType::Boolean))
+    let kind = field.data_type();
+    !(kind.is_numeric() || matches!(kind, DataType::Boolean | DataType::Timestamp(..)))
 }
 
 /// Unused name of a variable: letters, digits and `_`, beginning with a letter. The name of a text leaves room for the

@@ -13,7 +13,7 @@ use super::{TableWriter, write_failed};
 const RECORDS: [&str; 2] = ["flight", "line"];
 
 /// Writer of a table of lines as Geosoft XYZ. Numbers precede texts, because a row must begin with a number. Numbers
-/// have as many digits as needed to read the same value.
+/// have as many digits as needed to read the same value. A text of several words is in double quotes.
 pub struct GeosoftWriter<W> {
     out: W,
     /// Positions of the written columns.
@@ -146,13 +146,18 @@ fn number(value: f64) -> String {
     }
 }
 
-/// A text as one word.
+/// A text as one word, in quotes if necessary.
 fn word(text: String) -> Result<String, Fault> {
     if text.is_empty() {
         return Ok("*".to_owned());
     }
-    check(&text, "text")?;
-    Ok(text)
+    if check(&text, "text").is_ok() {
+        return Ok(text);
+    }
+    if text.contains('"') || text.contains(char::is_control) {
+        return Err(unusable(&text, "text"));
+    }
+    Ok(format!("\"{text}\""))
 }
 
 /// Rejects a text that is not one word in the format.
@@ -183,5 +188,14 @@ mod tests {
             assert_eq!(number(value).parse::<f64>().map(f64::to_bits), Ok(value.to_bits()), "{value}");
         }
         assert_eq!(number(f64::NAN), "*");
+    }
+
+    #[test]
+    fn unit_a_text_of_several_words_is_quoted() {
+        let of = |text: &str| word(text.to_owned()).ok();
+        assert_eq!(of("tactical").as_deref(), Some("tactical"));
+        assert_eq!(of("tactical, new").as_deref(), Some("\"tactical, new\""));
+        assert_eq!(of("").as_deref(), Some("*"));
+        assert_eq!((of("5\" disk"), of("two\nlines")), (None, None));
     }
 }

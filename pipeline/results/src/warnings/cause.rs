@@ -227,7 +227,9 @@ impl<'a> LineFacts<'a> {
                         .to_owned(),
                 ]
             }
-            WarningKind::Retention | WarningKind::Fit | WarningKind::Map | WarningKind::Metric => vec![],
+            WarningKind::Retention | WarningKind::Fit | WarningKind::Map | WarningKind::Stage | WarningKind::Metric => {
+                vec![]
+            }
         };
         (!found.is_empty()).then(|| found.join("; "))
     }

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use arrow_array::{Array, cast::AsArray};
 use plan::{LineId, Plan, PlanGraph, PlanUnit, SweepPoint, TableRef};
 use rayon::prelude::*;
-use schemas::{Fault, TableKind};
+use schemas::{Fault, Grain, TableKind};
 use store::Store;
 
 use crate::text::number;
@@ -55,13 +55,15 @@ pub enum WarningKind {
     Fit,
     /// Warning of a stage that makes a map.
     Map,
+    /// Warning of another stage that reads several lines, such as `lag`.
+    Stage,
     /// A metric that cannot be computed for a line.
     Metric,
 }
 
 impl WarningKind {
     /// All kinds.
-    pub const ALL: [WarningKind; 17] = [
+    pub const ALL: [WarningKind; 18] = [
         WarningKind::WorseThanIns,
         WarningKind::NeesHigh,
         WarningKind::NeesLow,
@@ -78,6 +80,7 @@ impl WarningKind {
         WarningKind::Retention,
         WarningKind::Fit,
         WarningKind::Map,
+        WarningKind::Stage,
         WarningKind::Metric,
     ];
 
@@ -100,6 +103,7 @@ impl WarningKind {
             WarningKind::Retention => "retention",
             WarningKind::Fit => "fit",
             WarningKind::Map => "map",
+            WarningKind::Stage => "stage",
             WarningKind::Metric => "metric",
         }
     }
@@ -124,6 +128,7 @@ impl WarningKind {
             | WarningKind::Retention
             | WarningKind::Fit
             | WarningKind::Map
+            | WarningKind::Stage
             | WarningKind::Metric => false,
         }
     }
@@ -154,6 +159,7 @@ impl WarningKind {
             WarningKind::Retention => "compensation removed part of the anomaly",
             WarningKind::Fit => "the fit has a warning",
             WarningKind::Map => "the map has a warning",
+            WarningKind::Stage => "the stage has a warning",
             WarningKind::Metric => "metrics cannot be computed",
         }
     }
@@ -200,8 +206,8 @@ impl Warning {
     }
 }
 
-/// The warnings of all scores, fits and maps that `done` accepts: score tables in the plan's order, then fits, then
-/// maps, each in the order of the sweep and of the lines.
+/// The warnings of all scores, fits, maps and other tables of whole surveys that `done` accepts: score tables in the
+/// plan's order, then fits, then maps and others, each in the order of the sweep and of the lines.
 ///
 /// # Errors
 /// Fails when the store cannot be read.
@@ -211,10 +217,18 @@ pub fn find(graph: &PlanGraph, store: &Store, done: &(dyn Fn(PlanUnit) -> bool +
     let units = |stage| tables(stage).flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect::<Vec<PlanUnit>>();
     let scores = units("score").into_par_iter().map(|unit| of_score(graph, store, unit));
     let fits = units("fit").into_par_iter().map(|unit| of_fit(graph, store, unit));
-    let maps = (0..plan.tables.len()).filter(|t| plan.tables[*t].entry.yields == TableKind::Map);
-    let maps: Vec<PlanUnit> = maps.flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect();
-    let maps = maps.into_par_iter().map(|unit| of_map(graph, store, unit));
-    let found: Vec<Vec<Warning>> = scores.chain(fits).chain(maps).collect::<Result<_, Fault>>()?;
+    let made = |kind: WarningKind, tables: Vec<usize>| {
+        let units: Vec<PlanUnit> = tables.into_iter().flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect();
+        units.into_par_iter().map(move |unit| of_remarks(graph, store, unit, kind))
+    };
+    let is_map = |t: &usize| plan.tables[*t].entry.yields == TableKind::Map;
+    let is_other = |t: &usize| {
+        let entry = &plan.tables[*t].entry;
+        entry.grain == Grain::Survey && !is_map(t) && !["fit", "score"].contains(&entry.name)
+    };
+    let maps = made(WarningKind::Map, (0..plan.tables.len()).filter(is_map).collect());
+    let others = made(WarningKind::Stage, (0..plan.tables.len()).filter(is_other).collect());
+    let found: Vec<Vec<Warning>> = scores.chain(fits).chain(maps).chain(others).collect::<Result<_, Fault>>()?;
     Ok(found.into_iter().flatten().collect())
 }
 
@@ -391,12 +405,12 @@ fn of_fit(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warnin
     Ok(of_whole(graph, unit, WarningKind::Fit, distinct))
 }
 
-/// The warnings of one map that a stage made.
-fn of_map(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Vec<Warning>, Fault> {
+/// The warnings that a stage returned with a map or another table.
+fn of_remarks(graph: &PlanGraph, store: &Store, unit: PlanUnit, kind: WarningKind) -> Result<Vec<Warning>, Fault> {
     let key = graph.key(unit)?;
-    // A map that is not kept is not in the store.
+    // A result that is not kept is not in the store.
     let texts = if store.has(key) { store.remarks(key)?.warnings } else { vec![] };
-    Ok(of_whole(graph, unit, WarningKind::Map, texts))
+    Ok(of_whole(graph, unit, kind, texts))
 }
 
 /// Warnings without a figure.

@@ -151,7 +151,11 @@ fn literal(text: &str, param: &ParamDoc) -> Literal {
             Literal::Text(if words(param).contains(&word.as_str()) { word } else { text.to_owned() })
         }
         "boolean" => text.parse().map_or(Literal::Text(text.to_owned()), Literal::Bool),
-        "list" => Literal::List(text.split(',').map(|one| number(one.trim())).collect()),
+        // A list in the form of a spec is accepted too.
+        "list" => {
+            let inside = text.trim().strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).unwrap_or(text);
+            Literal::List(inside.split(',').map(|one| number(one.trim())).collect())
+        }
         _ => number(text),
     }
 }
@@ -193,7 +197,13 @@ impl<S: FlagStage> StageFlags<S> {
     /// Fails for values that the stage rejects. The message names the flag.
     pub fn stage(&self) -> Result<S, ExitReason> {
         let first = |faults: Vec<Fault>| faults.into_iter().next().map_or_else(Fault::default, in_flags::<S>);
-        let built = (S::declared().build)(&self.given).map_err(first)?;
+        let with_help = |faults: Vec<Fault>| match first(faults) {
+            fault if fault.what.contains("must be a list") && fault.help.is_none() => {
+                fault.help("separate the values by commas, without spaces: 1,2,3,4")
+            }
+            fault => fault,
+        };
+        let built = (S::declared().build)(&self.given).map_err(with_help)?;
         let stage = built.as_any().downcast_ref::<S>().ok_or_else(|| Fault::bug("a stage of another type"))?;
         let unused = self.given.keys().find_map(|key| stage.idle(key));
         unused.map_or(Ok(stage.clone()), |fault| Err(in_flags::<S>(fault).into()))
@@ -246,6 +256,7 @@ mod tests {
         let grid = parsed(&["--spacing-m", "250", "--level=-20", "--keep-outliers", "--bounds", "-1,-2,3,4"]).unwrap();
         assert_eq!((grid.spacing_m, grid.level_m, grid.keep_outliers), (Some(250.0), Some(-20.0), true));
         assert_eq!(grid.bounds, Some(vec![-1.0, -2.0, 3.0, 4.0]));
+        assert_eq!(parsed(&["--bounds", "[-1.0, -2, 3, 4]"]).unwrap().bounds, grid.bounds);
         assert_eq!(parsed(&["--spacing", "250", "--level-lines"]).unwrap().level_order, Some(0));
         assert_eq!(parsed(&["--level-order", "2", "--mask", "inf"]).unwrap().mask_m, Some(f64::INFINITY));
         let curved = parsed(&["--method", "minimum-curvature", "--tension", "0.5"]).unwrap();
@@ -260,5 +271,8 @@ mod tests {
         assert!(tension.contains("`--tension` has no effect without `--method minimum_curvature`"), "{tension}");
         let word = wrong(&["--method", "kriging"]);
         assert!(word.contains("`--method` cannot be `kriging`"), "{word}");
+        let bounds = wrong(&["--bounds", "1 2 3 4"]);
+        assert!(bounds.contains("must be a list of numbers, not a list with the text `1 2 3 4`"), "{bounds}");
+        assert!(bounds.contains("separate the values by commas"), "{bounds}");
     }
 }

@@ -1,5 +1,7 @@
 //! Recognition of the time column, its origin, and the epoch of a log.
 
+use datasets::formats::name_of_head;
+use numerics::regression::statistics::median;
 use schemas::convert;
 
 use super::{TopicSample, quoted, sample::ColumnSample};
@@ -28,10 +30,14 @@ impl ClockGuess {
     }
 }
 
+/// Minimum number of steps of a time that is recognised without its name.
+const LEAST_STEPS: usize = 50;
+
 /// Names of time columns, the most likely first.
-const NAMES: [&[&str]; 5] = [
+const NAMES: [&[&str]; 6] = [
     &["timeus", "timestamp", "timems", "tt"],
     &["time"],
+    &["millis", "micros", "milliseconds", "microseconds", "msec", "usec", "seconds", "secs", "sec", "uptime"],
     &["t"],
     &["utc", "datetime", "date"],
     &["gps", "tow", "sow", "sod", "elapsed", "clock", "zeit", "timestamp"],
@@ -53,7 +59,27 @@ pub fn clock_of(columns: &[ColumnSample]) -> Option<ClockGuess> {
         }
     }
     // Dates and times as text are recognised under any name.
-    columns.iter().filter(|c| c.text.is_some()).find_map(one)
+    columns.iter().filter(|c| c.text.is_some()).find_map(one).or_else(|| only_even(columns))
+}
+
+/// The only column of numbers that increases in even steps, under any name. Two such columns are ambiguous.
+fn only_even(columns: &[ColumnSample]) -> Option<ClockGuess> {
+    let is_even = |c: &&ColumnSample| {
+        let known: Vec<f64> = c.known().collect();
+        let mut steps: Vec<f64> = known.windows(2).map(|w| w[1] - w[0]).collect();
+        if steps.len() < LEAST_STEPS || known.len() < c.values.len() || steps.iter().any(|step| *step <= 0.0) {
+            return false;
+        }
+        let usual = median(&mut steps);
+        let near = steps.iter().filter(|step| (**step / usual - 1.0).abs() < 0.2).count();
+        // A counter of rows has steps of 1, in which no rate can be seen.
+        near * 10 >= steps.len() * 9 && usual != 1.0
+    };
+    let mut found = columns.iter().filter(is_even);
+    let (column, None) = (found.next()?, found.next()) else { return None };
+    let guess = one(column)?;
+    let why = format!("{}; the only column that increases in even steps", guess.why);
+    Some(ClockGuess { why, ..guess })
 }
 
 /// The column of the GPS week, from 1999 to 2037.
@@ -160,8 +186,8 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
     let seconds = convert(unit, "s").unwrap_or(1.0);
     // From 2001 to 2096.
     let unix = (1e9..4e9).contains(&(first * seconds));
-    let of_day =
-        column.name == "tt" || (column.words().iter().any(|w| w == "day" || w == "utc") && last * seconds < 172_800.0);
+    let of_day = name_of_head(&column.name) == "tt"
+        || (column.words().iter().any(|w| w == "day" || w == "utc") && last * seconds < 172_800.0);
     let (clock, why) = match (unix, of_day) {
         (true, _) => ("unix", "as seconds since 1970, the values give a date in this century"),
         (_, true) => ("day", "its name indicates seconds past midnight; the date is unknown"),
@@ -192,6 +218,14 @@ fn unit_of(column: &ColumnSample, first: f64, step: f64) -> Option<(&'static str
         ["us", "ms", "ns", "s"].iter().find(|u| ends(u) || (words.last().is_some_and(|w| w == *u) && words.len() > 1))
     {
         return Some((unit, "suffix of the name"));
+    }
+    let whole_words = [
+        ("ms", ["millis", "milliseconds", "msec"]),
+        ("us", ["micros", "microseconds", "usec"]),
+        ("s", ["seconds", "secs", "sec"]),
+    ];
+    if let Some((unit, _)) = whole_words.iter().find(|(_, names)| words.iter().any(|w| names.contains(&w.as_str()))) {
+        return Some((*unit, "word in the name"));
     }
     for (unit, factor) in [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)] {
         if (1e9 * factor..4e9 * factor).contains(&first) {

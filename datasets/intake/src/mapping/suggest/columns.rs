@@ -2,7 +2,8 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use schemas::{convert, flight, is_unit, plausible::limits, usual_spelling};
+use datasets::formats::{name_of_head, unit_of_name};
+use schemas::{convert, flight, is_unit, one_line, plausible::limits, usual_spelling};
 
 use super::{TopicSample, quoted, sample::ColumnSample};
 
@@ -136,6 +137,9 @@ fn declared_unit(column: &ColumnSample, wanted: &str) -> Option<String> {
     if is_unit(&column.unit) && convert(&column.unit, wanted).is_some() {
         return Some(column.unit.clone());
     }
+    if let Some(unit) = unit_of_name(&column.name).filter(|unit| convert(unit, wanted).is_some()) {
+        return Some(unit);
+    }
     let words = column.words();
     // `rad_s` and `m_s2` are two words; a letter of an axis may follow them.
     let ends = |n: usize| {
@@ -170,6 +174,47 @@ fn can_be(column: &ColumnSample, ours: &str, unit: &str) -> bool {
     let factor = convert(unit, flight::describe(ours).unit).unwrap_or(1.0);
     let Some((limits, (low, high))) = limits(ours).zip(column.range()) else { return true };
     limits.holds(low * factor) && limits.holds(high * factor)
+}
+
+/// Magnitudes of an analogue fluxgate in the earth's field, V.
+const VOLTS: (f64, f64) = (0.15, 12.0);
+/// Usual sensitivities of analogue fluxgates: 10 V at 70, 100, 250, 500 and 1000 uT, in nT per V.
+const SENSITIVITIES: [f64; 5] = [7_000.0, 10_000.0, 25_000.0, 50_000.0, 100_000.0];
+
+/// Sensitivity in nT per V of a fluxgate with the median magnitude `size`, from the reading of a scalar magnetometer,
+/// and the reason; or the reason why it is unknown.
+fn volts(topic: &TopicSample, first: &ColumnSample, size: f64) -> Result<(f64, String), String> {
+    let unit = declared_unit(first, "V").unwrap_or_else(|| "V".to_owned());
+    let volt = convert(&unit, "V").unwrap_or(1.0);
+    let whose = if declared_unit(first, "V").is_some() { "by the names" } else { "by their size" };
+    let field = topic.columns.iter().filter_map(|column| {
+        let guess = scalar(column, topic).filter(|guess| guess.is_used() && flight::is_scalar_reading(&guess.ours))?;
+        let unit = declared_unit(column, "nT").unwrap_or_else(|| "nT".to_owned());
+        Some((guess.theirs.first()?.clone(), column.median()? * convert(&unit, "nT")?))
+    });
+    let field: Vec<(String, f64)> = field.collect();
+    let fits = |nt: &&f64| (15_000.0..100_000.0).contains(&(*nt * size * volt));
+    let Some((name, total_nt)) = field.first() else {
+        let usual: Vec<String> = SENSITIVITIES.iter().filter(fits).map(f64::to_string).collect();
+        return Err(format!(
+            "volts {whose}, with a median magnitude of {size:.4} {unit}; set `scale` in nT per {unit} and \
+             `unit = \"nT\"`; usual values: {}",
+            usual.join(", ")
+        ));
+    };
+    let measured = total_nt / (size * volt);
+    let usual = SENSITIVITIES.into_iter().find(|nt| (measured / nt - 1.0).abs() < 0.15);
+    let scale = usual.unwrap_or_else(|| (measured / 10.0).round() * 10.0) * volt;
+    let kind = if usual.is_some() { "a usual sensitivity" } else { "the ratio of the medians" };
+    Ok((
+        scale,
+        format!(
+            "volts {whose}; {scale} nT per {unit} is {kind}: the median magnitude of {size:.4} {unit} is then {:.0} \
+             nT, and `{}` has {total_nt:.0} nT",
+            scale * size,
+            one_line(name)
+        ),
+    ))
 }
 
 fn vector(
@@ -209,6 +254,16 @@ fn vector(
                     (*unit).to_owned(),
                     format!("in this unit, the median magnitude of {size:.4} is {:.0} nT", size * factor),
                 ),
+                None if declared_unit(first, "V").is_some() || (VOLTS.0..VOLTS.1).contains(&size) => {
+                    return match volts(topic, first, size) {
+                        Ok((scale, why)) => {
+                            let rest = format!(", scale = {scale:?}, axes = \"+x +y +z\"");
+                            let ours = format!("flux_{}", letters.next()?);
+                            made(ours, "nT", &rest, format!("{why}; check `scale`, `axes` and `rotation_deg`"))
+                        }
+                        Err(why) => left(why),
+                    };
+                }
                 None => {
                     return left(format!(
                         "a median magnitude of {size:.4} is not the earth's field in any unit; set its `unit`"
@@ -259,7 +314,8 @@ fn vector(
 fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
     let words = column.words();
     let joined = words.concat();
-    let known = flight::describe(&column.name);
+    let own = name_of_head(&column.name);
+    let known = flight::describe(own);
     let topic_words: Vec<String> =
         topic.name.to_lowercase().split(|c: char| !c.is_alphanumeric()).map(str::to_owned).collect();
     let is_ins = has(&words, &["ins", "nav", "ekf", "est"]) || has(&topic_words, &["ins", "ekf"]);
@@ -286,11 +342,11 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
         });
     }
     // The column already has a name of the flight table, and a unit of its dimension.
-    let listed = flight::COLUMNS.iter().any(|(name, _)| *name == column.name);
-    if (listed || flight::is_scalar_reading(&column.name) || flight::vector_part(&column.name).is_some())
-        && let Some(unit) = declared_unit(column, known.unit).filter(|unit| can_be(column, &column.name, unit))
+    let listed = flight::COLUMNS.iter().any(|(name, _)| *name == own);
+    if (listed || flight::is_scalar_reading(own) || flight::vector_part(own).is_some())
+        && let Some(unit) = declared_unit(column, known.unit).filter(|unit| can_be(column, own, unit))
     {
-        return made(&column.name, &unit, "a column name of the flight table; its unit is in the file");
+        return made(own, &unit, "a column name of the flight table; its unit is in the file");
     }
     let (low, high) = column.range()?;
     let largest = column.largest();
@@ -368,7 +424,7 @@ fn scalar(column: &ColumnSample, topic: &TopicSample) -> Option<ColumnGuess> {
         if let Some(unit) = unit {
             let number = words.iter().find(|w| w.len() < 4 && w.bytes().all(|b| b.is_ascii_digit()));
             let ours = format!("mag_{}_uc", number.map_or("1", String::as_str));
-            let ours = if known.unit == "nT" { column.name.as_str() } else { &ours };
+            let ours = if known.unit == "nT" { own } else { &ours };
             return made(ours, &unit, &format!("a median of {median:.1} {unit} is the earth's field"));
         }
     }

@@ -5,9 +5,16 @@ mod clocks;
 mod columns;
 mod sample;
 
-use std::path::Path;
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
 
-use datasets::{FlightOptions, ReadError, ReadHints, formats::FlightFormat, open_raw_among, topics_among};
+use datasets::{
+    FlightOptions, ReadError, ReadHints,
+    formats::{FlightFormat, LogTopic},
+    open_raw_among, topics_among,
+};
 use schemas::one_line;
 
 use clocks::{ClockGuess, clock_of, epoch_of};
@@ -32,6 +39,59 @@ pub struct MappingSuggestion {
     pub text: String,
     /// Columns that it does not use, with the reason if it is known.
     pub unused: Vec<String>,
+}
+
+/// Maximum number of reasons in the fault of a log without recognised columns.
+const SHOWN: usize = 8;
+
+/// A mapping of several logs: of the first one, with a comment on the logs with other columns.
+///
+/// # Errors
+/// Fails as [`suggest`], and without any log.
+pub fn suggest_for(
+    paths: &[PathBuf],
+    options: &FlightOptions,
+    formats: &[FlightFormat],
+) -> Result<MappingSuggestion, ReadError> {
+    let Some((first, others)) = paths.split_first() else {
+        return Err(ReadError::options(Path::new("."), "there is no log"));
+    };
+    let found = suggest(first, options, formats)?;
+    if others.is_empty() {
+        return Ok(found);
+    }
+    let columns = |path: &Path| -> Result<BTreeSet<String>, ReadError> {
+        let topics = topics_among(formats, path, options)?;
+        let of = |topic: &LogTopic| -> Vec<String> {
+            let prefix = if topic.name.is_empty() { String::new() } else { format!("{}.", topic.name) };
+            topic.columns.iter().map(|c| format!("{prefix}{}", c.name)).collect()
+        };
+        Ok(topics.iter().filter(|topic| topic.note.is_empty()).flat_map(of).collect())
+    };
+    let own = columns(first)?;
+    let (mut same, mut text) = (0, String::new());
+    for path in others {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let line = match columns(path) {
+            Ok(other) if other == own => {
+                same += 1;
+                continue;
+            }
+            Ok(other) => {
+                let list = |names: Vec<&String>| match names.len() {
+                    0 => "nothing".to_owned(),
+                    n if n > 5 => format!("{} columns", names.len()),
+                    _ => names.iter().map(|name| name.as_str()).collect::<Vec<_>>().join(", "),
+                };
+                let (less, more) = (own.difference(&other).collect(), other.difference(&own).collect());
+                format!("{name} lacks {}, and has also {}", list(less), list(more))
+            }
+            Err(e) => format!("{name} cannot be read: {e}"),
+        };
+        text += &wrapped(&one_line(&line));
+    }
+    let counted = format!("# The same columns: {same} of {} other logs.\n", others.len());
+    Ok(MappingSuggestion { text: format!("{counted}{text}{}", found.text), ..found })
 }
 
 /// A mapping of a log.
@@ -75,7 +135,9 @@ pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -
     }
     if tables.is_empty() {
         let what = "cannot suggest a mapping: no table has both an increasing time and a recognised column";
-        return Err(ReadError::options(path, what).help("write a mapping as described in datasets/mappings/README.md"));
+        let mut help = "write a mapping as described in datasets/mappings/README.md".to_owned();
+        rest.iter().take(SHOWN).for_each(|line| help += &format!("; {}", line.trim()));
+        return Err(ReadError::options(path, what).help(help));
     }
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let mut text = format!(
