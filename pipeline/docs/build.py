@@ -20,7 +20,7 @@ from pathlib import Path
 
 import declared
 import python_reference
-from examples import COMMANDS, FLIGHTS, Examples, parts
+from examples import COMMANDS, FLIGHTS, SYNTHS, Examples, parts
 
 DOCS = Path(__file__).resolve().parent
 REPOSITORY = DOCS.parent.parent
@@ -295,7 +295,8 @@ def example_page(examples: Examples) -> None:
     """Writes the page of the spec that all examples of the reference belong to, and its files."""
     write("reference/example.toml", examples.spec)
     write("reference/flight.toml", examples.short)
-    shutil.copyfile(DOCS / "reference" / "example.synth.toml", OUTPUT / "source" / "reference" / "example.synth.toml")
+    for name in SYNTHS:
+        shutil.copyfile(DOCS / "reference" / name, OUTPUT / "source" / "reference" / name)
     text = (DOCS / "reference" / "example-page.txt").read_text(encoding="utf-8")
     write("reference/example.md", text + examples.console(["magline run flight.toml"]))
 
