@@ -27,10 +27,6 @@ REPOSITORY = DOCS.parent.parent
 
 # Pages of the repository that are part of the site, by their place on the site.
 PAGES = {
-    "how-to/object-stores.md": "pipeline/OBJECTS.md",
-    "how-to/cluster.md": "pipeline/CLUSTER.md",
-    "how-to/slurm.md": "datasets/examples/cluster/README.md",
-    "how-to/schedule.md": "datasets/examples/schedule/README.md",
     "how-to/serve.md": "pipeline/SERVE.md",
     "how-to/benchmark.md": "datasets/BENCH.md",
     "how-to/extend.md": "stages/CONTRIBUTING.md",
@@ -48,6 +44,10 @@ PAGES = {
     "reference/mappings.md": "datasets/mappings/README.md",
     "reference/python.md": "pipeline/python/README.md",
     "reference/tasks.md": "pipeline/TASKS.md",
+    "reference/job-arrays.md": "datasets/examples/cluster/README.md",
+    "reference/cluster.md": "pipeline/CLUSTER.md",
+    "reference/schedule.md": "datasets/examples/schedule/README.md",
+    "reference/object-stores.md": "pipeline/OBJECTS.md",
     "reference/readers.md": "tests/readers/README.md",
     "reference/glossary.md": "schemas/GLOSSARY.md",
     "reference/bibliography.md": "schemas/BIBLIOGRAPHY.md",
