@@ -20,17 +20,13 @@ from pathlib import Path
 
 import declared
 import python_reference
-from examples import COMMANDS, FLIGHTS, Examples, parts
+from examples import COMMANDS, FLIGHTS, SYNTHS, Examples, parts
 
 DOCS = Path(__file__).resolve().parent
 REPOSITORY = DOCS.parent.parent
 
 # Pages of the repository that are part of the site, by their place on the site.
 PAGES = {
-    "how-to/object-stores.md": "pipeline/OBJECTS.md",
-    "how-to/cluster.md": "pipeline/CLUSTER.md",
-    "how-to/slurm.md": "datasets/examples/cluster/README.md",
-    "how-to/schedule.md": "datasets/examples/schedule/README.md",
     "how-to/serve.md": "pipeline/SERVE.md",
     "how-to/benchmark.md": "datasets/BENCH.md",
     "how-to/extend.md": "stages/CONTRIBUTING.md",
@@ -48,6 +44,10 @@ PAGES = {
     "reference/mappings.md": "datasets/mappings/README.md",
     "reference/python.md": "pipeline/python/README.md",
     "reference/tasks.md": "pipeline/TASKS.md",
+    "reference/job-arrays.md": "datasets/examples/cluster/README.md",
+    "reference/cluster.md": "pipeline/CLUSTER.md",
+    "reference/schedule.md": "datasets/examples/schedule/README.md",
+    "reference/object-stores.md": "pipeline/OBJECTS.md",
     "reference/readers.md": "tests/readers/README.md",
     "reference/glossary.md": "schemas/GLOSSARY.md",
     "reference/bibliography.md": "schemas/BIBLIOGRAPHY.md",
@@ -295,7 +295,8 @@ def example_page(examples: Examples) -> None:
     """Writes the page of the spec that all examples of the reference belong to, and its files."""
     write("reference/example.toml", examples.spec)
     write("reference/flight.toml", examples.short)
-    shutil.copyfile(DOCS / "reference" / "example.synth.toml", OUTPUT / "source" / "reference" / "example.synth.toml")
+    for name in SYNTHS:
+        shutil.copyfile(DOCS / "reference" / name, OUTPUT / "source" / "reference" / name)
     text = (DOCS / "reference" / "example-page.txt").read_text(encoding="utf-8")
     write("reference/example.md", text + examples.console(["magline run flight.toml"]))
 

@@ -25,6 +25,11 @@ alt_m = 300.0
 [tables.observatory]
 path = "datasets/samples/boulder/bou20141104vmin.min"
 """
+# A slow flight whose track crosses itself, for the metric of crossings.
+CROSSING = """
+[tables.crossing]
+path = "crossing.synth.toml"
+"""
 # Stages of the example of a model or a filter.
 MODEL = """
 [[stages]]
@@ -91,6 +96,13 @@ flat_over_m     = 500.0
 name  = "score_gnss"
 stage = "score"
 input = ["compensate", "navigate_gnss"]
+
+[[stages]]
+name    = "score_crossing"
+stage   = "score"
+input   = "crossing"
+mag     = "mag_1_uc"
+metrics = ["figure_of_merit_crossings"]
 """
 # Columns of stages whose new columns do not show their effect.
 SHOWN = {
@@ -99,6 +111,7 @@ SHOWN = {
     "join": ["mag_4_uc_bp", "flux_a_x"], "navigate": ["lat", "lon", "sd_n", "sd_e"],
     "importance": ['"group"', "value", "spread", "unit"], "summary": ["metric", "value", "low", "high"],
 }
+SYNTHS = ["example.synth.toml", "crossing.synth.toml"]
 ROWS = 3
 COLUMNS = 4
 LINES = 24
@@ -181,6 +194,18 @@ FLIGHTS = {
     ],
     "sgl_xyz": ["magline ingest datasets/samples/magnavjl_sample/Flt1003_sample.xyz --to sgl_xyz"],
     "magnav_csv": ["magline ingest datasets/samples/simple_magnav/xyz.csv --to magnav_csv"],
+    "imf": [
+        # An hour of the record of Boulder in the other format: tenths of nT, and hundredths of a minute of arc.
+        """awk 'BEGIN { print "BOU NOV0414 308 00 HDZF R GOL 04992548 005527 RRRRRRRRRRRRRRRR" } """
+        """/^2014/ && n < 60 { printf "%7.0f %7.0f %7.0f %7.0f%s", 10*$4, 100*$5, 10*$6, 10*$7, n++ % 2 ? "\\n" : " " }' """
+        "datasets/samples/boulder/bou20141104vmin.min > bou.imf",
+        "head -n 2 bou.imf", "magline ingest bou.imf --to imf",
+    ],
+    "mfam": [
+        r"printf 'Counter,Date,Time,Latitude,Longitude,Mag1Data,Mag1Valid\n"
+        r"0,2026/04/24,09:30:00.0,49.5,7.0,48213.1204,1\n1,2026/04/24,09:30:00.1,49.5,7.0,48213.0987,1\n' > magarrow.csv",
+        "magline ingest magarrow.csv --flight 1 --to mfam",
+    ],
     "iaga2002": ["magline ingest datasets/samples/boulder/bou20141104vmin.min --to iaga2002"],
     "csv": [
         "magline sql 'SELECT flight, line, tt, lat, lon, alt, mag_4_uc FROM flight.compensate ORDER BY line, tt' "
@@ -224,7 +249,8 @@ class Examples:
         (folder / ".bin" / "magline").symlink_to(program)
         # Only linked: no example writes to it.
         (folder / "datasets").symlink_to(REPOSITORY / "datasets")
-        shutil.copyfile(DOCS / "reference" / "example.synth.toml", folder / "example.synth.toml")
+        for name in SYNTHS:
+            shutil.copyfile(DOCS / "reference" / name, folder / name)
         self.stages: dict[tuple[str, str], str] = {}
         for kind, name, example in parts(reference):
             if kind == "model":
@@ -233,7 +259,7 @@ class Examples:
                 keys = aligned(example or f'filter = "{name}"', 15)
                 example = FILTER.format(name=name, keys=keys, metric="drms_bound" if name == "crlb" else "drms")
             self.stages[kind, name] = example.strip() + "\n"
-        self.spec = TABLES + "\n" + "\n".join([*self.stages.values(), FURTHER.strip() + "\n"])
+        self.spec = TABLES + CROSSING + "\n" + "\n".join([*self.stages.values(), FURTHER.strip() + "\n"])
         (folder / "example.toml").write_text(self.spec, encoding="utf-8")
         short = [TABLES.replace('"reference"', '"flight"').split("\n[tables.anomaly]")[0]]
         self.short = "\n".join([*short, *(self.stages["stage", name] for name in SHORT), END.lstrip()])
@@ -293,7 +319,7 @@ class Examples:
     @cached_property
     def scored(self) -> dict[str, str]:
         """The table of each metric that has a value."""
-        tables = ("score_gnss", "score_crlb", "score_map", "score", "score_track")
+        tables = ("score_crossing", "score_gnss", "score_crlb", "score_map", "score", "score_track")
         union = " UNION ALL ".join(f"SELECT '{t}', metric, value FROM reference.{t}" for t in tables)
         output, _ = run(f'magline sql "{union}" --format csv', self.folder)
         rows = [line.split(",") for line in output.splitlines()[1:]]

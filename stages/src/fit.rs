@@ -319,7 +319,7 @@ fn warm_start_faults(model: &ChoiceSelection<FitModelDecl>, start: Option<&&Tabl
     Some(
         Fault::new(what)
             .of_param("warm_start")
-            .help("name the table of a fit of a network, and set `model` to a network"),
+            .help("give the table of a `fit` stage with a network, and set `model` to a network"),
     )
 }
 
@@ -442,7 +442,7 @@ fn start(table: &RecordBatch) -> Result<TrainingStart, Fault> {
         FittedModelForm::Learned(learned) => Ok(TrainingStart { model: *learned, rate_hz }),
         FittedModelForm::Linear { .. } => {
             let fault = Fault::data("the model of `warm_start` is linear and has no weights");
-            Err(fault.of_param("warm_start").help("name the table of a fit of a network"))
+            Err(fault.of_param("warm_start").help("give the table of a `fit` stage with a network"))
         }
     }
 }

@@ -21,7 +21,7 @@ impl Default for HillShading {
     }
 }
 
-/// Fraction of the slopes that are less steep than the slope drawn as 45 degrees.
+/// Fraction of the slopes that are drawn at less than 45 degrees.
 const GENTLE: f64 = 0.9;
 
 /// Light on each node of `sheet` relative to level ground, which has 1; unknown nodes also have 1. `ground` is the

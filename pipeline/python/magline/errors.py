@@ -30,6 +30,18 @@ class Fault:
     spec_line : int or None
         Line number in the spec, from 1. For a spec given as a dict, line number in
         ``Spec.from_dict(spec).toml()``.
+
+    Examples
+    --------
+    >>> import magline
+    >>> try:
+    ...     magline.check("datasets/examples/tolles_lawson.toml", set={"coefficients.lamda": 0.1})
+    ... except magline.SpecError as error:
+    ...     fault = error.faults[0]
+    >>> fault.what
+    '`fit` has no parameter `lamda`'
+    >>> fault.help
+    'did you mean `lambda`?'
     """
 
     what: str
@@ -56,6 +68,15 @@ class MaglineError(Exception):
         All faults, in the order of the message.
     help : str or None
         Remedy of the first fault; None if there is no fault or no remedy.
+
+    Examples
+    --------
+    >>> import magline
+    >>> try:
+    ...     magline.maps.open("README.md")
+    ... except magline.MaglineError as error:
+    ...     print(type(error).__name__, error.faults[0].file, error.faults[0].what)
+    DataError README.md is not in a known map format
     """
 
     def __init__(self, message: str, faults: tuple[Fault, ...] = ()) -> None:
@@ -77,19 +98,60 @@ class MaglineError(Exception):
 
 
 class SpecError(MaglineError, ValueError):
-    """Error in the spec or in an argument, including a file that does not exist."""
+    """Error in the spec or in an argument, including a file that does not exist.
+
+    Examples
+    --------
+    >>> import magline
+    >>> try:
+    ...     magline.check({"name": "cabin", "stages": [{"name": "even", "stage": "resampel"}]})
+    ... except magline.SpecError as error:
+    ...     print(error.faults[0].what, "-", error.help)
+    there is no stage `resampel` - did you mean `resample`?
+    """
 
 
 class DataError(MaglineError, ValueError):
-    """Error in the data: a file, flight, line, column or row."""
+    """Error in the data: a file, flight, line, column or row.
+
+    Examples
+    --------
+    >>> import magline
+    >>> try:
+    ...     magline.maps.open("README.md")
+    ... except magline.DataError as error:
+    ...     print(error.faults[0].what)
+    is not in a known map format
+    """
 
 
 class MachineError(MaglineError, OSError):
-    """Lack of disk space, permission, memory or another resource. A retry may succeed."""
+    """Lack of disk space, permission, memory or another resource. A retry may succeed.
+
+    Examples
+    --------
+    >>> import magline
+    >>> try:
+    ...     magline.run("datasets/examples/tolles_lawson.toml", store="README.md/store")
+    ... except magline.MachineError as error:
+    ...     print(error.faults[0].owner)
+    machine
+    """
 
 
 class BugError(MaglineError, RuntimeError):
-    """Defect in magline. Please report it together with the spec."""
+    """Defect in magline. Please report it together with the spec.
+
+    Examples
+    --------
+    >>> import magline, tempfile
+    >>> try:
+    ...     run = magline.run("datasets/examples/tolles_lawson.toml", store=tempfile.mkdtemp())
+    ... except magline.BugError as error:
+    ...     print(f"please report this with the spec: {error}")
+    >>> run.failures
+    []
+    """
 
 
 Error = MaglineError

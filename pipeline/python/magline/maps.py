@@ -39,6 +39,15 @@ class Map:
     error_nt : numpy.ndarray, shape (rows, columns), or None
         Standard deviation of the error of each node, nT; NaN where unknown. None if the file does
         not give it.
+
+    Examples
+    --------
+    >>> from magline import maps
+    >>> found = maps.open("datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif")
+    >>> found.anomaly_nt.shape, found.unit, found.epsg
+    ((462, 345), 'm', 32754)
+    >>> float(found.alt_m[0, 0])
+    500.0
     """
 
     x: NDArray[np.float64]

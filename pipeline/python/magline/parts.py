@@ -58,6 +58,16 @@ class Column:
         Names of the entries of a list column. The stage returns a matrix with one row per sample.
     text
         Whether the column holds text.
+
+    Examples
+    --------
+    >>> import magline
+    >>> column = magline.Column("nT", doc="signal minus its mean")
+    >>> @magline.stage(reads={"mag_1_uc": "nT"}, makes={"centred": column}, version=1)
+    ... def subtract_mean(line):
+    ...     return line["mag_1_uc"] - line["mag_1_uc"].mean()
+    >>> column.unit, column.doc
+    ('nT', 'signal minus its mean')
     """
 
     unit: str = ""
@@ -78,6 +88,17 @@ class Param:
         Meaning.
     least, most
         Limits of a number, both included.
+
+    Examples
+    --------
+    >>> import magline
+    >>> from typing import Annotated
+    >>> window = magline.Param("s", doc="length of the window", least=0.0)
+    >>> @magline.stage(reads={"mag_1_uc": "nT"}, makes={"slow": "nT"}, version=1)
+    ... def slow_part(line, *, window_s: Annotated[float, window] = 1.0):
+    ...     return line["mag_1_uc"]
+    >>> window.unit, window.least
+    ('s', 0.0)
     """
 
     unit: str = ""
@@ -137,6 +158,22 @@ def stage(
     ------
     ValueError
         If the name belongs to a built-in stage or another function, or the source is not available.
+
+    Examples
+    --------
+    >>> import magline, numpy, tempfile
+    >>> @magline.stage(reads={"mag_1_uc": "nT"}, makes={"absolute": "nT"}, version=1)
+    ... def absolute(line):
+    ...     '''Magnitude of the signal.'''
+    ...     return numpy.abs(line["mag_1_uc"])
+    >>> spec = magline.Spec("own_stage", store=tempfile.mkdtemp())
+    >>> sample = "datasets/samples/magnavjl_tl/magnavjl_tl.parquet"
+    >>> names = {"time_s": "tt", "mag_1_uc_nt": "mag_1_uc"}
+    >>> flights = spec.table("flights", sample, flight="1", line="1", rename=names)
+    >>> table = spec.stage("absolute", name="absolute", input=flights)
+    >>> rows = spec.run().table("absolute").polars()
+    >>> bool((rows["absolute"] == rows["mag_1_uc"].abs()).all())
+    True
     """
 
     def register(function: _F) -> _F:
@@ -222,7 +259,18 @@ def model(
 
     Examples
     --------
-    >>> magline.model(sklearn.linear_model.Ridge, name="sk_ridge", version=1)  # doctest: +SKIP
+    >>> import magline
+    >>> def shift():
+    ...     '''The first feature plus a constant.'''
+    ...     class Shift:
+    ...         def fit(self, x, y):
+    ...             self.shift_nt = (y - x[:, 0]).mean()
+    ...         def predict(self, x):
+    ...             return x[:, 0] + self.shift_nt
+    ...     return Shift()
+    >>> made = magline.model(shift, version=1)
+    >>> [part.kind for part in magline.parts.registered() if part.name == "shift"]
+    ['model']
     """
 
     def register(made: Any) -> Any:
@@ -262,6 +310,16 @@ def filter(
         Name in a spec. Default: the name of the function.
     depends
         Functions, classes, modules and files whose change also changes the results.
+
+    Examples
+    --------
+    >>> import magline
+    >>> @magline.filter(version=1, needs_map=False)
+    ... def dead_reckoning(flight):
+    ...     '''Position of the INS.'''
+    ...     return {"lat": flight["lat"], "lon": flight["lon"]}
+    >>> [part.kind for part in magline.parts.registered() if part.name == "dead_reckoning"]
+    ['filter']
     """
 
     def register(function: _F) -> _F:
@@ -303,6 +361,16 @@ def metric(
         Name in a spec. Default: the name of the function.
     depends
         Functions, classes, modules and files whose change also changes the results.
+
+    Examples
+    --------
+    >>> import magline, numpy
+    >>> @magline.metric(unit="nT", version=1, pool="mean")
+    ... def mean_absolute_error(error):
+    ...     '''Mean absolute error of the compensated field.'''
+    ...     return numpy.abs(error).mean()
+    >>> float(mean_absolute_error(numpy.array([1.0, -3.0])))
+    2.0
     """
 
     def register(function: _F) -> _F:
@@ -324,6 +392,20 @@ def load_parts(path: str | Path) -> types.ModuleType:
 
     The file can import modules of its folder. The command ``magline --parts FILE.py`` does the same, and so do its
     worker processes.
+
+    Examples
+    --------
+    >>> import magline, pathlib, tempfile
+    >>> file = pathlib.Path(tempfile.mkdtemp()) / "parts.py"
+    >>> _ = file.write_text(
+    ...     "import magline\\n"
+    ...     "@magline.metric(unit='nT', version=1)\\n"
+    ...     "def largest_error(error):\\n"
+    ...     "    return abs(error).max()\\n"
+    ... )
+    >>> module = magline.load_parts(file)
+    >>> [part.name for part in magline.parts.registered() if part.name == "largest_error"]
+    ['largest_error']
     """
     file = Path(path).resolve()
     if not file.is_file():

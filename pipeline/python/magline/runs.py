@@ -47,6 +47,15 @@ class Warning:
         Description in one sentence.
     cause : str or None
         Likely cause; None if it is unknown.
+
+    Examples
+    --------
+    >>> import magline, tempfile
+    >>> spec = "datasets/examples/tolles_lawson.toml"
+    >>> trivial = {"axes.lambda": [0.0], "coefficients.low_hz": 0.0, "coefficients.high_hz": 0.0}
+    >>> for warning in magline.run(spec, set=trivial, store=tempfile.mkdtemp()).warnings:
+    ...     print(warning.stage, warning.kind, warning.axes)
+    coefficients fit {'lambda': 0.0}
     """
 
     stage: str
@@ -80,6 +89,20 @@ class Failure:
         Error message.
     fault : Fault
         Same error, with its owner, place and remedy as attributes.
+
+    Examples
+    --------
+    >>> import magline, pathlib, tempfile
+    >>> log = pathlib.Path(tempfile.mkdtemp()) / "flight.csv"
+    >>> _ = log.write_text("tt,lat,lon,mag_1_uc\\n0.0,95.0,10.0,50000\\n0.1,95.0,10.0,50001\\n")
+    >>> spec = magline.Spec("bad", store=log.parent / "store")
+    >>> flights = spec.table("flights", log, flight="1", line="1")
+    >>> even = spec.resample(name="even", input=flights, rate_hz=10.0)
+    >>> failure = spec.run().failures[0]
+    >>> failure.flight, failure.line, failure.fault.column, failure.fault.row
+    ('1', '1', 'lat', 0)
+    >>> failure.fault.what
+    '95 deg is not a latitude (-90 to 90 deg); this applies to 2 of 2 values'
     """
 
     stage: str
@@ -113,6 +136,20 @@ class ScoreTable:
         of each metric, or None. ``lines`` is the number of lines, and ``marked`` the number of
         flagged lines. ``best`` is True at the best point. ``in_sample`` is True if all lines are in
         sample.
+
+    Examples
+    --------
+    >>> import magline, tempfile
+    >>> run = magline.run("datasets/examples/tolles_lawson.toml", store=tempfile.mkdtemp())
+    >>> scores = run.scores["scores"]
+    >>> scores.over, scores.units["std_uncompensated"]
+    ('one line', 'nT')
+    >>> for row in scores.records():
+    ...     print(row["lambda"], round(row["improvement_ratio_band"], 2))
+    0 3.69
+    0.001 3.23
+    0.025 1.98
+    0.25 1.41
     """
 
     name: str
@@ -176,6 +213,15 @@ class Check:
         Maximum number of points, summed over all tables.
     notes : list of str
         Choices that magline makes because the spec does not, such as the reference of a score.
+
+    Examples
+    --------
+    >>> import magline
+    >>> check = magline.check("datasets/examples/tolles_lawson.toml")
+    >>> check.tables, check.points
+    (['terms', 'coefficients', 'clean', 'scores'], 13)
+    >>> print(check.notes[0])
+    `scores`: not scored without `truth`: `std_error`, `bias_error`, `rms_error`, `snr`
     """
 
     tables: list[str]
@@ -215,6 +261,19 @@ class Run:
         Duration of the run, s.
     folder : Path
         Folder of the published Parquet tables of this pipeline.
+
+    Examples
+    --------
+    >>> import magline, tempfile
+    >>> run = magline.run("datasets/examples/tolles_lawson.toml", store=tempfile.mkdtemp())
+    >>> run
+    <magline.Run tolles_lawson: 13 computed>
+    >>> run.counts["clean"]["computed"]
+    4
+    >>> len(run.table("clean"))
+    4000
+    >>> run.report(tempfile.mkdtemp() + "/report.html").name
+    'report.html'
     """
 
     def __init__(self, summary: dict[str, Any], source: _Source) -> None:

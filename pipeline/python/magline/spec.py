@@ -45,6 +45,15 @@ class TableHandle:
     ----------
     name : str
         Name of the table.
+
+    Examples
+    --------
+    >>> import magline
+    >>> spec = magline.Spec("handles")
+    >>> flights = spec.table("flights", "datasets/samples/simple_magnav/xyz.h5")
+    >>> even = spec.resample(name="even", input=flights, rate_hz=10.0)
+    >>> flights.name, str(even)
+    ('flights', 'even')
     """
 
     name: str
@@ -64,6 +73,14 @@ class Axis:
     ----------
     name : str
         Name of the axis and of its key column.
+
+    Examples
+    --------
+    >>> import magline
+    >>> spec = magline.Spec("axes")
+    >>> plan = spec.axis("plan", ["1003", "1004"])
+    >>> plan.name, f"flight = '{plan}'"
+    ('plan', "flight = '$plan'")
     """
 
     name: str

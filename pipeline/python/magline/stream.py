@@ -34,6 +34,18 @@ class Estimate:
         Measurement minus prediction, nT; NaN without an update.
     nis : float
         Squared residual divided by its predicted variance; NaN without an update.
+
+    Examples
+    --------
+    >>> from magline import stream
+    >>> map = ([44.9, 45.1], [-76.1, -75.9], [[0.0, 0.0], [900.0, 900.0]])
+    >>> filter = stream.ekf(map, errors={"init_position_sigma_m": 100.0})
+    >>> at_rest = [45.0, -76.0, 300.0, 0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 0.0, 0.0, 0.0]
+    >>> estimate = filter.push([0.0, *at_rest], 452.0, 1.0)
+    >>> round(estimate.residual_nt, 3)
+    2.0
+    >>> estimate.sd_n_m < estimate.sd_e_m
+    True
     """
 
     tt_s: float
@@ -60,6 +72,17 @@ class Fix:
         Latitude, longitude (degrees) and height above the WGS-84 ellipsoid (m).
     horizontal_sigma_m, vertical_sigma_m : float
         Standard deviations of each horizontal coordinate and of the height, m.
+
+    Examples
+    --------
+    >>> from magline import stream
+    >>> map = ([44.9, 45.1], [-76.1, -75.9], [[0.0, 0.0], [900.0, 900.0]])
+    >>> filter = stream.ekf(map, errors={"init_position_sigma_m": 100.0})
+    >>> at_rest = [45.0, -76.0, 300.0, 0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 0.0, 0.0, 0.0]
+    >>> fix = stream.Fix(45.0, -76.0, 300.0, horizontal_sigma_m=3.0, vertical_sigma_m=5.0)
+    >>> estimate = filter.push([0.0, *at_rest], float("nan"), 1.0, fix=fix)
+    >>> round(estimate.sd_n_m), round(estimate.sd_e_m)
+    (3, 3)
     """
 
     lat_deg: float
@@ -70,7 +93,19 @@ class Fix:
 
 
 class FilterStream:
-    """Filter that takes one sample after the other; made by `ekf`, `adaptive` and `online`."""
+    """Filter that takes one sample after the other; made by `ekf`, `adaptive` and `online`.
+
+    Examples
+    --------
+    >>> from magline import stream
+    >>> map = ([44.9, 45.1], [-76.1, -75.9], [[0.0, 0.0], [900.0, 900.0]])
+    >>> first, second = stream.ekf(map), stream.ekf(map)
+    >>> at_rest = [45.0, -76.0, 300.0, 0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 0.0, 0.0, 0.0]
+    >>> estimate = first.push([0.0, *at_rest], 452.0, 1.0)
+    >>> second.restore(first.save())
+    >>> first.push([0.1, *at_rest], 452.0, 1.0) == second.push([0.1, *at_rest], 452.0, 1.0)
+    True
+    """
 
     def __init__(self, filter: _magline.FilterStream) -> None:
         self._filter = filter
@@ -215,6 +250,16 @@ def adaptive(
 
     ``bounds_nt`` has the lower and upper bound of the noise of each magnetometer, nT, and ``window``
     is the number of innovations in the estimate. `ekf` describes the other parameters and the errors.
+
+    Examples
+    --------
+    >>> from magline import stream
+    >>> map = ([44.9, 45.1], [-76.1, -75.9], [[0.0, 0.0], [900.0, 900.0]])
+    >>> filter = stream.adaptive(map, [(0.5, 20.0)], window=20)
+    >>> at_rest = [45.0, -76.0, 300.0, 0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 0.0, 0.0, 0.0]
+    >>> estimate = filter.push([0.0, *at_rest], 452.0, 1.0)
+    >>> round(estimate.residual_nt, 3)
+    2.0
     """
     bounds = [(float(low), float(high)) for low, high in bounds_nt]
     setup = _setup(map, decimal_year, errors, max_gap_s)
@@ -235,6 +280,19 @@ def online(
     ``magnetometers`` has, for each uncompensated magnetometer, the mean and the standard deviation of
     the prior of its coefficients, and the spectral density of their random walk (per second). `ekf`
     describes the other parameters and the errors. Each sample requires the terms of all magnetometers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magline import stream
+    >>> map = ([44.9, 45.1], [-76.1, -75.9], [[0.0, 0.0], [900.0, 900.0]])
+    >>> prior = (np.zeros(2), np.full(2, 10.0), np.full(2, 1e-4))
+    >>> filter = stream.online(map, [prior])
+    >>> at_rest = [45.0, -76.0, 300.0, 0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 0.0, 0.0, 0.0]
+    >>> estimate = filter.push([0.0, *at_rest], 456.0, 1.0, terms=[1.0, 0.0])
+    >>> values, sigma = filter.coefficients
+    >>> bool(values[0] > 0.0), bool(sigma[0] < 10.0)
+    (True, True)
     """
     priors = [
         (column(mean).tolist(), column(sigma).tolist(), column(walk).tolist())

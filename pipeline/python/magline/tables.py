@@ -116,6 +116,16 @@ class Pipeline:
     ----------
     name : str
         Name of the pipeline.
+
+    Examples
+    --------
+    >>> import magline, tempfile
+    >>> run = magline.run("datasets/examples/tolles_lawson.toml", store=tempfile.mkdtemp())
+    >>> pipeline = run.store["tolles_lawson"]
+    >>> pipeline.tables[:3]
+    ['clean', 'coefficients', 'failures']
+    >>> len(pipeline["coefficients"])
+    72
     """
 
     def __init__(self, store: Store, name: str) -> None:

@@ -36,6 +36,17 @@ class Fit:
         Number of rows in the fit, after exclusions and trimming.
     lambda_ : float
         Ridge parameter, as passed to `fit`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from magline import tolles_lawson
+    >>> a = np.random.default_rng(1).normal(size=(200, 3))
+    >>> fit = tolles_lawson.fit(a, a @ [3.0, -2.0, 1.0])
+    >>> np.round(fit.coefficients, 1).tolist()
+    [3.0, -2.0, 1.0]
+    >>> fit.rows, fit.lambda_
+    (200, 0.025)
     """
 
     coefficients: NDArray[np.float64]

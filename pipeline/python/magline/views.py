@@ -42,6 +42,14 @@ class View:
     ------
     RuntimeError
         If the server does not start.
+
+    Examples
+    --------
+    >>> import magline, tempfile
+    >>> run = magline.run("datasets/examples/tolles_lawson.toml", store=tempfile.mkdtemp())
+    >>> with magline.View(run.store.path) as view:
+    ...     view.address.startswith("http://127.0.0.1:")
+    True
     """
 
     def __init__(self, store: str | os.PathLike[str], *, height: int = 800) -> None:

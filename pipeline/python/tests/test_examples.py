@@ -11,7 +11,7 @@ import pytest
 from conftest import REPOSITORY
 
 MODULES = (
-    "_filters core_field filters maps metrics parts runs signal spec stream tables tolles_lawson".split()
+    "_filters core_field errors filters maps metrics parts runs signal spec stream tables tolles_lawson views".split()
 )
 
 

@@ -39,7 +39,7 @@ pub struct PlannedQuery {
     asked: QueryInput,
     /// Its columns.
     pub schema: SchemaRef,
-    /// Its open parameters in their order; an unknown type is `Null`.
+    /// Its parameters without a value, in order of position. A parameter of unknown type has the type `Null`.
     pub parameters: SchemaRef,
 }
 

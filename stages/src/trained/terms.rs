@@ -102,7 +102,7 @@ impl<'a> TermLookup<'a> {
     /// The values of `KEY[1]`, `KEY[2]`... with their words.
     ///
     /// # Errors
-    /// If one in between is missing.
+    /// If an index between the first and the last is missing.
     pub fn list(&self, key: &str) -> Result<(Vec<String>, Vec<f64>), Fault> {
         let of = |name: &&&str| name.strip_prefix(key).is_some_and(|rest| rest.starts_with('[') && !rest.contains(','));
         let count = self.found.keys().filter(of).count();

@@ -24,7 +24,7 @@ pub struct SpannedValue<T> {
 }
 
 impl<T> SpannedValue<T> {
-    /// Position of the value of a key; position of the whole if the key is unset.
+    /// Position of the value of a key, or of the whole table if the key is unset.
     pub fn at(&self, key: &str) -> MappingSpan {
         self.args.get(key).map_or(self.at.clone(), |given| given.at.clone())
     }

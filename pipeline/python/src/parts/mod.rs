@@ -117,7 +117,7 @@ pub fn catalogue() -> Vec<StageEntry> {
     catalogue.entries()
 }
 
-/// Computes the hashes of the sources again. Functions and constants of a module may have been defined after a part.
+/// Computes the hashes of the sources again. A module may define functions and constants after a part.
 ///
 /// # Errors
 /// `ValueError` if a source is not available.

@@ -288,7 +288,7 @@ impl NetworkTraining {
         }
         if self.curriculum.is_some() {
             if !vector || model.head.form == NetworkForm::VectorOnly {
-                let what = "the number of standard deviations of the curriculum of a network without vector terms";
+                let what = "the curriculum of a network without vector terms";
                 return Err(TrainingError::Setting { what, wanted: "unset", given: self.curriculum.unwrap_or(0.0) });
             }
             expect(state.tolles_lawson.iter().filter(|x| x.is_finite()).count(), model.head.linear)?;

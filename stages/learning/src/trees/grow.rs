@@ -9,7 +9,7 @@ use super::{
     bins::{BINS, ColumnBins, TOGETHER},
 };
 
-/// Minimum ratio of a gain to the two terms whose difference is the gain; smaller gains are rounding errors.
+/// Minimum ratio of a gain to the terms that it is the difference of. Smaller gains are rounding errors.
 const ROUNDING: f64 = 1e-12;
 
 /// Sum of the residuals and number of rows of each bin.

@@ -406,7 +406,7 @@ struct NuisanceParameters {
     temporal: (f64, f64),
 }
 
-/// Knots of the temporal variation of a flight, from `from_s` on at a spacing of `step_s`.
+/// Knots of the temporal variation of a flight: the first at `from_s`, with a spacing of `step_s`.
 struct TemporalKnots {
     first: usize,
     count: usize,

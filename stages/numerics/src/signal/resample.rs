@@ -251,12 +251,12 @@ fn largest(tt: &[f64]) -> f64 {
     tt.iter().fold(0.0f64, |largest, tt| largest.max(tt.abs()))
 }
 
-/// The rounding of times up to `largest`, s.
+/// Bound of the rounding error of times up to `largest`, s.
 fn rounding(largest: f64) -> f64 {
     4.0 * f64::EPSILON * largest
 }
 
-/// The rounding of times up to `largest`, where they can be distinguished at `rate_hz`.
+/// Bound of the rounding error of times up to `largest`, s. Fails if this error is not small compared with the step.
 fn resolution(largest: f64, rate_hz: f64) -> Result<f64, ResampleError> {
     let rounding = rounding(largest);
     if rounding * rate_hz > 1e-3 {

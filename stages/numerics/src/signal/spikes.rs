@@ -94,7 +94,7 @@ fn is_peak(sizes: &[f64], i: usize) -> bool {
     sizes[i.saturating_sub(2)..(i + 3).min(sizes.len())].iter().all(|other| *other <= sizes[i])
 }
 
-/// Noise of a run from its deviations; if most are at the level of rounding, only those with `counts` are used.
+/// Noise of a run, from its deviations. If most deviations are rounding errors, only rows with `counts` are used.
 fn noise_of_run(x: &[f64], sizes: &[f64], counts: impl Fn(usize) -> bool) -> f64 {
     // The median represents most values; the largest may be a spike.
     let rounding = ROUNDING * median(&mut x.iter().map(|x| x.abs()).collect::<Vec<_>>());

@@ -33,7 +33,7 @@ impl<'a> WarmStart<'a> {
     pub fn from_model(model: &'a LearnedModel, form: NetworkForm) -> Result<Self, Fault> {
         let none = || {
             let fault = Fault::data("the model of `warm_start` is not a network").of_param("warm_start");
-            fault.help("name the table of a fit of a network")
+            fault.help("give the table of a `fit` stage with a network")
         };
         let start = Self { parts: model.parts().ok_or_else(none)? };
         if start.head().form == form {

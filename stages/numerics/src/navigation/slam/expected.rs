@@ -15,8 +15,8 @@ const MOST_IN_CELL: usize = 4;
 const MOST_CANDIDATES: usize = 512;
 /// Number of particles from which the spread for the selection of candidates is estimated.
 const SCOUTS: usize = 64;
-/// Distance flown, in radii, after which a sample counts as an earlier sample. The value allows for particles with half
-/// of the speed.
+/// Distance flown, in radii, after which a sample counts as an earlier sample. The value includes particles
+/// that fly at half the speed.
 const RADII_FLOWN: f64 = 2.5;
 /// Distance from the mean, in standard deviations, up to which all samples within the radius of a particle are among
 /// the candidates.
