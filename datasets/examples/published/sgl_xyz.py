@@ -1,10 +1,9 @@
 #!/usr/bin/env python3
 """Writes simulated flights in the layout of the SGL survey's `.xyz` files: python3 sgl_xyz.py TABLE.csv FOLDER
 
-TABLE.csv has the columns of `sgl_twin.synth.toml`, sorted by flight, line and time:
+TABLE.csv has the columns of the twin, from a run of `sgl_lines.toml` on `sgl_twin.synth.toml`:
 
-    magline ingest sgl_twin.synth.toml --to twin
-    magline sql ... --format csv -o TABLE.csv
+    magline sql -f sgl_xyz.sql --store store_twin --format csv -o TABLE.csv
 
 The survey's files have the velocity of the INS to the west and upwards, its latitude and longitude in radians, its specific
 force in axes rotated by the wander angle (0 here), and no velocity by GNSS. `*` marks a missing value.
@@ -15,8 +14,7 @@ import math
 import sys
 from pathlib import Path
 
-# Name in the file and number of decimals, in the order of the survey, with the columns of the simulation. A number is the
-# factor of a column.
+# Name in the file, in the order of the survey, with the column and its number of decimals.
 FIELDS = """LINE line:, FLT flight:, YEAR year:0, DOY doy:0, TIME tt:2, UTM-X, UTM-Y, UTM-Z alt:2, MSL-Z, LAT lat:9,
 LONG lon:9, BARO, RADAR, TOPO, DEM, DRAPE, PITCH ins_pitch:4, ROLL ins_roll:4, AZIMUTH ins_yaw:4,
 DIURNAL diurnal:4, COMPMAG1 mag_1_c:4, LAGMAG1, DCMAG1 dc:4, IGRFMAG1 anomaly:4, UNCOMPMAG1, UNCOMPMAG2, UNCOMPMAG3,
