@@ -27,21 +27,20 @@ CUR_ACPWR cur_acpwr:5"""
 COLUMNS = [(*field.split(), "")[:2] for field in FIELDS.replace("\n", " ").split(", ")]
 
 
-def survey(row: dict[str, str]) -> dict[str, str | float]:
-    """Returns the columns of a row with those that the survey derives or turns round."""
-    values: dict[str, str | float] = {k: v if k in ("flight", "line") or not v else float(v) for k, v in row.items()}
+def survey(row: dict[str, str]) -> dict[str, float]:
+    """Returns the numbers of a row, with those that the survey derives or reverses."""
+    values = {name: float(text or "nan") for name, text in row.items() if name not in ("flight", "line")}
     values |= {"ins_vw": -values["ins_ve"], "ins_vu": -values["ins_vd"], "west": -values["ins_fe"]}
     values |= {"up": -values["ins_fd"], "wander": 0.0, "dc": values["mag_1_c"] - values["diurnal"]}
     values["anomaly"] = values["dc"] - values["igrf"]
-    return values | {f"{k}_rad": math.radians(values[k]) for k in ("ins_lat", "ins_lon")}
+    return values | {f"{name}_rad": math.radians(values[name]) for name in ("ins_lat", "ins_lon")}
 
 
-def cell(values: dict[str, str | float], column: str) -> str:
+def cell(row: dict[str, str], values: dict[str, float], column: str) -> str:
     name, _, decimals = column.partition(":")
-    value = values.get(name, "")
-    if value == "" or isinstance(value, float) and math.isnan(value):
-        return "*"
-    return f"{value:.{decimals}f}" if decimals else str(value)
+    if not decimals:
+        return row.get(name, "*")
+    return "*" if math.isnan(values[name]) else f"{values[name]:.{decimals}f}"
 
 
 def main(table: Path, folder: Path) -> None:
@@ -53,7 +52,7 @@ def main(table: Path, folder: Path) -> None:
                 files[row["flight"]] = (folder / f"Flt{row['flight']}.xyz").open("w", encoding="utf-8")
                 print("/\n/\n/ " + " ".join(name for name, _ in COLUMNS), file=files[row["flight"]])
             values = survey(row)
-            print("", *(cell(values, column) for _, column in COLUMNS), file=files[row["flight"]])
+            print("", *(cell(row, values, column) for _, column in COLUMNS), file=files[row["flight"]])
     for file in files.values():
         file.close()
 
