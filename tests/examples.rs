@@ -293,18 +293,78 @@ fn ref_errors_decrease_from_tolles_lawson_to_partial_least_squares_to_a_network(
     assert!(network_nt < linear_nt && linear_nt < box_nt, "{network_nt} {linear_nt} {box_nt}");
 }
 
+/// Values for the paths of `published/sgl_lines.toml`, with the same map twice.
+fn sgl_paths(flights: &Path, map: &Path) -> [String; 3] {
+    let (flights, map) = (flights.display(), map.display());
+    [
+        format!("tables.flights.path={flights}"),
+        format!("tables.eastern.path={map}"),
+        format!("tables.renfrew.path={map}"),
+    ]
+}
+
 #[test]
-fn user_the_thesis_specs_accept_the_columns_of_the_real_survey() {
+fn user_the_specs_for_the_real_survey_accept_its_columns() {
     let folder = TempDir::new().unwrap();
-    for spec in ["thesis_000.toml", "thesis_000_networks.toml", "thesis_000_sweep.toml"] {
-        let spec = repository().join("datasets/examples").join(spec).display().to_string();
+    let samples = repository().join("datasets/samples");
+    let specs = ["thesis_000.toml", "thesis_000_networks.toml", "thesis_000_sweep.toml", "thesis_000_navigation.toml"];
+    for spec in specs.into_iter().chain(["published/ridge.toml", "published/sgl_lines.toml"]) {
+        let path = repository().join("datasets/examples").join(spec).display().to_string();
         for file in ["Flt1003_sample.xyz", "sgl_2020.h5"] {
-            let path = repository().join("datasets/samples/magnavjl_sample").join(file);
-            let set = format!("tables.flights.path={}", path.display());
-            let output = magline(folder.path(), &["check", &spec, "--set", &set]);
-            assert!(output.status.success(), "{}", stderr(&output));
+            // A map in the layout of the Ottawa maps.
+            let sets = sgl_paths(&samples.join("magnavjl_sample").join(file), &samples.join("simple_magnav/map.h5"));
+            let used = if spec.ends_with("sgl_lines.toml") { &sets[..] } else { &sets[..1] };
+            let args: Vec<&str> =
+                ["check", &path].into_iter().chain(used.iter().flat_map(|set| ["--set", set.as_str()])).collect();
+            let output = magline(folder.path(), &args);
+            assert!(output.status.success(), "{spec}: {}", stderr(&output));
         }
     }
+}
+
+#[test]
+fn user_the_spec_for_sgl_lines_reports_missing_files_and_runs_on_the_twin() {
+    let published = repository().join("datasets/examples/published");
+    let folder = TempDir::new().unwrap();
+    let missing = magline(folder.path(), &["check", &published.join("sgl_lines.toml").display().to_string()]);
+    assert_eq!(missing.status.code(), Some(2));
+    assert!(stderr(&missing).contains("there is no file or folder"), "{}", stderr(&missing));
+    // The layout of the Ottawa maps.
+    let osborne = repository().join("datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif").display().to_string();
+    let map = folder.path().join("map.h5");
+    let to = map.display().to_string();
+    let converted =
+        magline(folder.path(), &["map", "convert", &osborne, "--alt", "397", "--to-epsg", "4326", "-o", &to]);
+    assert!(converted.status.success(), "{}", stderr(&converted));
+    let paths = sgl_paths(&published.join("sgl_twin.synth.toml"), &map);
+    let fewer =
+        ["axes.mag=[\"mag_5_uc\"]", "axes.terms=[[\"TL_A_flux_d\"]]", "axes.loss=[\"huber\"]", "even.rate_hz=2.0"];
+    let sets: Vec<&str> = paths.iter().map(String::as_str).chain(fewer).collect();
+    let (store, last) = run_with("published/sgl_lines.toml", &sets);
+    assert_eq!(last["failed"], 0);
+    let drms = |method: &str| -> Vec<f64> {
+        let table = |map: &str| {
+            let scores = read(&store.path().join(format!("store/tables/sgl_lines/{method}_{map}_scores")));
+            let (metrics, values) = (texts(&scores, "metric"), numbers(&scores, "value"));
+            (0..values.len()).filter(|i| metrics[*i] == "drms").map(|i| values[i]).collect::<Vec<f64>>()
+        };
+        [table("eastern"), table("renfrew")].concat()
+    };
+    // Five lines. The smoother uses later measurements too. The cabin magnetometer runs with and without GNSS.
+    let (filter, batch, cold) = (drms("filter"), drms("batch"), drms("lagged"));
+    assert_eq!((filter.len(), batch.len(), cold.len()), (5, 5, 10));
+    assert!(batch.iter().zip(&filter).all(|(b, f)| b < f), "{batch:?} {filter:?}");
+    assert!(cold.iter().all(|m| *m < 75.0), "{cold:?}");
+}
+
+#[test]
+fn ref_the_best_ridge_parameter_is_that_of_thesis_000() {
+    let fewer = ["axes.terms=[[\"permanent\", \"induced\", \"eddy\"]]", "axes.ridge=[0.0, 0.1, 10.0]"];
+    let (folder, last) = run_with("published/ridge.toml", &fewer);
+    assert_eq!(last["failed"], 0);
+    let of = |ridge: f64| rms(folder.path(), "ridge/scores", &[], &[("ridge", ridge)]);
+    // Figure 3-9: large errors without a ridge and with a strong one; the smallest at about 0.1.
+    assert!(of(0.1) < 0.5 * of(0.0) && of(0.1) < 0.5 * of(10.0), "{} {} {}", of(0.0), of(0.1), of(10.0));
 }
 
 #[test]

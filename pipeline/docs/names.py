@@ -71,7 +71,7 @@ class Names:
         self.owners.update(simulation)
         self.sections = SPEC_SECTIONS | set(simulation)
         folders = DATASETS / "examples", DATASETS / "simulate" / "presets"
-        self.specs = {file.name for folder in folders for file in folder.glob("*.toml")}
+        self.specs = {file.name for folder in folders for file in folder.rglob("*.toml")}
         sources = [file for part in ("report/src", "view/src") for file in sorted((PIPELINE / part).rglob("*"))]
         shown = [file for file in sources if file.suffix in (".rs", ".js") and file.parent.name != "vendor"]
         self.titles = "\n".join(file.read_text(encoding="utf-8") for file in shown)
