@@ -17,7 +17,6 @@ mod geometry;
 mod iekf;
 mod ins;
 mod ins_only;
-mod ins_test;
 mod line_noise;
 mod mpf;
 mod mpf_then_ekf;
@@ -51,8 +50,6 @@ pub use filter::{
 pub use filters::FILTERS;
 use further::{AuxiliaryMeasurements, latency_columns};
 pub use geometry::{DeadZones, SensorGeometry};
-pub use ins_test::INS_CORRECTION;
-use ins_test::InsTracks;
 pub use prepared::NavigationResources;
 pub use start::{StartKeys, StartSource};
 pub use tuning::{MeasurementNoise, Tuning};
@@ -366,7 +363,6 @@ impl Stage for Navigate {
             "expected rms error of the map at the height of the line; NaN where the height of the map is unknown";
         columns.push(made(Column::float(MAP_HEIGHT_ERROR, "nT", height)));
         columns.extend(self.start_columns().into_iter().map(made));
-        columns.extend(self.ins_test_column().map(made));
         columns.extend(self.noise_columns(map.is_some()).into_iter().map(made));
         columns.extend(filter.columns(&flight).into_iter().map(made));
         columns.extend(self.has_latency(map.is_some()).then(latency_columns).into_iter().flatten().map(made));
@@ -450,14 +446,7 @@ impl Navigate {
     }
 
     /// The track as arrays; every column must have a value for each sample.
-    fn arrays(
-        &self,
-        track: FilterTrack,
-        flown: &FilterInput,
-        height_error_nt: f64,
-        ins: &mut InsTracks,
-    ) -> Result<Vec<ArrayRef>, Fault> {
-        let correction = self.tests_ins().then(|| ins.correction(flown, &track)).transpose()?;
+    fn arrays(&self, track: FilterTrack, flown: &FilterInput, height_error_nt: f64) -> Result<Vec<ArrayRef>, Fault> {
         let rows = flown.ins.len();
         let fate =
             |(row, update): (usize, &UpdateOutcome)| flown.left_out.get(row).copied().flatten().unwrap_or(*update);
@@ -478,7 +467,6 @@ impl Navigate {
             array(vec![height_error_nt; rows]),
         ];
         arrays.extend(self.start_arrays(flown));
-        arrays.extend(correction.map(|mean| array(vec![mean; rows])));
         arrays.extend(self.noise_arrays(flown));
         arrays.extend(track.more);
         arrays.extend(flown.gnss.as_ref().map(GnssPositions::array));

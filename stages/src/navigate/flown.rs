@@ -13,7 +13,6 @@ use super::{
     Navigate,
     filter::{self, FilterDecl, FilterInput, FilterMagnetometer},
     ins::{self, InsColumns},
-    ins_test::InsTracks,
     line_noise::{LineNoiseEstimate, LineNoiseInputs},
     prepared::NavigationMap,
     start::InitialCondition,
@@ -78,7 +77,6 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<LineOutput> {
             }
         }
         let mut works = vec![];
-        let mut alone = InsTracks::default();
         let mut found = vec![];
         for (place, map) in &maps {
             let (point, map) = (points[*place], map.as_deref());
@@ -103,7 +101,7 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<LineOutput> {
             for (i, track) in of.iter().zip((filter.navigate_points)(&together)) {
                 let (place, stage, flown, map) = &works[*i];
                 let height = map.map_or(f64::NAN, |map| map.errors.of_height_nt(ins.alt_m()));
-                answers[*place] = Some(track.and_then(|track| stage.arrays(track, flown, height, &mut alone)));
+                answers[*place] = Some(track.and_then(|track| stage.arrays(track, flown, height)));
             }
         }
     }

@@ -29,7 +29,7 @@ const SLOW_ERROR: (f64, f64) = (30.0, 3000.0);
 
 impl Navigate {
     /// Whether the initial position is compared with the range over which the map is linear.
-    pub(super) fn tests_start(&self) -> bool {
+    fn tests_start(&self) -> bool {
         let filter = &self.filter.keys;
         filter.needs_map() && filter.takes_field() && !filter.takes_wide_start()
     }

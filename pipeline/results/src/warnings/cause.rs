@@ -8,7 +8,7 @@ use arrow_array::{
 use numerics::earth::dates::decimal_year;
 use plan::{LineId, PlanGraph, TableRef};
 use schemas::Fault;
-use stages::navigate::{INS_CORRECTION, START_COLUMNS};
+use stages::navigate::START_COLUMNS;
 use store::Store;
 
 use super::{WarningKind, limits, navigation, row::LineMetrics};
@@ -35,8 +35,6 @@ pub struct NavigationSettings {
     pub gnss_rejected_s: Option<f64>,
     /// Lag of the magnetometer and its standard deviation at the last sample, in s; `None` without a state for it.
     pub lag_s: Option<(f64, f64)>,
-    /// Mean squared correction of the INS, divided by the covariance of the INS error; `None` if it is not tested.
-    pub ins_correction: Option<f64>,
     /// Standard deviation of the initial position, and the largest one over which the map is linear, in m. `None` for a
     /// filter that does not linearise the map.
     pub start_m: Option<(f64, f64)>,
@@ -94,7 +92,6 @@ impl NavigationSettings {
             dates: declared_year.zip(flight_year),
             gnss_rejected_s: None,
             lag_s: None,
-            ins_correction: first(Track, INS_CORRECTION)?,
             start_m: start?.zip(limit?),
         })
     }
@@ -157,11 +154,6 @@ impl<'a> LineFacts<'a> {
         self.settings.as_ref().and_then(|s| s.start_m).filter(exceeds)
     }
 
-    /// Mean squared correction of the INS, divided by the covariance of the INS error, if it exceeds its limit.
-    pub fn ins_correction(&self) -> Option<f64> {
-        self.settings.as_ref().and_then(|s| s.ins_correction).filter(|square| *square > limits::INS_CORRECTION)
-    }
-
     /// Lag of the magnetometer and its standard deviation, in s, if the lag exceeds its limits.
     pub fn lag_s(&self) -> Option<(f64, f64)> {
         let exceeds = |(lag_s, sigma_s): &(f64, f64)| lag_s.abs() > limits::LAG_S.max(limits::LAG_SIGMAS * sigma_s);
@@ -187,11 +179,6 @@ impl<'a> LineFacts<'a> {
             WarningKind::WideStart => vec![
                 "the initial position has no fix: set `filter = \"mpf_then_ekf\"`, or `start = \"fix\"` with a \
                  position, or a smaller `init_position_sigma_m` if the position is known better"
-                    .to_owned(),
-            ],
-            WarningKind::InsError => vec![
-                "the INS is less accurate than assumed, or its error at the start is larger: check `ins_grade`, `start`, \
-                 and the `init_*` keys; or the filter follows a wrong position"
                     .to_owned(),
             ],
             WarningKind::Late => vec![

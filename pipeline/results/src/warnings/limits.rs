@@ -61,10 +61,6 @@ pub const CORRELATED_NIS: f64 = 1.5;
 /// aircraft at 1.6; at 1.07 over the Osborne map it converges.
 pub const WIDE_START: f64 = 1.5;
 
-/// Largest mean squared correction of the INS, divided by the covariance of the INS error, that is not flagged. The mean
-/// of a chi-square of two degrees that is constant along a line exceeds it once in 20,000 lines.
-pub const INS_CORRECTION: f64 = 20.0;
-
 /// Lag of the magnetometer that is flagged: in s, and in standard deviations of its estimate.
 pub const LAG_S: f64 = 0.05;
 /// See [`LAG_S`].

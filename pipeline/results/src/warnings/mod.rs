@@ -37,8 +37,6 @@ pub enum WarningKind {
     NotWhite,
     /// The initial position is less certain than the distance over which the map is linear.
     WideStart,
-    /// The corrections of the INS exceed its assumed errors.
-    InsError,
     /// The time stamps of the magnetometer are late or early.
     Late,
     /// The test of GNSS positions rejected some.
@@ -63,7 +61,7 @@ pub enum WarningKind {
 
 impl WarningKind {
     /// All kinds.
-    pub const ALL: [WarningKind; 18] = [
+    pub const ALL: [WarningKind; 17] = [
         WarningKind::WorseThanIns,
         WarningKind::NeesHigh,
         WarningKind::NeesLow,
@@ -71,7 +69,6 @@ impl WarningKind {
         WarningKind::NisLow,
         WarningKind::NotWhite,
         WarningKind::WideStart,
-        WarningKind::InsError,
         WarningKind::Late,
         WarningKind::Gnss,
         WarningKind::OffMap,
@@ -94,7 +91,6 @@ impl WarningKind {
             WarningKind::NisLow => "nis_low",
             WarningKind::NotWhite => "not_white",
             WarningKind::WideStart => "wide_start",
-            WarningKind::InsError => "ins_error",
             WarningKind::Late => "late",
             WarningKind::Gnss => "gnss",
             WarningKind::OffMap => "off_map",
@@ -119,7 +115,6 @@ impl WarningKind {
             | WarningKind::NisLow
             | WarningKind::NotWhite => true,
             WarningKind::WideStart
-            | WarningKind::InsError
             | WarningKind::Late
             | WarningKind::Gnss
             | WarningKind::OffMap
@@ -150,7 +145,6 @@ impl WarningKind {
             WarningKind::NisLow => "the filter is cautious: the innovations are far smaller than it predicts",
             WarningKind::NotWhite => "the innovations are correlated in time, so the covariance is too small",
             WarningKind::WideStart => "the initial position is too uncertain for a filter that linearises the map",
-            WarningKind::InsError => "the filter corrects the INS by more than the assumed errors of the INS permit",
             WarningKind::Late => "the time stamps of the magnetometer are wrong by a constant lag",
             WarningKind::Gnss => "GNSS positions contradict the INS and are rejected",
             WarningKind::OffMap => "most samples are off the map",
@@ -332,14 +326,6 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
             WarningKind::WideStart.of_many()
         );
         add(WarningKind::WideStart, (sigma_m, limit_m, "m"), text);
-    }
-    if let Some(square) = facts.ins_correction() {
-        let text = format!(
-            "{}: mean squared correction divided by the covariance of the INS error {}, expected value at most 2",
-            WarningKind::InsError.of_many(),
-            shown(square)
-        );
-        add(WarningKind::InsError, (square, limits::INS_CORRECTION, "1"), text);
     }
     if let Some((lag_s, sigma_s)) = facts.lag_s() {
         let (by_s, what) = (lag_s.abs(), if lag_s > 0.0 { "late" } else { "early" });

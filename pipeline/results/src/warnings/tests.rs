@@ -181,16 +181,6 @@ fn unit_a_wide_start_is_flagged_with_its_remedy() {
 }
 
 #[test]
-fn unit_corrections_beyond_the_errors_of_the_ins_are_flagged() {
-    let row = LineMetrics::from([("nis", 1.0)]);
-    let of = |ins_correction| judge(&facts(&row, NavigationSettings { ins_correction, ..given(5.0) }));
-    let found = of(Some(90.0));
-    assert_eq!((kinds(&found), found[0].value), (vec!["ins_error"], 90.0));
-    assert!(found[0].cause.as_ref().unwrap().contains("`ins_grade`"));
-    assert!([Some(2.0), Some(f64::NAN), None].into_iter().all(|square| of(square).is_empty()));
-}
-
-#[test]
 fn unit_a_significant_lag_is_flagged() {
     let row = LineMetrics::from([("nis", 1.0)]);
     let of = |lag_s| judge(&facts(&row, NavigationSettings { lag_s, ..given(5.0) }));
