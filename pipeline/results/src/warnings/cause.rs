@@ -181,12 +181,13 @@ impl<'a> LineFacts<'a> {
                  position, or a smaller `init_position_sigma_m` if the position is known better"
                     .to_owned(),
             ],
-            WarningKind::Late => vec![
-                "the logger stamps samples when they arrive, or a filter delays them: remove the lag by `lag_s` of \
-                 `resample` before the calibration, because other stages use the time stamps as they are. An error of \
-                 the position at the start has a similar effect: check `start` first"
-                    .to_owned(),
-            ],
+            WarningKind::Late => self.lag_s().map(|(lag_s, _)| {
+                format!(
+                    "the logger stamps samples when they arrive, or a low-pass filter delays the signal: set the lag of \
+                     this column to {lag_s:.2} in `lag_s` of `resample`, before the calibration; an error of the initial \
+                     position has a similar effect, so check `start` first"
+                )
+            }).into_iter().collect(),
             WarningKind::NotWhite => vec![
                 "the filter treats a correlated error as independent noise: a map error between sparse lines \
                  (`map_error_length_m`, `map_sigma_nt`), a time stamp error (`mag_latency_sigma_s`), or the residual \

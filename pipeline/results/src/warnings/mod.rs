@@ -145,7 +145,7 @@ impl WarningKind {
             WarningKind::NisLow => "the filter is cautious: the innovations are far smaller than it predicts",
             WarningKind::NotWhite => "the innovations are correlated in time, so the covariance is too small",
             WarningKind::WideStart => "the initial position is too uncertain for a filter that linearises the map",
-            WarningKind::Late => "the time stamps of the magnetometer are wrong by a constant lag",
+            WarningKind::Late => "the time stamps of the magnetometer have a constant lag",
             WarningKind::Gnss => "GNSS positions contradict the INS and are rejected",
             WarningKind::OffMap => "most samples are off the map",
             WarningKind::Flat => "the map is too flat to correct the position at most samples",
@@ -331,7 +331,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
         let (by_s, what) = (lag_s.abs(), if lag_s > 0.0 { "late" } else { "early" });
         let text = format!(
             "the time stamps of the magnetometer are {by_s:.2} s {what} (standard deviation {sigma_s:.2} s); the filter \
-             estimates this lag and corrects its own measurements only"
+             corrects its own measurements; other stages use the time stamps as they are"
         );
         add(WarningKind::Late, (by_s, limits::LAG_S.max(limits::LAG_SIGMAS * sigma_s), "s"), text);
     }

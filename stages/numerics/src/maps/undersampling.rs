@@ -1,25 +1,26 @@
-//! Error of a map between its nodes, from the map itself.
+//! Interpolation error of a map, estimated from its own nodes.
 //!
-//! Each node is predicted from its neighbours at one and three spacings by cubic interpolation. The error of this
-//! prediction is that of a map with twice the spacing. At a distance h above its sources, the spectrum of a field
-//! decreases exponentially with the wavenumber [Blakely 1996, (12.8)]. A grid with the spacing d cannot represent
-//! wavenumbers above π/d, so its rms error is
+//! Each node is predicted by cubic interpolation from the nodes at one and three spacings on both sides. The residual is
+//! the error of a grid with twice the spacing, in the middle between its nodes. At a height h above its sources, a field
+//! is attenuated by exp(−k h) at the wavenumber k [Blakely 1996, (12.8)]. A grid with the spacing d cannot represent
+//! wavenumbers above π/d. If the sources are white, its rms error is therefore
 //!
-//! E(d) = A exp(−b/d), and therefore E(d) = E(2d) (E(2d) / E(4d))².
+//! E(d) = A exp(−π h/d), so that E(d) = E(2d) (E(2d) / E(4d))².
 //!
-//! The error is largest at strong anomalies, where the slope is large, too. Each node has the error of its
-//! neighbourhood. White noise of the nodes has equal errors at all spacings and is included.
+//! The formula neglects the error of cubic interpolation at smaller wavenumbers, which matters only where d is far below
+//! h. The error is largest around strong anomalies, so each node has the rms error of its neighbourhood. White noise of
+//! the nodes gives the same error at every spacing. The estimate includes it, and exceeds its interpolated value.
 
 use super::plane_grid::PlaneGrid;
 
-/// Weights of the cubic interpolation in the middle of four nodes, for the two inner and the two outer ones.
+/// Weights of cubic interpolation in the middle of four nodes: inner pair, outer pair.
 const CUBIC: [f64; 2] = [9.0 / 16.0, -1.0 / 16.0];
-/// Share of the positions that lie between nodes in one direction. In a map with half of the nodes in each direction,
-/// two thirds of the other nodes lie between nodes in one direction, and one third lies in the middle of a cell.
+/// Share of the squared residual of each direction in the mean over a cell. If every second node is kept in each
+/// direction, two thirds of the removed nodes are on edges of cells and one third in the middle.
 const BETWEEN: f64 = 2.0 / 3.0;
-/// Standard deviation and half width of the window over which errors are averaged, in nodes.
+/// Standard deviation and half width of the Gaussian window of the mean, in nodes.
 const WINDOW: (f64, usize) = (1.0, 4);
-/// Smallest number of nodes with both predictions.
+/// Smallest number of nodes that have both predictions.
 const FEWEST: usize = 50;
 
 /// Standard deviation of the error of cubic interpolation around each node, in the unit of the map, by rows; NaN far

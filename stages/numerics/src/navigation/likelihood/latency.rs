@@ -1,21 +1,21 @@
-//! Search for a lag of the magnetometer's time stamps.
+//! Search for a lag of the magnetometer's time stamps; late stamps have a positive lag.
 
 use super::{NoiseLikelihood, NoisePoint, PERMANENT};
 
-/// Prior standard deviation of the lag, in s. It covers the delays of loggers and filters.
+/// Prior standard deviation of the lag, in s. It covers the delays of loggers and anti-alias filters.
 const PRIOR_SIGMA_S: f64 = 1.0;
-/// Largest lag, in s. A larger estimate is more likely the effect of a wrong position.
+/// Largest lag, in s. A larger estimate probably comes from a position error.
 const LARGEST_S: f64 = 2.0;
-/// Smallest increase of the logarithm of the likelihood for which the lag becomes a state. The likelihood integrates
-/// over the prior of the lag, which alone reduces it by about 3 for a lag known to 0.05 s.
+/// Smallest increase of the logarithm of the likelihood for which the lag becomes a state. The prior alone decreases this
+/// logarithm by ln(1 s / 0.05 s) = 3 for a lag that is known to 0.05 s.
 const LEAST_GAIN: f64 = 6.0;
-/// Factors on the white noise and on the process that are tried first. Without the state, part of this noise is the
-/// effect of the lag.
+/// Factors on the white noise and on the process that are tried first. Without a state for the lag, the noise contains its
+/// effect.
 const FACTORS: [[f64; 2]; 5] = [[1.0, 1.0], [1.0, 0.5], [0.7, 1.0], [0.5, 0.5], [0.4, 0.25]];
 
 impl NoiseLikelihood<'_> {
-    /// Best point and likelihood with the lag as a state if its likelihood is larger by [`LEAST_GAIN`] and the lag at
-    /// most [`LARGEST_S`], otherwise `best` and this likelihood.
+    /// Adds a state for the lag if that gains more than [`LEAST_GAIN`] and the lag is at most [`LARGEST_S`]. Otherwise
+    /// returns `best` and this likelihood.
     pub(super) fn with_latency(self, best: (NoisePoint, f64), least_used: usize) -> ((NoisePoint, f64), Self) {
         if self.search.latency_sigma_s.is_some() || self.search.aircraft.is_some() {
             return (best, self);
