@@ -259,10 +259,38 @@ fn user_the_catalogue_lists_tables_axes_columns_and_lines() {
     let lines = viewed.json("api/lines?table=small.track");
     assert_eq!(lines["lines"].as_array().unwrap().len(), 4);
     let first = &lines["lines"][0];
-    assert_eq!((&first["line"], &first["rows"], &first["first"]), (&"1.01".into(), &700.into(), &36_000.0.into()));
-    assert!((first["last"].as_f64().unwrap() - 36_069.9).abs() < 1e-6);
+    assert_eq!((&first["line"], &first["rows"]), (&"1.01".into(), &700.into()));
     let output = bench.magline(&["lineage", "small.scores", "--format", "json"]);
-    assert_eq!(viewed.json("api/lineage?table=small.scores"), serde_json::from_str::<Value>(&stdout(&output)).unwrap());
+    // The page needs the numbers of points and of lines only: a sweep may have 100,000 points.
+    let mut known: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    let counted = |of: &mut Value, list: &str, key: &str| {
+        for one in of[list].as_array_mut().unwrap() {
+            let count = one[key].as_array().map(Vec::len).or(one[key].as_object().map(|map| map.len()));
+            one[key] = count.unwrap().into();
+            one.as_object_mut().unwrap().retain(|key, _| !["tidy", "cost", "restricted"].contains(&key.as_str()));
+        }
+    };
+    counted(&mut known, "tables", "points");
+    counted(&mut known, "sources", "lines");
+    assert_eq!(viewed.json("api/lineage?table=small.scores"), known);
+}
+
+#[test]
+fn bug_a_sweep_of_a_parameter_stores_its_columns_once() {
+    let bench = Bench::new();
+    bench.spec(
+        "name = \"small\"\nstore = \"store\"\n[tables.flights]\npath = \"flights/\"\n[axes]\nshift = [0.5, 1.5, 2.5]\n\
+         [[stages]]\nname = \"moved\"\nstage = \"derive\"\ninput = \"flights\"\n\
+         columns = { mag_c = \"mag_1_c + $shift\" }\nunits = { mag_c = \"nT\" }\n",
+    );
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let bytes = fs::read(bench.path("store/versions/small/1/units/moved.parquet")).unwrap();
+    let name = b"\"mag_1_c\":";
+    assert_eq!(bytes.windows(name.len()).filter(|part| part == name).count(), 1);
+    let rows =
+        sql(&bench, "SELECT shift, max(mag_c - mag_1_c) AS moved FROM small.moved GROUP BY shift ORDER BY shift");
+    assert!(column(&rows, "moved").iter().zip([0.5, 1.5, 2.5]).all(|(found, shift)| (found - shift).abs() < 1e-9));
 }
 
 #[test]

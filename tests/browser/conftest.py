@@ -25,9 +25,10 @@ def visit(browser):
     """Opens a file or an address. At the end: no message on the console and no request to another origin."""
     faults, contexts = [], []
 
-    def visit(place, width=1400, scheme="light", motion="no-preference"):
+    def visit(place, width=1400, scheme="light", motion="no-preference", trusted=False):
+        # A trusted page takes styles from the test.
         context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme,
-                                      reduced_motion=motion)
+                                      reduced_motion=motion, bypass_csp=trusted)
         # A busy machine is slow.
         context.set_default_timeout(90_000)
         contexts.append(context)

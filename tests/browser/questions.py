@@ -8,6 +8,8 @@ from conftest import download, line_view, until
 
 MOST = 3
 ANSWERS = []
+PAGE = Path(__file__).parents[2] / "pipeline/docs/how-to/view.md"
+HEAD = "| question | clicks | controls |\n|---|---|---|\n"
 
 
 class Clicks:
@@ -139,12 +141,16 @@ def test_a_question_takes_at_most_three_clicks(visit, view, question, ask):
     ANSWERS.append((question, do.count, ", ".join(do.steps) or "none", " ".join(answer.split())))
 
 
-def test_the_table_of_questions_is_complete():
-    """Prints the table, and writes it to the file that `QUESTIONS` names."""
-    lines = ["| question | clicks | which | answer on the page |", "|---|---|---|---|"]
+def test_the_documentation_lists_the_questions():
+    """Prints the table with the answers. `REWRITE` writes the table of the documentation."""
     escaped = lambda text: text.replace("|", "\\|")
-    lines += [f"| {q} | {n} | {escaped(steps)} | {escaped(answer[:160])} |" for q, n, steps, answer in ANSWERS]
-    print("\n".join(lines))
-    if os.environ.get("QUESTIONS"):
-        Path(os.environ["QUESTIONS"]).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    for q, n, steps, answer in ANSWERS:
+        print(f"| {q} | {n} | {escaped(steps)} | {escaped(answer[:160])} |")
     assert len(ANSWERS) == len(QUESTIONS)
+    table = "".join(f"| {q} | {n} | {escaped(steps)} |\n" for q, n, steps, _ in ANSWERS)
+    before, rest = PAGE.read_text(encoding="utf-8").split(HEAD)
+    known = "".join(line for line in rest.splitlines(keepends=True) if line.startswith("|"))
+    if os.environ.get("REWRITE"):
+        PAGE.write_text(before + HEAD + table + rest[len(known):], encoding="utf-8")
+    else:
+        assert known == table, "run `.ci/browser PROGRAM --rewrite`"

@@ -53,7 +53,7 @@ def test_scores_of_shared_points_are_compared(open_runs, source):
             assert abs(float(row[4].removeprefix("≠ ")) - (b - a)) <= 2e-3 * max(abs(a), abs(b))
             # The better value has the star, unless one of them is flagged or in sample.
             stars, marked = [cell.startswith("★") for cell in row[2:4]], any("[" in cell for cell in row[2:4])
-            assert row[6] == "equal" and stars == ([False, False] if marked or a == b else [a < b, b < a])
+            assert row[7] == "equal" and stars == ([False, False] if marked or a == b else [a < b, b < a])
     assert "4 shared points" in page.locator("#against [role=status]").inner_text()
     summaries = page.locator("#against details summary").all_inner_texts()
     assert summaries == ["2 points in run 1 only", "2 points in run 2 only"]
@@ -99,8 +99,8 @@ def test_unequal_rows_are_marked_and_have_no_star(visit, view):
     page.locator("#against [data-key=against]").select_option("1")
     page.locator(TABLE).first.wait_for()
     for row in rows(page):
-        assert "★" not in "".join(row) and row[4].startswith("≠") and row[6].startswith("other n")
-        assert "\\u202e" in row[6]
+        assert "★" not in "".join(row) and row[4].startswith("≠") and row[7].startswith("other n")
+        assert "\\u202e" in row[7] and row[6] == "-"
     assert page.locator("#against tr.unequal").count() == 4 and page.locator("#injected").count() == 0
     assert "4 are not on equal rows" in page.locator("#against [role=status]").inner_text()
     assert "\\x1b[31m" in page.locator("#against table.changes").inner_text()

@@ -45,7 +45,7 @@ def test_two_points_are_compared(page):
     rows = [r.locator("th, td").all_inner_texts() for r in panel.locator("table.compare tbody tr").all()]
     assert any(row[3] == "differs" for row in rows)
     metrics = [r for r in rows if "[m]" in r[0]]
-    for _, a, b, change in metrics:
+    for _, a, b, change, _ in metrics:
         one, two, by = (float(x.split(" ")[0]) for x in (a, b, change))
         assert abs(two - one - by) <= 2e-3 * max(abs(one), abs(two))
     assert panel.locator("svg .change").count() > 1

@@ -34,8 +34,12 @@ fn values(block: &Value, side: usize, metric: &str) -> Vec<(String, f64)> {
 
 /// The same from the published table.
 fn stored(bench: &Bench, metric: &str) -> Vec<(String, f64)> {
-    let rows =
-        sql(bench, &format!("SELECT mag, vector, lambda, value FROM small.scores_pooled WHERE metric = '{metric}'"));
+    by_point(bench, &format!("SELECT mag, vector, lambda, value FROM small.scores_pooled WHERE metric = '{metric}'"))
+}
+
+/// The column `value` of a query, by the text of the point.
+fn by_point(bench: &Bench, query: &str) -> Vec<(String, f64)> {
+    let rows = sql(bench, query);
     let point =
         |row: &Value| format!("{} {} {}", row["mag"].as_str().unwrap(), row["vector"].as_str().unwrap(), row["lambda"]);
     let mut found: Vec<(String, f64)> =
@@ -49,6 +53,9 @@ fn stored(bench: &Bench, metric: &str) -> Vec<(String, f64)> {
 fn user_runs_are_compared_and_unequal_rows_are_marked() {
     let bench = ran();
     let first = stored(&bench, "std_error");
+    let lines = "SELECT mag, vector, lambda, avg(value) AS value FROM small.scores WHERE metric = 'std_error' \
+                 AND NOT in_sample GROUP BY mag, vector, lambda";
+    let first_mean = by_point(&bench, lines);
     let run = |sets: &[&str]| {
         let sets: Vec<&str> = sets.iter().flat_map(|set| ["--set", set]).collect();
         let done = bench.run(&sets);
@@ -56,6 +63,7 @@ fn user_runs_are_compared_and_unequal_rows_are_marked() {
     };
     run(&["stages.coefficients.trim=40"]);
     let second = stored(&bench, "std_error");
+    let second_mean = by_point(&bench, lines);
     run(&["stages.clean.where=\"line <> '2.02'\""]);
     run(&["stages.even.rate_hz=5.0"]);
     run(&["stages.scores.truth=\"mag_4_uc\"", "axes.lambda=[0.0, 1.0]"]);
@@ -73,6 +81,18 @@ fn user_runs_are_compared_and_unequal_rows_are_marked() {
         }
     }
     assert_ne!(first, second);
+    // The mean of the differences on single lines is the difference of the means.
+    let at = trim["metrics"].as_array().unwrap().iter().position(|m| m["name"] == "std_error").unwrap();
+    let mut means: Vec<f64> = vec![];
+    for pairs in trim["pairs"][at].as_array().unwrap() {
+        let pairs: Vec<f64> = pairs.as_array().unwrap().iter().map(|d| d.as_f64().unwrap()).collect();
+        means.push(pairs.iter().sum::<f64>() / pairs.len() as f64);
+    }
+    let mut known: Vec<f64> = first_mean.iter().zip(&second_mean).map(|((_, a), (_, b))| b - a).collect();
+    means.sort_by(f64::total_cmp);
+    known.sort_by(f64::total_cmp);
+    assert!(means.iter().zip(&known).all(|(a, b)| (a - b).abs() < 1e-9) && known.len() == 8, "{means:?} {known:?}");
+    assert!(known.iter().any(|d| d.abs() > 1e-9));
     let changes = trim["changes"].as_array().unwrap();
     assert_eq!(changes.len(), 1, "{changes:?}");
     assert_eq!((&changes[0]["table"], &changes[0]["what"]), (&"coefficients".into(), &"trim".into()));
@@ -85,6 +105,7 @@ fn user_runs_are_compared_and_unequal_rows_are_marked() {
         "{}",
         lines["reasons"]
     );
+    assert!(lines["pairs"][at].as_array().unwrap().iter().all(|pairs| pairs.as_array().unwrap().is_empty()));
     assert!(lines["reasons"].to_string().contains("2.02"));
     let rate = compare(1, 4);
     assert!(reasons(&rate, "std_error").iter().all(|reason| reason.starts_with("other n: ")), "{}", rate["reasons"]);

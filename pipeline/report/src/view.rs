@@ -22,6 +22,7 @@ use std::{
 
 use arrow_schema::DataType;
 use schemas::{Fault, metric::Metric};
+use serde_json::Value;
 use store::{PackReader, Version, current};
 
 pub use crate::coast::GeographicRegion;
@@ -219,6 +220,15 @@ impl StoreView {
             scores.map(|name| format!("{}.{name}", pipeline.version.manifest.pipeline)).collect::<Vec<_>>()
         };
         self.pipelines().iter().filter_map(|name| self.pipeline(name).ok()).flat_map(of).collect()
+    }
+
+    /// The lineage of a table PIPELINE.TABLE as JSON.
+    ///
+    /// # Errors
+    /// Fails when no stage made such a table.
+    pub fn lineage(&self, name: &str) -> Result<Value, ViewFault> {
+        let (pipeline, table) = name.split_once('.').unwrap_or((name, ""));
+        self.pipeline(pipeline)?.notes.lineage(table).map_err(ViewFault::Missing)
     }
 
     /// A text that differs after a run has published tables.

@@ -70,6 +70,24 @@ fn pattern(graph: &PlanGraph, chain: &[TableRef], names: &[String]) -> BTreeMap<
     names.iter().filter_map(|n| Some((n.clone(), depth(n)?))).collect()
 }
 
+/// Patterns in the order of their first occurrence. A sweep of a parameter may give every point its own shape, and most
+/// of these shapes have the same pattern.
+#[derive(Default)]
+struct DistinctPatterns {
+    all: Vec<BTreeMap<String, usize>>,
+    known: HashMap<BTreeMap<String, usize>, usize>,
+}
+
+impl DistinctPatterns {
+    /// Position of a pattern, which is added if it is new.
+    fn position(&mut self, pattern: BTreeMap<String, usize>) -> usize {
+        *self.known.entry(pattern).or_insert_with_key(|pattern| {
+            self.all.push(pattern.clone());
+            self.all.len() - 1
+        })
+    }
+}
+
 /// Writes the file for the table of `cut`; `None` if the published table is complete.
 ///
 /// # Errors
@@ -89,7 +107,7 @@ pub fn write(
     }
     let units: Vec<PlanUnit> = TableLayout::new(graph, t, cut).units.into_iter().filter(|u| there(*u)).collect();
     let names: Vec<String> = logical.fields().iter().map(|f| f.name().clone()).collect();
-    let mut patterns: Vec<BTreeMap<String, usize>> = vec![];
+    let mut patterns = DistinctPatterns::default();
     // Points whose chains have the same shapes have the same pattern.
     let mut known: HashMap<Vec<(TableRef, *const StageVariant)>, usize> = HashMap::new();
     let mut of_point: HashMap<usize, (usize, Vec<TableRef>)> = HashMap::new();
@@ -102,10 +120,8 @@ pub fn write(
                 }
                 other => (*other, std::ptr::null()),
             };
-            let of = *known.entry(chain.iter().map(shape).collect()).or_insert_with(|| {
-                patterns.push(pattern(graph, &chain, &names));
-                patterns.len() - 1
-            });
+            let shapes = chain.iter().map(shape).collect();
+            let of = *known.entry(shapes).or_insert_with(|| patterns.position(pattern(graph, &chain, &names)));
             (of, chain)
         });
     }
@@ -156,8 +172,21 @@ pub fn write(
         RecordBatch::try_new(Arc::new(Schema::new(fields)), columns).map_err(|e| Fault::machine(e.to_string()))?;
     let message = IpcSchemaEncoder::new().schema_to_fb(&logical);
     let spelt: String = message.finished_data().iter().map(|b| format!("{b:02x}")).collect();
-    let patterns = serde_json::to_string(&patterns).map_err(|e| Fault::machine(e.to_string()))?;
+    let patterns = serde_json::to_string(&patterns.all).map_err(|e| Fault::machine(e.to_string()))?;
     let file = store.temporary();
     store.write_table(&file, &batch, &[(SCHEMA.to_owned(), spelt), (PATTERNS.to_owned(), patterns)])?;
     Ok(Some(file))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bug_equal_patterns_of_a_sweep_are_stored_once() {
+        let of = |steps: usize| BTreeMap::from([("mag".to_owned(), steps), ("lat".to_owned(), 1)]);
+        let mut patterns = DistinctPatterns::default();
+        let at: Vec<usize> = [2, 3, 2, 2, 3].map(|steps| patterns.position(of(steps))).to_vec();
+        assert_eq!((at, patterns.all), (vec![0, 1, 0, 0, 1], vec![of(2), of(3)]));
+    }
 }

@@ -1,7 +1,7 @@
 //! The answer of each request.
 
 use bytes::Bytes;
-use report::{LineageFormat, lineage, view::ViewFault};
+use report::view::ViewFault;
 use serde_json::Value;
 
 use crate::{
@@ -62,10 +62,7 @@ pub fn answer(data: &ViewData, request: &ViewRequest) -> Result<AnswerBytes, Vie
         ViewRequest::Profile(table, point, ends) => json(&store.profile(table, point, *ends)?),
         ViewRequest::Spectrum(series) => json(&store.spectrum(series)?),
         ViewRequest::Coast(region) => json(&store.coast(*region)?),
-        ViewRequest::Lineage(table) => {
-            let found = lineage(store.root(), table, LineageFormat::Json).map_err(ViewFault::Missing)?;
-            (found.into(), JSON)
-        }
+        ViewRequest::Lineage(table) => json(&store.lineage(table)?),
         ViewRequest::Download(table, format) => {
             let query = store.download_query(table, *format == DownloadFormat::Csv)?;
             let mut arguments = vec![if query.is_some() { "sql" } else { "export" }.to_owned(), "--store".to_owned()];

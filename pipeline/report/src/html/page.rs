@@ -13,6 +13,7 @@ use super::{
     flow,
     scripts::{SCRIPTS, STYLE},
     source::{FailureCount, ReportSource},
+    table::spelt,
     warnings::Warning,
 };
 
@@ -230,7 +231,7 @@ fn plan(source: &ReportSource) -> Markup {
             p.lead { "Each box is a table: its name, its stage, its sweep points, and the number of its units in the \
                       store. A unit is one line, or one fit, at one point." }
             (flow::drawing(source))
-            @if !plan.notes.is_empty() { ul.note { @for note in &plan.notes { li { (note) } } } }
+            @if !plan.notes.is_empty() { ul.note { @for note in &plan.notes { li { (spelt(note)) } } } }
             details { summary { "The spec, " (plan.spec.file) } pre { code { (plan.spec.text) } } }
         }
     }

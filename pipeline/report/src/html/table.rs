@@ -34,8 +34,8 @@ pub fn section(source: &ReportSource, board: &ScoreBoard, by_line: Vec<Markup>) 
                 @if (0..points).any(|r| board.marked(r) > 0 && !scores.is_cautious(r)) { " Rows with \
                     a " strong { "!" } " are flagged; the number counts their flagged lines. On these lines the \
                                         filter is worse than the INS alone, its NEES or NIS is far from the expected \
-                                        value, or its innovations are correlated: `whiteness` is below 0.8 and \
-                                        `correlated_nis` is above 1.5. Flagged rows are never the best." }
+                                        value, or its innovations are correlated: " code { "whiteness" }
+                    " is below 0.8 and " code { "correlated_nis" } " is above 1.5. Flagged rows are never the best." }
                 @if cautious { " In a row labelled cautious, the covariance of the filter is too large for its \
                                 errors." }
                 @for remark in scores.at_edges() { " Note: " (remark) "." } }
@@ -122,7 +122,7 @@ fn glossary(board: &ScoreBoard) -> Markup {
 }
 
 /// A text with code between backticks.
-fn spelt(text: &str) -> Markup {
+pub fn spelt(text: &str) -> Markup {
     html! { @for (i, part) in text.split('`').enumerate() { @if i % 2 == 1 { code { (part) } } @else { (part) } } }
 }
 

@@ -42,8 +42,16 @@ type PointKey = Vec<String>;
 /// Position of a point of a run, and of a metric among the names of both runs.
 type CellKey = (usize, u32);
 
-/// Rows of one value: line, number of samples, and whether the line is in sample.
-type CellRows = Vec<(u32, i64, bool)>;
+/// Rows of one value.
+type CellRows = Vec<CellRow>;
+
+/// The score of one line.
+struct CellRow {
+    line: u32,
+    n: i64,
+    in_sample: bool,
+    value: f64,
+}
 
 /// One value of a run.
 #[derive(Default)]
@@ -180,11 +188,18 @@ fn rows(
             let at = names.lines.position(&format!("{}/{}", flight[row], line[row]));
             let metric = names.metrics.position(&metric[row]);
             let is_seen = in_sample.is_some_and(|marks| marks.is_valid(row) && marks.value(row));
-            found.entry((point, metric)).or_default().push((at, n.value(row), is_seen));
+            let own = CellRow { line: at, n: n.value(row), in_sample: is_seen, value: value.value(row) };
+            found.entry((point, metric)).or_default().push(own);
         }
     }
-    found.values_mut().for_each(|rows| rows.sort_unstable());
+    found.values_mut().for_each(|rows| rows.sort_by_key(|row| (row.line, row.n, row.in_sample)));
     Ok(Some(found))
+}
+
+/// The rows that contribute to a pooled value.
+fn counted<'a>(rows: Option<&'a CellRows>, side: &RunCell) -> impl Iterator<Item = &'a CellRow> {
+    let in_sample = side.in_sample;
+    rows.into_iter().flatten().filter(move |row| row.in_sample == in_sample)
 }
 
 /// The words of a column.
@@ -296,10 +311,8 @@ impl<'a> RunComparison<'a> {
         let (Some(one), Some(two)) = (&self.runs[0].rows, &self.runs[1].rows) else {
             return Some("rows are not compared: too many".to_owned());
         };
-        // Only these lines contribute to the pooled value.
         let counted = |rows: Option<&CellRows>, side: &RunCell| -> Vec<(u32, i64)> {
-            let own = rows.into_iter().flatten().filter(|(.., seen)| *seen == side.in_sample);
-            own.map(|(line, n, _)| (*line, *n)).collect()
+            counted(rows, side).map(|row| (row.line, row.n)).collect()
         };
         let (one, two) = (counted(one.get(&key(0)), a), counted(two.get(&key(1)), b));
         self.difference(&one, &two)
@@ -333,6 +346,19 @@ impl<'a> RunComparison<'a> {
         (!changed.is_empty()).then(|| format!("other data of {}", listed(&changed)))
     }
 
+    /// Differences of a metric on each line, in the order of the lines; empty for values of unequal rows.
+    fn paired(&self, at: [usize; 2], metric: &str) -> Vec<f64> {
+        let Some(name) = self.names.metrics.find(metric).filter(|_| self.reason(at, metric).is_none()) else {
+            return vec![];
+        };
+        let own = |side: usize| -> Option<Vec<f64>> {
+            let (run, key) = (&self.runs[side], (at[side], name));
+            Some(counted(run.rows.as_ref()?.get(&key), run.cells.get(&key)?).map(|row| row.value).collect())
+        };
+        let (Some(one), Some(two)) = (own(0), own(1)) else { return vec![] };
+        one.iter().zip(two).map(|(a, b)| b - a).filter(|d| d.is_finite()).collect()
+    }
+
     fn json(&self, pipeline: &str, declared: &[Metric]) -> Value {
         let with_value = |run: &ComparedRun| -> Vec<u32> {
             run.cells.iter().filter(|(_, cell)| cell.value.is_some()).map(|((_, metric), _)| *metric).collect()
@@ -364,7 +390,13 @@ impl<'a> RunComparison<'a> {
         let rows: Vec<Vec<usize>> =
             metrics.iter().map(|m| shared.iter().map(|(at, _)| code(self.reason(*at, m.name))).collect()).collect();
         let sides = [0, 1].map(|side| self.side(side, &metrics, shared));
+        let mut pairs: Vec<Vec<Vec<f64>>> =
+            metrics.iter().map(|m| shared.iter().map(|(at, _)| self.paired(*at, m.name)).collect()).collect();
         let mut omitted = vec![];
+        if pairs.iter().flatten().map(Vec::len).sum::<usize>() > MOST_CELLS {
+            pairs.clear();
+            omitted.push("no differences of single lines: too many".to_owned());
+        }
         if shared.len() < self.shared.len() {
             omitted.push(format!("{} of {} shared points: the first", shared.len(), self.shared.len()));
         }
@@ -383,7 +415,7 @@ impl<'a> RunComparison<'a> {
             "pipeline": pipeline, "table": self.table, "runs": runs, "axes": self.axis_values(shared),
             "at": self.axis_codes(shared), "points": shared.len(), "headline": headline,
             "metrics": metrics.into_iter().map(metric_json).collect::<Vec<_>>(), "sides": sides, "reasons": reasons,
-            "rows": rows, "only": only, "omitted": omitted,
+            "rows": rows, "pairs": pairs, "only": only, "omitted": omitted,
             "changes": changes(&self.runs[0].snapshot, &self.runs[1].snapshot),
         })
     }

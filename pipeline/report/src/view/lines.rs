@@ -95,12 +95,12 @@ fn short(table: &str) -> &str {
 }
 
 impl StoreView {
-    /// The lines of a table at a point: numbers of rows, and first and last times.
+    /// The lines of a table at a point, with their numbers of rows.
     ///
     /// # Errors
     /// Fails for an unknown table or point, and when the store is damaged.
     pub fn lines(&self, table: &str, point: &ViewPoint) -> Result<Value, ViewFault> {
-        let (pipeline, table) = self.table(table)?;
+        let (_, table) = self.table(table)?;
         let columns = table.provider.columns();
         if ["flight", "line"].iter().any(|name| columns.field_with_name(name).is_err()) {
             return Err(ViewFault::Wrong(Fault::new(format!("`{}` has no lines", table.name))));
@@ -122,16 +122,7 @@ impl StoreView {
         let mut found = vec![];
         for ((flight, line), units) in lines {
             let rows: usize = units.iter().map(|unit| table.rows(index, *unit)).sum();
-            let tt = if table.is_by_sample() && rows <= MOST_ROWS {
-                Some(self.column(pipeline.version.number, &table, &units, "tt")?)
-            } else {
-                None
-            };
-            let end =
-                |of: fn(&[f64]) -> Option<&f64>| tt.as_ref().and_then(|tt| of(tt).copied()).filter(|t| t.is_finite());
-            found.push(json!({
-                "flight": flight, "line": line, "rows": rows, "first": end(<[f64]>::first), "last": end(<[f64]>::last),
-            }));
+            found.push(json!({ "flight": flight, "line": line, "rows": rows }));
         }
         let point: serde_json::Map<String, Value> = full.into_iter().map(|(k, v)| (k, json!(v))).collect();
         Ok(json!({ "table": table.name, "point": point, "lines": found }))

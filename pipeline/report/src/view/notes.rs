@@ -6,18 +6,26 @@ use std::{
     path::Path,
 };
 
-use schemas::paths;
+use results::record::SnapshotColumn;
+use schemas::{Fault, paths};
 use serde::{
     Deserialize, Deserializer,
     de::{IgnoredAny, SeqAccess, Visitor},
 };
+use serde_json::{Value, json};
 
 /// The tables and sources of a pipeline at its last run.
 #[derive(Debug, Default, Deserialize)]
 pub struct PipelineNotes {
+    /// The name of the pipeline.
+    #[serde(default)]
+    pub pipeline: String,
     /// The spec, as the user named it.
     #[serde(default)]
     pub spec: String,
+    /// The seed.
+    #[serde(default)]
+    pub seed: u64,
     /// The sources.
     #[serde(default)]
     pub sources: Vec<NotedSource>,
@@ -34,7 +42,7 @@ pub struct NotedSource {
     /// `flights`, `map` or `model`.
     pub kind: String,
     /// Path and hash of each file.
-    pub files: Vec<IgnoredAny>,
+    pub files: Vec<(String, String)>,
     /// The key of each line, or of the map.
     pub lines: BTreeMap<String, String>,
 }
@@ -46,12 +54,18 @@ pub struct NotedTable {
     pub name: String,
     /// The stage.
     pub stage: String,
+    /// The version of the stage.
+    pub version: u32,
     /// The axes.
     pub axes: Vec<String>,
     /// The inputs.
     pub inputs: Vec<String>,
     /// The points.
     pub points: NotedPoints,
+    /// The restriction of rows.
+    pub predicate: Option<String>,
+    /// The columns, each with its inputs.
+    pub columns: Vec<SnapshotColumn>,
     /// Number of lines.
     pub lines: usize,
 }
@@ -82,6 +96,30 @@ impl PipelineNotes {
     pub fn truth(&self, table: &str) -> Option<&str> {
         let mut scores = self.tables.iter().filter(|t| t.stage == "score" && self.is_upstream(table, &t.name));
         scores.find_map(|t| t.points.truth.as_deref())
+    }
+
+    /// The lineage of a table as JSON: the table with all tables and sources upstream of it, as `magline lineage` prints
+    /// them, but without the parameters of each point and with a count of the lines of a source.
+    ///
+    /// # Errors
+    /// Fails when no stage made the table.
+    pub fn lineage(&self, table: &str) -> Result<Value, Fault> {
+        let known: Vec<&str> = self.tables.iter().map(|t| t.name.as_str()).collect();
+        let missing = || Fault::new(format!("`{table}` has no lineage: no stage made it")).nearest(table, &known);
+        self.table(table).ok_or_else(missing)?;
+        let tables = self.tables.iter().filter(|t| self.is_upstream(&t.name, table)).map(|t| {
+            json!({
+                "name": t.name, "stage": t.stage, "version": t.version, "axes": t.axes, "inputs": t.inputs,
+                "predicate": t.predicate, "columns": t.columns, "points": t.points.count, "lines": t.lines,
+            })
+        });
+        let sources = self.sources.iter().filter(|s| self.is_upstream(&s.name, table));
+        let sources =
+            sources.map(|s| json!({ "name": s.name, "kind": s.kind, "files": s.files, "lines": s.lines.len() }));
+        Ok(json!({
+            "pipeline": self.pipeline, "spec": self.spec, "seed": self.seed, "table": table,
+            "tables": tables.collect::<Vec<_>>(), "sources": sources.collect::<Vec<_>>(),
+        }))
     }
 
     /// Whether `table` is `of` or upstream of it.

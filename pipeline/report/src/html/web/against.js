@@ -10,8 +10,8 @@
  *   points: number}} RunChange
  * @typedef {{pipeline: string, table: string, runs: [RunInfo, RunInfo], axes: ScoreAxis[], at: number[][],
  *   points: number, headline: number, metrics: ScoreMetric[], sides: [RunSide, RunSide], reasons: string[],
- *   rows: number[][], only: [{count: number, points: string[]}, {count: number, points: string[]}],
- *   omitted: string[], changes: RunChange[]}} RunBlock
+ *   rows: number[][], pairs: number[][][], omitted: string[], changes: RunChange[],
+ *   only: [{count: number, points: string[]}, {count: number, points: string[]}]}} RunBlock
  */
 
 const AGAINST_KEY = ".against", MOST_COMPARED = 300;
@@ -36,6 +36,9 @@ class RunPair {
     const [a, b] = [this.value(0, m, row), this.value(1, m, row)];
     return a === null || b === null ? null : difference(a, b);
   }
+
+  /** Difference over the same lines; `null` for unequal rows. @param {number} m @param {number} row */
+  paired(m, row) { return this.reason(m, row) ? null : pairedDifference(this.block.pairs[m]?.[row] ?? []); }
 
   /** Reason why the values are not of equal rows; empty for equal rows. @param {number} m @param {number} row */
   reason(m, row) {
@@ -78,13 +81,16 @@ class RunPair {
   csv() {
     const { axes, at, metrics, runs, sides, points } = this.block;
     const of = (/** @type {string} */ what) => runs.map((r) => `${what} run ${r.number}`);
-    const head = [...axes.map((a) => a.name), "metric", "unit", ...of("value"), "difference", ...of("low"), ...of("high"),
+    const head = [...axes.map((a) => a.name), "metric", "unit", ...of("value"), "difference",
+      "paired lines", "mean difference", "difference low", "difference high", ...of("low"), ...of("high"),
       ...of("n"), ...of("lines"), ...of("in_sample"), ...of("flagged"), "rows"];
     const body = [];
     for (let row = 0; row < points; row++) for (let m = 0; m < metrics.length; m++) {
       const both = (/** @type {(side: RunSide) => string | number | null} */ get) => sides.map(get);
+      const paired = this.paired(m, row);
       body.push(csvRow([...axes.map((axis, a) => axis.values[at[a][row]]), metrics[m].name, metrics[m].unit,
-        this.value(0, m, row), this.value(1, m, row), this.difference(m, row), ...both((s) => s.low[m][row]),
+        this.value(0, m, row), this.value(1, m, row), this.difference(m, row), paired?.lines ?? 0,
+        paired?.mean ?? null, paired?.low ?? null, paired?.high ?? null, ...both((s) => s.low[m][row]),
         ...both((s) => s.high[m][row]), ...both((s) => s.n[m][row]), ...both((s) => s.lines[m][row]),
         ...both((s) => String(s.in_sample[m][row])), ...both((s) => String(s.flagged[row])),
         this.reason(m, row) || "equal"]));
@@ -264,11 +270,13 @@ class AgainstView {
         cell(0, row, better === 0), cell(1, row, better === 1),
         element("td", { class: "n" }, [(reason ? "\u2260 " : "") + (by === null ? "-" : short(by))]),
         element("td", { class: "n" }, [part === null ? "-" : `${short(part)} %`]),
+        element("td", { class: "paired" }, [pairedWords(pair.paired(m, row))]),
         element("td", {}, [element("bdi", {}, [reason ? visible(reason) : "equal"])])]);
     });
     const head = (/** @type {string} */ text, n = true) => element("th", { scope: "col", class: n ? "n" : null }, [text]);
     const heads = [...pair.varying.map((x) => head(block.axes[x].name, false)), head(`run ${a.number}`),
-      head(`run ${b.number}`), head("difference"), head("change"), head("rows", false)];
+      head(`run ${b.number}`), head("difference"), head("change"), head("line by line", false),
+      head("rows", false)];
     const has = block.sides.some((s) => s.low[m].some((v) => v !== null));
     return element("div", {}, [element("p", { class: "note against-title" },
       [`${pair.label(m)}: ${block.metrics[m].meaning}`]), element("div", { class: "scroll frame-scroll", tabindex: 0, role: "region",
@@ -276,7 +284,7 @@ class AgainstView {
       element("thead", {}, [element("tr", {}, heads)]), element("tbody", {}, body)])]),
     element("p", { class: "note" }, ["\u2605 marks the better run. Marked are only values of the same held-out lines " +
       "with the same data and numbers of samples, from the same stage of scores, without flagged lines. \u2260 marks " +
-      "values of other rows, whose difference is no improvement or loss." + (has ? " In parentheses: confidence " +
+      `values of other rows, whose difference is no improvement or loss. ${PAIRED_NOTE}` + (has ? " In parentheses: confidence " +
       "interval of the stage summary." : "") + (order.length > MOST_COMPARED ? ` The first ${MOST_COMPARED} of ` +
       `${order.length} points are listed; the CSV file has all.` : "")])]);
   }

@@ -61,10 +61,14 @@ function compareView({ scores, state, width }) {
   return { svg, read, more: compareTable(scores, rows, a, b),
     caption: `A is ${scores.point(a) || "the only point"}. B is ${scores.point(b) || "the only point"}. ` +
       `The axes differ in ${axes || "nothing"}. Bars show the change from A to B: blue where A is better, orange ` +
-      "where B is better, grey where the metric has no direction.",
-    csv: [csvRow(["metric", "unit", "A", "B", "change [%]", "better"]), ...rows.map((m, i) => csvRow([
-      block.metrics[m].name, block.metrics[m].unit, scores.value(m, a), scores.value(m, b), changes[i],
-      betterOf(scores, m, a, b)]))].join("\n") + "\n" };
+      "where B is better, grey where the metric has no direction." + (block.lines ? " " + PAIRED_NOTE : ""),
+    csv: [csvRow(["metric", "unit", "A", "B", "change [%]", "better", "paired lines", "mean difference", "low",
+      "high"]), ...rows.map((m, i) => {
+      const paired = pairedDifference(pairedLines(block, m, a, b));
+      return csvRow([block.metrics[m].name, block.metrics[m].unit, scores.value(m, a), scores.value(m, b), changes[i],
+        betterOf(scores, m, a, b), paired?.lines ?? 0, paired?.mean ?? null, paired?.low ?? null,
+        paired?.high ?? null]);
+    })].join("\n") + "\n" };
 }
 
 /** @param {ScoreSet} scores @param {number[]} rows @param {number} a @param {number} b */
@@ -74,16 +78,18 @@ function compareTable(scores, rows, a, b) {
   const axes = scores.varying.map((i) => element("tr", {}, [element("th", { scope: "row" },
     [element("bdi", {}, [block.axes[i].name])]), ...[a, b].map((row) => element("td", { class: "n" },
     [element("bdi", {}, [scores.text(i, row)])])), element("td", { class: "n" },
-    [block.at[i][a] === block.at[i][b] ? "same" : "differs"])]));
+    [block.at[i][a] === block.at[i][b] ? "same" : "differs"]), ...(block.lines ? [element("td")] : [])]));
   const metrics = rows.map((m) => {
     const [one, two] = [scores.value(m, a), scores.value(m, b)], better = betterOf(scores, m, a, b);
     const marks = (/** @type {number} */ row) => scores.marks(m, row) ? ` (${scores.marks(m, row)})` : "";
     return element("tr", {}, [element("th", { scope: "row" }, [scores.label(m)]),
       cell(short(one) + marks(a), better === "A"), cell(short(two) + marks(b), better === "B"),
-      cell(one === null || two === null ? "-" : short(difference(one, two)))]);
+      cell(one === null || two === null ? "-" : short(difference(one, two))), ...(block.lines ? [element("td", {
+        class: "paired" }, [pairedWords(pairedDifference(pairedLines(block, m, a, b)))])] : [])]);
   });
   return element("div", { class: "scroll" }, [element("table", { class: "compare" }, [element("thead", {}, [
-    element("tr", {}, ["", "A", "B", "B \u2212 A"].map((text) => text
-      ? element("th", { scope: "col", class: "n" }, [text]) : element("td")))]),
+    element("tr", {}, [...["", "A", "B", "B \u2212 A"].map((text) => text
+      ? element("th", { scope: "col", class: "n" }, [text]) : element("td")), ...(block.lines ? [element("th",
+      { scope: "col", class: "paired" }, ["B \u2212 A, line by line"])] : [])])]),
   element("tbody", {}, [...axes, ...metrics])])]);
 }

@@ -6,7 +6,7 @@
  * @typedef {{name: string, stage: string, version: number, axes: string[], predicate: string | null, inputs: string[],
  *   columns: {name: string, from: [string, string][]}[]}} LineageTable
  * @typedef {{pipeline: string, spec: string, seed: number, table: string, tables: LineageTable[],
- *   sources: {name: string, kind: string, files: [string, string][], lines: Record<string, string>}[]}} Lineage
+ *   sources: {name: string, kind: string, files: [string, string][], lines: number}[]}} Lineage
  */
 
 /** A count with its noun. @param {number} n @param {string} noun */
@@ -58,8 +58,8 @@ class LineageView {
   branch(all, pipeline, name, seen) {
     const source = all.sources.find((s) => s.name === name), table = all.tables.find((t) => t.name === name);
     if (source) {
-      const lines = Object.keys(source.lines).length;
-      return element("li", {}, [element("code", {}, [visible(name)]), ` ${source.kind}, ${counted(lines, "line")}`,
+      return element("li", {}, [element("code", {}, [visible(name)]),
+        ` ${source.kind}, ${counted(source.lines, "line")}`,
         element("details", {}, [element("summary", {}, [counted(source.files.length, "file")]), element("ul", {},
           source.files.slice(0, 200).map(([path, hash]) => element("li", {}, [element("bdi", {}, [visible(path)]), " ",
             element("code", { class: "note" }, [`blake3 ${hash.slice(0, 16)}`])])))])]);
