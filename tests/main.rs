@@ -41,6 +41,7 @@ mod maps;
 mod memory;
 mod models;
 mod navigation;
+mod nekf;
 mod networks;
 mod openlineage;
 mod other_simulator;
