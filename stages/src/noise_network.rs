@@ -31,8 +31,8 @@ use crate::{
 };
 
 stage! {
-    /// Trains the network that sets the noise of the filter `nekf`, on the lines that `where` selects. Do not select the
-    /// lines that are navigated.
+    /// Trains the network that sets the noise of the filter `nekf`, on the lines that `where` selects. Do not select
+    /// the lines that are navigated.
     ///
     /// The network minimises the negative log-likelihood of the innovations, which requires no truth. With
     /// `loss = "position"` it minimises that of the true position, `lat` and `lon`. Its derivatives are propagated back

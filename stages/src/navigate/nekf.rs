@@ -25,9 +25,9 @@ filter! {
     /// the `features` of that training and its sample rate. Use the same keys for the noise there and here, because the
     /// factor multiplies the assumed noise. With a network whose output is 0, the filter is bit-identical to `ekf`.
     ///
-    /// The noise of a sample depends on earlier innovations only. `noise_factor` is the factor on the standard deviation
-    /// of the measurement, `fogm_factor` that on the noise of the temporal variation. A network is reliable for noise
-    /// like that of its training. If there are no lines for training, use `ekf_adaptive`.
+    /// The noise of a sample depends on earlier innovations only. `noise_factor` is the factor on the standard
+    /// deviation of the measurement, `fogm_factor` that on the noise of the temporal variation. A network is reliable
+    /// for noise like that of its training. If there are no lines for training, use `ekf_adaptive`.
     ///
     /// Source: Gnadt 2022, section 5.9.3; Hochreiter & Schmidhuber 1997.
     Nekf = "nekf", version 1, groups [aiding: Aiding], example "model = \"noise_network\"";
