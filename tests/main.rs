@@ -42,6 +42,7 @@ mod maps;
 mod memory;
 mod models;
 mod navigation;
+mod nekf;
 mod networks;
 mod openlineage;
 mod other_simulator;

@@ -412,7 +412,7 @@ from magline.maps import Map
 '''
 
 # Filters that require no map, or the table of a trained network. `magline.filters.navigate` runs them.
-OTHER_FILTERS = ("ekf_online_nn", "slam", "ins_only")
+OTHER_FILTERS = ("ekf_online_nn", "nekf", "slam", "ins_only")
 # Filters that use terms of the aircraft field, and calibrations.
 AIRCRAFT_FILTERS = ("ekf_online_tl", "fixed_lag")
 

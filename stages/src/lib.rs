@@ -37,6 +37,7 @@ mod maps;
 mod model_columns;
 pub mod navigate;
 mod noise;
+mod noise_network;
 mod notch;
 mod resample;
 pub mod score;
@@ -110,6 +111,7 @@ impl Catalogue {
             noise::ResidualNoise::entry(),
             noise::AssumeNoise::entry(),
             fogm_noise::FogmNoise::entry(),
+            noise_network::NoiseNetworkStage::entry(),
             navigate::entry(self.filters.clone()),
             map_value::MapValue::entry(),
             map_quality::MapQuality::entry(),

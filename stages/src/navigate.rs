@@ -20,6 +20,7 @@ mod ins_only;
 mod line_noise;
 mod mpf;
 mod mpf_then_ekf;
+mod nekf;
 mod prepared;
 mod rts;
 mod slam;
@@ -48,8 +49,11 @@ pub use filter::{
     NavigationFilter, UpdateOutcome, filter, navigate_points,
 };
 pub use filters::FILTERS;
+pub(crate) use flown::with_filter_input;
 use further::{AuxiliaryMeasurements, latency_columns};
 pub use geometry::{DeadZones, SensorGeometry};
+pub(crate) use nekf::{Nekf, feature_faults, features_of, is_near_rate, mean_rate_hz, network_terms};
+pub(crate) use prepared::NavigationMap;
 pub use prepared::NavigationResources;
 pub use start::{StartKeys, StartSource};
 pub use tuning::{MeasurementNoise, Tuning};
@@ -428,6 +432,10 @@ impl Navigate {
             faults.push(
                 Fault::new(format!("the filter `{name}` uses no map; remove the map from the stage")).of_param("map"),
             );
+        }
+        if !models && filter.needs_model() {
+            let what = format!("the filter `{name}` requires a trained network; set `model`");
+            faults.push(Fault::new(what).of_param("model").help("name the table of a `noise_network` stage"));
         }
         if models && !filter.takes_models() {
             faults.push(Fault::new(format!("the filter `{name}` uses no model; remove `model`")).of_param("model"));

@@ -25,7 +25,7 @@ pub use random_features::RandomFourierModel;
 pub use terms::{TermLookup, TermValue, list, term};
 pub use windowed::WindowedNetwork;
 
-use terms::broken;
+pub(crate) use terms::{broken, named_list};
 
 choice! {
     /// Form of a nonlinear model.

@@ -41,7 +41,7 @@ def navigate(
 ) -> Track:
     """Filter of this name on one line, for filters that this module does not have.
 
-    These are filters made by `magline.filter`, and ``ekf_online_nn``.
+    These are filters made by `magline.filter`, ``ekf_online_nn`` and ``nekf``.
 
     Parameters
     ----------

@@ -153,6 +153,11 @@ pub struct ChoiceSelection<K: ChoiceKind> {
 }
 
 impl<K: ChoiceKind> ChoiceSelection<K> {
+    /// Selection of a choice with these keys, outside a spec: it has no spelt keys, and no other choice owns any.
+    pub fn new(kind: &'static K, keys: Arc<K::Keys>) -> Self {
+        Self { kind, keys, spelt: vec![], kinds: Arc::new(ChoiceList::new(vec![kind])) }
+    }
+
     /// Reason why `key` has no effect with the selected choice, because other choices own it. `None` if it has an
     /// effect.
     pub fn foreign(&self, key: &str) -> Option<Fault> {

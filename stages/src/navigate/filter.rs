@@ -85,6 +85,11 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
         false
     }
 
+    /// Whether the filter cannot run without such a table.
+    fn needs_model(&self) -> bool {
+        false
+    }
+
     /// Keys of the aircraft field whose coefficients are states of the filter, and the random walk of each coefficient
     /// in one hour as a fraction of its prior standard deviation, if it is set.
     fn aircraft(&self) -> Option<(&AircraftModelKeys, Option<f64>)> {

@@ -3,7 +3,7 @@
 use super::{
     crlb::Crlb, ekf::Ekf, ekf_adaptive::EkfAdaptive, ekf_online_nn::EkfOnlineNn, ekf_online_tl::EkfOnlineTl,
     filter::FilterDecl, fixed_lag::FixedLag, iekf::Iekf, ins_only::InsOnly, mpf::Mpf, mpf_then_ekf::MpfThenEkf,
-    rts::Rts, slam::Slam, ukf::Ukf,
+    nekf::Nekf, rts::Rts, slam::Slam, ukf::Ukf,
 };
 
 /// Every filter, in the order of the reference.
@@ -12,6 +12,7 @@ pub const FILTERS: &[&FilterDecl] = &[
     &Iekf::FILTER,
     &Ukf::FILTER,
     &EkfAdaptive::FILTER,
+    &Nekf::FILTER,
     &EkfOnlineTl::FILTER,
     &EkfOnlineNn::FILTER,
     &FixedLag::FILTER,

@@ -109,6 +109,25 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<LineOutput> {
     answers.into_iter().map(|a| a.unwrap_or_else(|| Err(Fault::bug("a point was lost")))).collect()
 }
 
+/// Calls `of` with the filter input of one point and the map of its line, for a stage that prepares lines as `navigate`
+/// does.
+///
+/// # Errors
+/// Fails for a line that `navigate` rejects, without a map, and in the cases of `of`.
+pub(crate) fn with_filter_input<T>(
+    point: LinePoint<Navigate>,
+    of: impl FnOnce(&FilterInput, Arc<NavigationMap>) -> Result<T, Fault>,
+) -> Result<T, Fault> {
+    let batch = point.line.inputs.first().ok_or_else(|| Fault::bug("the line is missing"))?;
+    let begin = point.stage.begin(batch)?;
+    let ins = begun(batch, &begin)?;
+    let maps = point.prepared.map.as_ref().ok_or_else(|| Fault::bug("the map is missing"))?;
+    let map = maps.for_heights(ins.alt_m())?;
+    let (mut cores, mut found) = (CoreFieldCache::default(), vec![]);
+    let flown = flown(point, &ins, &begin, Some(&*map), (&mut cores, &mut found))?;
+    of(&flown, map.clone())
+}
+
 /// INS of a line, corrected if a filter starts from a fix.
 fn begun<'a>(batch: &'a RecordBatch, begin: &InitialCondition) -> Result<InsColumns<'a>, Fault> {
     let ins = InsColumns::from_batch(batch)?;

@@ -57,7 +57,7 @@ impl SensorGeometry {
     }
 
     /// Fault of a key that has no effect.
-    pub(super) fn idle(&self, key: &str) -> Option<Fault> {
+    pub(crate) fn idle(&self, key: &str) -> Option<Fault> {
         (key == "sensor_axis" && self.vector.is_none())
             .then(|| Fault::new("`sensor_axis` has no effect without `vector`").of_param(key))
     }

@@ -34,8 +34,8 @@ pub(super) struct NavigationMaps {
 type CachedMap = (Option<Vec<f64>>, Arc<NavigationMap>);
 
 /// A map with its errors.
-pub(super) struct NavigationMap {
-    pub(super) field: FieldMap,
+pub(crate) struct NavigationMap {
+    pub(crate) field: FieldMap,
     pub(super) errors: MapErrors,
 }
 

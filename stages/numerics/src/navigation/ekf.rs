@@ -20,6 +20,7 @@
 
 mod pack;
 mod parameters;
+mod stepped;
 mod streamed;
 
 use std::sync::Arc;
@@ -34,6 +35,7 @@ use crate::navigation::output::{NavigationError, NavigationOutput};
 use crate::navigation::position_fixes::PositionFixes;
 use pack::{EkfLane, EkfPack};
 pub use parameters::EkfParameters;
+pub(crate) use stepped::{NoiseFactors, NoiseSource, run_stepped};
 pub(crate) use streamed::StreamedEkf;
 
 /// Filters one line.

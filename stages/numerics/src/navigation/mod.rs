@@ -19,6 +19,7 @@
 //! | [`aids`] | further measurements: rows of H, predictions, noise |
 //! | [`crlb`] | the posterior Cramér-Rao bound along the true path |
 //! | [`adaptive`] | the filter that estimates its noise |
+//! | [`nekf`] | the filter whose noise a recurrent network sets |
 //! | [`online`] | the filter that estimates Tolles-Lawson coefficients in flight |
 //! | [`online_nn`] | the same filter with the weights of a small network |
 //! | [`fixed_lag`] | the sliding-window smoother with Tolles-Lawson coefficients |
@@ -146,6 +147,7 @@ pub mod map_noise;
 mod measurement;
 pub mod mechanisation;
 pub mod mpf;
+pub mod nekf;
 pub mod online;
 pub mod online_nn;
 /// Flights over the real Osborne map, shared by the Monte Carlo test and the bench.

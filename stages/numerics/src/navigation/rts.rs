@@ -52,7 +52,7 @@
 //! - an iteration that ends before the step is below the tolerance: the trajectory of the lowest J is returned, and
 //!   [`RtsReport::converged`] is false.
 
-mod adjoint;
+pub(in crate::navigation) mod adjoint;
 mod aided;
 mod pass;
 

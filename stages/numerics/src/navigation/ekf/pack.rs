@@ -67,18 +67,23 @@ pub(super) struct EkfLane<'a, C> {
 
 impl<'a> EkfLane<'a, EkfInput<'a>> {
     pub(super) fn new(point: EkfInput<'a>, ins: &InsSeries<'_>) -> Self {
-        let parameters = *point.parameters;
-        let field = PredictedField::new(point.map, point.core);
-        let mut filter = Self::with_field(point, parameters, field, ins.len());
-        let (offset_nt, samples) = filter.field.offset(ins, point.measurement_nt, parameters.offset_window_s);
-        filter.offset_nt = offset_nt;
-        filter.output.report.offset_nt = offset_nt;
-        filter.output.report.offset_samples = samples;
-        filter
+        Self::of_line(point, point, ins)
     }
 }
 
 impl<'a, C: EkfSamples> EkfLane<'a, C> {
+    /// Filter of a line with these samples, whose offset is that of the measurements of `point`.
+    pub(super) fn of_line(samples: C, point: EkfInput<'a>, ins: &InsSeries<'_>) -> Self {
+        let parameters = *point.parameters;
+        let field = PredictedField::new(point.map, point.core);
+        let mut filter = Self::with_field(samples, parameters, field, ins.len());
+        let (offset_nt, averaged) = filter.field.offset(ins, point.measurement_nt, parameters.offset_window_s);
+        filter.offset_nt = offset_nt;
+        filter.output.report.offset_nt = offset_nt;
+        filter.output.report.offset_samples = averaged;
+        filter
+    }
+
     /// Filter of a predicted field, with capacity for the output of `rows`.
     pub(super) fn with_field(samples: C, parameters: EkfParameters, field: PredictedField<'a>, rows: usize) -> Self {
         let errors = &parameters.errors;
@@ -150,6 +155,16 @@ impl<'a, S: Simd, C: EkfSamples> EkfPack<'a, S, C> {
             *density = from_lanes(simd, |lane| parameters(lane).errors.noise_density()[state]);
         }
         Self { filters, noise, density, x: [zero; STATES], p: [[zero; STATES]; STATES] }
+    }
+
+    /// Multiplies the standard deviation of the noise that drives the temporal variation by a factor, from the next
+    /// step on. The factor applies to the parameters, not to an earlier factor.
+    #[inline(always)]
+    pub(super) fn scale_fogm(&mut self, simd: S, factor: f64) {
+        for filter in &mut self.filters {
+            filter.fogm.sigma = filter.parameters.errors.fogm_sigma_nt * factor;
+        }
+        self.density[S] = self.of_fogm(simd, |fogm| fogm.noise_density());
     }
 
     /// Filters at the end of the line.

@@ -19,14 +19,14 @@ pub(super) struct ForwardUpdate {
 
 /// Adjoint state λ and its matrix Λ.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct AdjointState {
-    pub(super) state: StateVector,
-    pub(super) matrix: StateMatrix,
+pub(in crate::navigation) struct AdjointState {
+    pub(in crate::navigation) state: StateVector,
+    pub(in crate::navigation) matrix: StateMatrix,
 }
 
 impl AdjointState {
     /// Adjoint state after the last sample.
-    pub(super) const END: Self = Self { state: [0.0; STATES], matrix: [[0.0; STATES]; STATES] };
+    pub(in crate::navigation) const END: Self = Self { state: [0.0; STATES], matrix: [[0.0; STATES]; STATES] };
 
     /// Propagates back through a measurement. Returns the u of the measurement.
     #[inline(always)]
@@ -53,7 +53,7 @@ impl AdjointState {
 
     /// Propagates back through a step.
     #[inline(always)]
-    pub(super) fn through_step(&mut self, phi: &StateMatrix) {
+    pub(in crate::navigation) fn through_step(&mut self, phi: &StateMatrix) {
         self.state = transposed_product(phi, &self.state);
         // Y = Λ Φ, whose rows are Φᵀ times the rows of Λ, then Φᵀ Y.
         let y = self.matrix.map(|row| transposed_product(phi, &row));
@@ -72,7 +72,7 @@ impl AdjointState {
 
     /// Λ b.
     #[inline(always)]
-    pub(super) fn product(&self, b: &StateVector) -> StateVector {
+    pub(in crate::navigation) fn product(&self, b: &StateVector) -> StateVector {
         let mut g = [0.0; STATES];
         for (factor, row) in b.iter().zip(&self.matrix) {
             add_scaled(&mut g, *factor, row);
