@@ -267,7 +267,12 @@ impl Navigate {
             let of_degrees = |m_per_rad: f64| (sigmas.horizontal_m / m_per_rad).to_degrees();
             let speeds = [sigmas.velocity_mps; 3];
             let sigmas = [of_degrees(north_m), of_degrees(east_m), sigmas.vertical_m].into_iter().chain(speeds);
-            values.iter_mut().zip(sigmas).for_each(|(value, sigma)| *value += sigma * normals.draw());
+            for ((value, name), sigma) in values.iter_mut().zip(&names).zip(sigmas) {
+                let error = sigma * normals.draw();
+                if role_of(shape, &[name]) == Role::Truth {
+                    *value += error;
+                }
+            }
         }
         let vel_ned_mps = velocity.is_some().then(|| [values[3], values[4], values[5]]);
         let fix = StartFix { lat_lon_deg: [values[0], values[1]], alt_m: values[2], vel_ned_mps, sigmas };
@@ -382,6 +387,20 @@ mod tests {
         let assumed = run("", &unknown).unwrap().numbers("sd_n")[ROWS - 1];
         // The fix is at the second sample.
         assert!((assumed / spread(3600.0) - 1.0).abs() < 1e-3, "{assumed} {}", spread(3600.0));
+    }
+
+    #[test]
+    fn bug_noise_is_added_to_the_truth_columns_of_a_fix_only() {
+        let speeds = [("doppler_n", 55.0), ("doppler_e", 0.0), ("doppler_d", 0.0)];
+        let column = |(name, speed): (&'static str, f64)| -> (&'static str, &'static str, ArrayRef) {
+            (name, "m/s", array(vec![speed; ROWS]))
+        };
+        let flight = added(speeds.map(column).to_vec());
+        let keys = "start = 'fix'\nfix = ['lat', 'lon', 'alt']\nfix_velocity = ['doppler_n', 'doppler_e', 'doppler_d']\n\
+                    fix_sigma_m = 20.0\nfix_velocity_sigma_mps = 100.0";
+        let found = run(keys, &flight).unwrap();
+        assert!(found.error_m(0) > 1.0, "the position is truth: {}", found.error_m(0));
+        assert!((found.numbers("vn")[0] - 55.0).abs() < 1.0, "{}", found.numbers("vn")[0]);
     }
 
     #[test]
