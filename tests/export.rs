@@ -133,7 +133,7 @@ fn user_a_table_that_a_format_cannot_store_is_rejected_and_the_old_file_is_kept(
         assert!(stderr(&output).contains(said), "{args:?}: {}", stderr(&output));
     };
     refused(&["small.clean", "-o", "old.xyz"], "has several values");
-    refused(&["small.clean", "-o", "x.xlsx"], ".csv, .xyz, .mat, .parquet");
+    refused(&["small.clean", "-o", "x.xlsx"], ".csv, .parquet, .xyz, .gpkg, .mat");
     refused(&["small.clean", "-o", "noending"], "without an extension");
     refused(&["clean", "-o", "x.csv"], "PIPELINE.TABLE");
     refused(&["small.cleam", "-o", "x.csv"], "small.clean");

@@ -43,7 +43,7 @@ class StageMethods:
         epsg: int | None = None,
         accept: Sequence[Literal["range"]] | None = None,
         mapping: str | None = None,
-        table: str | None = None,
+        table: ListLike | None = None,
         lines: str | None = None,
         alt_m: float | None = None,
         unit: str | None = None,
@@ -101,10 +101,14 @@ class StageMethods:
             For maps: Plausibility checks that are disabled for this map. Default: `[]`.
         mapping : str, optional
             For tables of flights: The mapping of the columns: a TOML file, or the name of a
-            built-in mapping such as `px4_ulog`. It replaces `rename`, `units` and `topic`. Unset:
-            columns are identified by their names.
-        table : str, optional
-            For tables of flights: The table of the mapping. Unset: the only table.
+            built-in mapping such as `px4_ulog`. `auto` chooses the built-in mapping that reads most
+            of the first log, and a note names it. A mapping replaces `units` and `topic`. With a
+            mapping, `rename` applies to the columns of the mapping. Unset: columns are identified
+            by their names.
+        table : ListLike, optional
+            For tables of flights: The table of the mapping. A list declares several tables at once:
+            in `[tables.log]`, `table = ["mag", "gps"]` declares `log_mag` and `log_gps`. Unset: the
+            only table.
         lines : str, optional
             For tables of flights: A table of `flight`, `line`, `t_start` and `t_end` (s past
             midnight UTC) that replaces the lines in the files. A sample belongs to the line that
