@@ -18,6 +18,7 @@ mod cluster;
 mod cluster_strangers;
 #[cfg(feature = "cluster")]
 mod cluster_support;
+mod comparisons;
 mod corrections;
 mod cost;
 mod examples;
@@ -28,6 +29,7 @@ mod field;
 mod figures;
 mod filters;
 mod first_minutes;
+mod fuzz;
 mod ingest;
 mod init;
 mod json_schema;

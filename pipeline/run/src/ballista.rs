@@ -28,8 +28,10 @@ use self::{
     wave::WaveDispatcher,
 };
 pub use self::{
+    closed::JobPlan,
     key::ClusterTrust,
     scheduler::{BoundScheduler, listen},
+    units::TaskPlanCodec,
     worker::{ReceiptHandler, WorkerConfig, WorkerExit, work},
 };
 use super::{

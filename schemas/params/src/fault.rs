@@ -227,10 +227,19 @@ impl fmt::Display for Fault {
 
 impl std::error::Error for Fault {}
 
-/// The element of `known` that was probably meant by `given`.
+/// Maximum length of a misspelt name, bytes. For a longer text, time and memory of the search would be excessive.
+const LONGEST_GUESS: usize = 200;
+
+/// The element of `known` that was probably meant by `given`; `None` for a `given` of more than 200 bytes.
 pub fn nearest<'a, S: AsRef<str>>(given: &str, known: &'a [S]) -> Option<&'a str> {
-    let best = known.iter().map(|k| (distance(given, k.as_ref()), k.as_ref())).min()?;
-    (best.0 <= 1 + given.len() / 3).then_some(best.1)
+    if given.len() > LONGEST_GUESS {
+        return None;
+    }
+    let most = 1 + given.len() / 3;
+    // The distance is at least the difference of the lengths.
+    let near = |k: &&str| k.chars().count().abs_diff(given.chars().count()) <= most;
+    let best = known.iter().map(AsRef::as_ref).filter(near).map(|k| (distance(given, k), k)).min()?;
+    (best.0 <= most).then_some(best.1)
 }
 
 /// Edit distance with transpositions, by characters.
@@ -300,6 +309,13 @@ mod tests {
         assert_eq!(distance("", "abc"), 3);
         assert_eq!(nearest("navigat", &["navigate", "score"]), Some("navigate"));
         assert_eq!(nearest("zzzzzz", &["navigate", "score"]), None);
+    }
+
+    #[test]
+    fn bug_a_name_of_a_megabyte_is_compared_with_no_other() {
+        let long = "a".repeat(1 << 20);
+        assert_eq!(nearest(&long, &["navigate", &long]), None);
+        assert_eq!(nearest("navigat", &[&long, "navigate"]), Some("navigate"));
     }
 
     #[test]

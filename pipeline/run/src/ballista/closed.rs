@@ -3,7 +3,10 @@
 //!
 //! The message of a plan is checked before any node is created.
 
-use std::sync::Arc;
+use std::{
+    panic::{AssertUnwindSafe, catch_unwind},
+    sync::Arc,
+};
 
 use ballista_core::serde::protobuf::{
     BallistaPhysicalPlanNode, ballista_physical_plan_node::PhysicalPlanType as Ballista,
@@ -45,6 +48,11 @@ pub fn names_a_job(name: &str) -> bool {
 
 fn refused<T>(what: &str) -> Result<T> {
     exec_err!("this cluster accepts only tasks of magline: {what}")
+}
+
+/// Runs a decoder of another crate, which panics on some damaged rows.
+fn guarded<T>(decode: impl FnOnce() -> Result<T>) -> Result<T> {
+    catch_unwind(AssertUnwindSafe(decode)).unwrap_or_else(|_| refused("the rows in memory are damaged"))
 }
 
 fn single(node: &PhysicalExtensionNode) -> Result<Option<&Node>> {
@@ -104,7 +112,7 @@ impl AsExecutionPlan for JobPlan {
         context: &TaskContext,
         codec: &dyn PhysicalExtensionCodec,
     ) -> Result<Arc<dyn ExecutionPlan>> {
-        self.0.try_into_physical_plan(context, codec)
+        guarded(|| self.0.try_into_physical_plan(context, codec))
     }
 
     fn try_from_physical_plan(plan: Arc<dyn ExecutionPlan>, codec: &dyn PhysicalExtensionCodec) -> Result<JobPlan> {
