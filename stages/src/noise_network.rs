@@ -94,8 +94,8 @@ epochs          = 2
         absent "continued to the flight heights with `tuning = \"auto\"`, else used at its own height";
     /// Correlation length of the map error, for a map with the column `error`.
     map_error_length_m: Option<f64>, unit "m",
-        absent "with `tuning = \"auto\"` the likelihood gives the weight of the column `error`, else the map is \
-            assumed exact", rule Rule::Positive;
+        absent "with `tuning = \"auto\"` the likelihood gives the weight of the column `error`, or of the error \
+            between the nodes that follows from the map; else the map is assumed exact", rule Rule::Positive;
     /// Length of the window from the start of a line over which the mean of measurement minus prediction is computed
     /// and subtracted. 0 subtracts nothing.
     offset_window_s: f64, unit "s", default 0.0, rule Rule::NotNegative;

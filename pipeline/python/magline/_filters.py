@@ -166,8 +166,8 @@ def ekf(
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
         position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
-        assumed exact.
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -376,9 +376,10 @@ def ekf(
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
-        exact.
+        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
+        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
+        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
+        stamps are exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -584,8 +585,8 @@ def iekf(
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
         position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
-        assumed exact.
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -800,9 +801,10 @@ def iekf(
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
-        exact.
+        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
+        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
+        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
+        stamps are exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -1009,8 +1011,8 @@ def ukf(
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
         position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
-        assumed exact.
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -1230,9 +1232,10 @@ def ukf(
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
-        exact.
+        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
+        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
+        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
+        stamps are exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -1450,8 +1453,8 @@ def ekf_adaptive(
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
         position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
-        assumed exact.
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -1681,9 +1684,10 @@ def ekf_adaptive(
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
-        exact.
+        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
+        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
+        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
+        stamps are exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -1914,8 +1918,8 @@ def ekf_online_tl(
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
         position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
-        assumed exact.
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -2170,9 +2174,10 @@ def ekf_online_tl(
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
-        exact.
+        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
+        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
+        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
+        stamps are exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -2408,8 +2413,8 @@ def fixed_lag(
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
         position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
-        assumed exact.
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -2671,9 +2676,10 @@ def fixed_lag(
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
-        exact.
+        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
+        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
+        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
+        stamps are exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -2888,8 +2894,8 @@ def rts(
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
         position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
-        assumed exact.
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -3106,9 +3112,10 @@ def rts(
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
-        exact.
+        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
+        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
+        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
+        stamps are exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -3324,8 +3331,8 @@ def mpf(
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
         position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
-        assumed exact.
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -3556,9 +3563,10 @@ def mpf(
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
-        exact.
+        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
+        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
+        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
+        stamps are exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -3776,8 +3784,8 @@ def mpf_then_ekf(
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
         position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
-        assumed exact.
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -3995,9 +4003,10 @@ def mpf_then_ekf(
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
-        exact.
+        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
+        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
+        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
+        stamps are exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -4201,8 +4210,8 @@ def crlb(
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
         position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
-        assumed exact.
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -4408,9 +4417,10 @@ def crlb(
     mag_latency_sigma_s : float, optional
         Prior standard deviation of the lag of the magnetometer's time stamps. If set, the lag
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
-        `t` minus the lag, which may be negative. Appends `mag_latency` and `mag_latency_sigma`.
-        Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: above 0. Unset: time stamps are
-        exact.
+        `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
+        `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
+        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
+        stamps are exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect

@@ -2362,15 +2362,268 @@ class StageMethods:
         """
         return self._stage("fogm_noise", locals())
 
+    def noise_network(
+        self,
+        *,
+        input: TableLike,
+        map: TableLike,
+        network_noise: Literal["r", "q", "both"] | Axis | None = None,
+        loss: Literal["likelihood", "position"] | Axis | None = None,
+        features: ListLike | Axis | None = None,
+        hidden: int | Axis | None = None,
+        limit: float | Axis | None = None,
+        epochs: int | Axis | None = None,
+        window_s: float | Axis | None = None,
+        learning_rate: float | Axis | None = None,
+        seed: int | Axis | None = None,
+        tuning: Literal["auto", "magnav"] | Axis | None = None,
+        mag: ListLike | Axis | None = None,
+        core_field: bool | Axis | None = None,
+        remove_diurnal: bool | Axis | None = None,
+        decimal_year: float | Axis | None = None,
+        map_interpolation: Literal["linear", "quadratic", "cubic"] | Axis | None = None,
+        map_levels_m: ListLike | Axis | None = None,
+        map_error_length_m: float | Axis | None = None,
+        offset_window_s: float | Axis | None = None,
+        measurement_sigma_nt: float | Literal["auto"] | Axis | None = None,
+        fogm_sigma_nt: float | Literal["auto"] | Axis | None = None,
+        fogm_tau_s: float | Literal["auto"] | Axis | None = None,
+        noise_column: str | Axis | None = None,
+        start: Literal["auto", "fix", "alignment", "given"] | Axis | None = None,
+        fix: ListLike | Axis | None = None,
+        fix_velocity: ListLike | Axis | None = None,
+        fix_sigma_m: float | Axis | None = None,
+        fix_alt_sigma_m: float | Axis | None = None,
+        fix_velocity_sigma_mps: float | Axis | None = None,
+        vector: str | Axis | None = None,
+        sensor_axis: ListLike | Axis | None = None,
+        dead_zones: Literal["none", "polar", "polar_and_equatorial"] | Axis | None = None,
+        ins_grade: Literal["magnav", "navigation", "tactical", "commercial"] | Axis | None = None,
+        init_position_sigma_m: float | Axis | None = None,
+        init_altitude_sigma_m: float | Axis | None = None,
+        init_velocity_sigma_mps: float | Axis | None = None,
+        init_attitude_sigma_deg: float | Axis | None = None,
+        init_heading_sigma_deg: float | Axis | None = None,
+        vrw_sigma: float | Axis | None = None,
+        arw_sigma: float | Axis | None = None,
+        baro_sigma_m: float | Axis | None = None,
+        ha_sigma_m: float | Axis | None = None,
+        a_hat_sigma_mps2: float | Axis | None = None,
+        acc_sigma_mps2: float | Axis | None = None,
+        gyro_sigma_radps: float | Axis | None = None,
+        baro_tau_s: float | Axis | None = None,
+        acc_tau_s: float | Axis | None = None,
+        gyro_tau_s: float | Axis | None = None,
+        name: str | None = None,
+        where: str | None = None,
+        publish: bool | None = None,
+        carry: Sequence[str] | None = None,
+        keep: bool | None = None,
+    ) -> TableHandle:
+        """Trains the network that sets the noise of the filter `nekf`, on the lines that `where`
+        selects.
+
+        Do not select the lines that are navigated.
+
+        The network minimises the negative log-likelihood of the innovations, which requires no
+        truth. With `loss = "position"` it minimises that of the true position, `lat` and `lon`. Its
+        derivatives are propagated back through the network and through the covariance and state of
+        the filter. Each line is prepared as by `navigate` with the same keys: use equal values
+        there. With `tuning = "auto"` the noise of each line is estimated first, and the network
+        learns how the noise changes along the line.
+
+        The table holds the weights, the scaling of the inputs, and the mean loss of each epoch
+        (`epoch_loss`; `initial_loss` is that of `ekf`). A loss that does not fall means that the
+        inputs do not predict the noise; the filter then equals `ekf`. Rows that `where` does not
+        select have no measurement. Lines of different sample rates are rejected.
+
+        Parameters
+        ----------
+        input : TableLike
+            Input: flight lines.
+        map : TableLike
+            Input: map.
+        network_noise : {"r", "q", "both"}, optional
+            Noise that the network sets: of the measurement (`"r"`), of the temporal variation
+            (`"q"`), or both. Default: `"r"`.
+        loss : {"likelihood", "position"}, optional
+            Loss: of the innovations, or of the true position. Default: `"likelihood"`.
+        features : ListLike, optional
+            Columns that are further inputs of the network, such as currents. A value that is not
+            finite is rejected. Unset: none.
+        hidden : int, optional
+            Number of units of the layer. Allowed: 1 to 256. Default: `8`.
+        limit : float, optional
+            Largest factor on a standard deviation; the smallest is its inverse. Allowed: 1.01 to
+            10000. Default: `10.0`.
+        epochs : int, optional
+            Number of passes through the lines. Allowed: 1 to 100000. Default: `30`.
+        window_s : float, optional
+            Time through which derivatives are propagated. Unit: s. Allowed: above 0. Default:
+            `200.0`.
+        learning_rate : float, optional
+            Learning rate of the first step. It falls to 0 along half a cosine. Allowed: above 0.
+            Default: `0.01`.
+        seed : int, optional
+            Seed of the initial weights. Default: `0`.
+        tuning : {"auto", "magnav"}, optional
+            Source of unset parameters, as in `navigate`. Default: `"auto"`.
+        mag : ListLike, optional
+            Measured field of one or several magnetometers. The filter uses their mean. Unit: nT.
+            Default: `["mag_c"]`.
+        core_field : bool, optional
+            Predicts the core field as part of the measurement. `false`: the measurement is an
+            anomaly. Default: `true`.
+        remove_diurnal : bool, optional
+            Subtracts the column `diurnal` from the measurement. A sample with a NaN in `diurnal`
+            has no measurement. Unset: true if the flight has the column and the measurement still
+            contains it.
+        decimal_year : float, optional
+            Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
+            1900 to 2030. Unset: the flight's own date.
+        map_interpolation : {"linear", "quadratic", "cubic"}, optional
+            Interpolation of the map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
+        map_levels_m : ListLike, optional
+            Heights above the ellipsoid, ascending, to which the map is continued. Unit: m. Unset:
+            continued to the flight heights with `tuning = "auto"`, else used at its own height.
+        map_error_length_m : float, optional
+            Correlation length of the map error, for a map with the column `error`. Unit: m.
+            Allowed: above 0. Unset: with `tuning = "auto"` the likelihood gives the weight of the
+            column `error`, or of the error between the nodes that follows from the map; else the
+            map is assumed exact.
+        offset_window_s : float, optional
+            Length of the window from the start of a line over which the mean of measurement minus
+            prediction is computed and subtracted. 0 subtracts nothing. Unit: s. Allowed: 0 or
+            above. Default: `0.0`.
+        measurement_sigma_nt : float | {"auto"}, optional
+            Standard deviation of the white noise of a measurement: sensor, map and residual of the
+            compensation. `"auto"` uses the residual of the calibration, from the column
+            `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
+            "auto"`, else 5.0.
+        fogm_sigma_nt : float | {"auto"}, optional
+            Standard deviation of the first-order Gauss-Markov process for the temporal variation
+            and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
+            0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        fogm_tau_s : float | {"auto"}, optional
+            Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
+            s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        noise_column : str, optional
+            Column with the standard deviation of an additional error of each sample:
+            `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
+            added to the square of `measurement_sigma_nt`. A sample without it has no measurement.
+            Requires a single magnetometer. Unit: nT. Unset: equal noise at all samples.
+        start : {"auto", "fix", "alignment", "given"}, optional
+            Source of the initial estimate. An INS drifts after its alignment, so the `init_*` keys
+            are not valid minutes later. Default: `"auto"`.
+        fix : ListLike, optional
+            Columns of latitude, longitude (deg) and height (m) of the fix. The first values within
+            2 s of the line's start are used. White noise with the fix's standard deviations is
+            added to columns with the role truth. It is reproducible for each line. Unset:
+            `gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and
+            `alt`.
+        fix_velocity : ListLike, optional
+            Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
+            `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
+            if the flight has them; else the velocity of the INS.
+        fix_sigma_m : float, optional
+            Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+            above 0. Default: `3.0`.
+        fix_alt_sigma_m : float, optional
+            Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
+        fix_velocity_sigma_mps : float, optional
+            Standard deviation of each component of the fix's velocity. Unit: m/s. Allowed: above 0.
+            Default: `0.1`.
+        vector : str, optional
+            Vector magnetometer that gives the direction of the field, such as `flux_a`. Its noise
+            and the aircraft field at its position are neglected here. Unset: equal noise in all
+            attitudes.
+        sensor_axis : ListLike, optional
+            Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
+            Allowed: finite. Default: `[1.0,0.0,0.0]`.
+        dead_zones : {"none", "polar", "polar_and_equatorial"}, optional
+            Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude
+            and inversely proportional to the amplitude. A sample below a tenth of the largest
+            amplitude has no measurement. Default: `"none"`.
+        ins_grade : {"magnav", "navigation", "tactical", "commercial"}, optional
+            Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s`
+            of the INS). `magnav` uses the defaults shown with the keys. `navigation` is a Honeywell
+            HG9900, `tactical` a Honeywell HG1700, and `commercial` has micro-mechanical sensors
+            [Lee 2019, Tables 9 and 10]. The last three have an exact position at the alignment
+            (`init_position_sigma_m = 0`). Unset: `magnav`; in `navigate`, the flight's column
+            `ins_grade` if it has one.
+        init_position_sigma_m : float, optional
+            Standard deviation of the initial horizontal position error, each axis. Unit: m.
+            Allowed: 0 or above. Default: `3.0`.
+        init_altitude_sigma_m : float, optional
+            Standard deviation of the initial height error. Unit: m. Allowed: 0 or above. Default:
+            `0.001`.
+        init_velocity_sigma_mps : float, optional
+            Standard deviation of the initial velocity error, each axis. Unit: m/s. Allowed: 0 or
+            above. Default: `0.01`.
+        init_attitude_sigma_deg : float, optional
+            Standard deviation of the initial tilt error, each axis. Unit: deg. Allowed: 0 or above.
+            Default: `0.01`.
+        init_heading_sigma_deg : float, optional
+            Standard deviation of the initial yaw error, the tilt about the down axis. It is larger
+            than the level tilt errors, because the INS finds north by the earth's rotation, which
+            is a much weaker signal than gravity. Unit: deg. Allowed: 0 or above. Unset: the initial
+            tilt error.
+        vrw_sigma : float, optional
+            Velocity random walk (square root of the spectral density). Unit: m/s^1.5. Allowed: 0 or
+            above. Default: `0.000238`.
+        arw_sigma : float, optional
+            Angular random walk (square root of the spectral density). Unit: rad/s^0.5. Allowed: 0
+            or above. Default: `5.81e-7`.
+        baro_sigma_m : float, optional
+            Standard deviation of the barometer error. Unit: m. Allowed: 0 or above. Default: `1.0`.
+        ha_sigma_m : float, optional
+            Standard deviation of the initial error of the barometric-aiding altitude. Unit: m.
+            Allowed: 0 or above. Default: `0.001`.
+        a_hat_sigma_mps2 : float, optional
+            Standard deviation of the initial error of the barometric-aiding vertical acceleration.
+            Unit: m/s2. Allowed: 0 or above. Default: `0.01`.
+        acc_sigma_mps2 : float, optional
+            Standard deviation of the accelerometer bias. Unit: m/s2. Allowed: 0 or above. Default:
+            `0.000245`.
+        gyro_sigma_radps : float, optional
+            Standard deviation of the gyro bias. Unit: rad/s. Allowed: 0 or above. Default:
+            `7.27e-9`.
+        baro_tau_s : float, optional
+            Time constant of the barometer error. Unit: s. Allowed: above 0. Default: `3600.0`.
+        acc_tau_s : float, optional
+            Time constant of the accelerometer bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        gyro_tau_s : float, optional
+            Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
+        name : str, optional
+            The name of the table that the stage makes. Default: the kind of the stage, with a
+            number if that name is taken.
+        where : str, optional
+            An SQL predicate that selects the input rows, such as `line = '1003.02'`; a stage that
+            works on one line at a time may use only `flight` and `line`.
+        publish : bool, optional
+            `false`: the table is not published, but later stages can read it (default: `true`).
+        carry : Sequence[str], optional
+            Columns that pass through the stage unchanged and that its published table also has,
+            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+        keep : bool, optional
+            `false`: results are not stored, but recomputed when required; for tables of flight
+            lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Gnadt 2022, section 5.9.3; Kingma & Ba 2015.
+        """
+        return self._stage("noise_network", locals())
+
     def navigate(
         self,
         *,
         input: TableLike,
         map: TableLike | None = None,
         model: TableLike | Sequence[TableLike] | None = None,
-        filter: Literal["ekf", "iekf", "ukf", "ekf_adaptive", "ekf_online_tl", "ekf_online_nn",
-            "fixed_lag", "rts", "mpf", "mpf_then_ekf", "slam", "crlb", "ins_only"] | Axis | None =
-            None,
+        filter: Literal["ekf", "iekf", "ukf", "ekf_adaptive", "nekf", "ekf_online_tl",
+            "ekf_online_nn", "fixed_lag", "rts", "mpf", "mpf_then_ekf", "slam", "crlb", "ins_only"]
+            | Axis | None = None,
         tuning: Literal["auto", "magnav"] | Axis | None = None,
         mag: ListLike | Axis | None = None,
         core_field: bool | Axis | None = None,
@@ -2451,6 +2704,8 @@ class StageMethods:
         sigma_min_nt: float | Axis | None = None,
         sigma_max_nt: float | Axis | None = None,
         form: Literal["residual", "matched", "compatible"] | Axis | None = None,
+        features: ListLike | str | Axis | None = None,
+        save_inputs: bool | Axis | None = None,
         walk_per_hour: float | Axis | None = None,
         flux_bias_sigma_nt: float | Axis | None = None,
         flux_bias_tau_s: float | Axis | None = None,
@@ -2463,7 +2718,6 @@ class StageMethods:
         input_sigma_nt: float | Axis | None = None,
         heading_error_sigma_nt: float | Axis | None = None,
         prior_factor: float | Axis | None = None,
-        features: str | Axis | None = None,
         hidden: int | Axis | None = None,
         activation: Literal["swish", "tanh"] | Axis | None = None,
         seed: int | Axis | None = None,
@@ -2559,7 +2813,7 @@ class StageMethods:
             Input: map, optional.
         model : TableLike | Sequence[TableLike], optional
             Input: one or several model tables, optional.
-        filter : {"ekf", "iekf", "ukf", "ekf_adaptive", "ekf_online_tl", "ekf_online_nn",
+        filter : {"ekf", "iekf", "ukf", "ekf_adaptive", "nekf", "ekf_online_tl", "ekf_online_nn",
         "fixed_lag", "rts", "mpf", "mpf_then_ekf", "slam", "crlb", "ins_only"}, optional
             Navigation filter. Default: `"ekf"`.
         tuning : {"auto", "magnav"}, optional
@@ -2594,8 +2848,8 @@ class StageMethods:
             `track_map`); typically the spacing of its survey lines. The equivalent white noise is
             added to the measurement noise of each sample. An extended Kalman filter predicts the
             position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-            `tuning = "auto"` the likelihood gives the weight of the column `error`, else the map is
-            assumed exact.
+            `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+            between the nodes that follows from the map; else the map is assumed exact.
         offset_window_s : float, optional
             Length of the window from the start of a line over which the mean of measurement minus
             prediction is computed. This offset is subtracted before filtering, because compensation
@@ -2701,15 +2955,15 @@ class StageMethods:
         gyro_tau_s : float, optional
             Time constant of the gyro bias. Unit: s. Allowed: above 0. Default: `3600.0`.
         save_state : bool, optional
-            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `rts`: Appends the state `x` and its
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `rts`: Appends the state `x` and its
             covariance `p` (row-major). Default: `false`.
             For `ekf_online_tl`: Appends the state `x` and its covariance `p` (row-major), of the 18
             states of `ekf`. Default: `false`.
             For `crlb`: Appends the covariance `p` (row-major). Default: `false`.
         gate_nis : float, optional
-            For `ekf`, `iekf`, `ukf`, `ekf_online_tl`, `ekf_online_nn`, `slam`: Largest accepted NIS
-            (squared innovation divided by its variance) of a measurement. Allowed: above 0. Unset:
-            no gate; `tuning = "auto"` rejects outliers before the filter.
+            For `ekf`, `iekf`, `ukf`, `nekf`, `ekf_online_tl`, `ekf_online_nn`, `slam`: Largest
+            accepted NIS (squared innovation divided by its variance) of a measurement. Allowed:
+            above 0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
             For `ekf_adaptive`: Largest accepted NIS (squared innovation divided by its variance) of
             a measurement. Rejected measurements are used only to estimate the noise. Allowed: above
             0. Unset: no gate; `tuning = "auto"` rejects outliers before the filter.
@@ -2720,47 +2974,48 @@ class StageMethods:
             the whole cloud before the hand-over. Allowed: above 0. Unset: no gate; `tuning =
             "auto"` rejects outliers before the filter.
         discretisation : {"trapezoidal", "rectangular", "van_loan"}, optional
-            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `slam`, `crlb`: Discretisation of the process noise: to second order, to first
-            order as in MagNav.jl, or exact. Default: `"trapezoidal"`.
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
+            `fixed_lag`, `rts`, `slam`, `crlb`: Discretisation of the process noise: to second
+            order, to first order as in MagNav.jl, or exact. Default: `"trapezoidal"`.
         gnss_lost_s : ListLike, optional
-            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Times of loss and recovery of
-            GNSS, in s from the first sample of the line. Before the loss and after the recovery,
-            the GNSS position (columns `gnss`) aids the filter. `[0.0, 600.0]` starts without GNSS
-            and recovers it after ten minutes. If the recovery is after the end of the line, GNSS is
-            not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
+            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Times of loss and
+            recovery of GNSS, in s from the first sample of the line. Before the loss and after the
+            recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0, 600.0]` starts
+            without GNSS and recovers it after ten minutes. If the recovery is after the end of the
+            line, GNSS is not recovered. Unit: s. Allowed: 0 or above. Unset: GNSS is not used.
         gnss : ListLike, optional
-            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Columns of the GNSS latitude,
-            longitude (deg) and height above the ellipsoid (m). Unset: `gnss_lat`, `gnss_lon` and
-            `gnss_alt` if the flight has them, else `lat`, `lon` and `alt`.
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
+            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Columns of the
+            GNSS latitude, longitude (deg) and height above the ellipsoid (m). Unset: `gnss_lat`,
+            `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and `alt`.
         gnss_interval_s : float, optional
-            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Time between two GNSS
-            positions. Unit: s. Allowed: above 0. Default: `1.0`.
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
+            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Time between two
+            GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
         gnss_sigma_m : float, optional
-            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Standard deviation of the GNSS
-            position in each of north and east. Unit: m. Allowed: above 0. Default: `2.0`.
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
+            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Standard
+            deviation of the GNSS position in each of north and east. Unit: m. Allowed: above 0.
+            Default: `2.0`.
         gnss_alt_sigma_m : float, optional
-            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Standard deviation of the GNSS
-            height. Unit: m. Allowed: above 0. Default: `5.0`.
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
+            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Standard
+            deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
         gnss_noise : bool, optional
-            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Adds white noise with these
-            standard deviations to the positions. It is reproducible for each line. The truth of a
-            simulation is free of noise; a filter that assumes noise where there is none appears
-            better than it is. Unset: true if `gnss` names columns of the role truth.
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
+            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Adds white noise
+            with these standard deviations to the positions. It is reproducible for each line. The
+            truth of a simulation is free of noise; a filter that assumes noise where there is none
+            appears better than it is. Unset: true if `gnss` names columns of the role truth.
         gnss_test : bool, optional
-            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Tests each position against
-            the INS, alone (chi-square) and together with earlier positions (cumulative sum).
-            Rejected positions are not used. The test detects a jump at once and a drift of 1 m/s
-            after about 10 s; a drift is then rejected from its start. Positions are accepted again
-            after ten consecutive positions agree with the INS. `gnss_update` is appended with and
-            without the test. Default: `true`.
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
+            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Tests each
+            position against the INS, alone (chi-square) and together with earlier positions
+            (cumulative sum). Rejected positions are not used. The test detects a jump at once and a
+            drift of 1 m/s after about 10 s; a drift is then rejected from its start. Positions are
+            accepted again after ten consecutive positions agree with the INS. `gnss_update` is
+            appended with and without the test. Default: `true`.
         gradient : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Two compensated scalar magnetometers. Their
@@ -2855,9 +3110,10 @@ class StageMethods:
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Prior standard deviation of the lag of the
             magnetometer's time stamps. If set, the lag is a state of the filter, constant along the
-            line. A sample stamped `t` was measured at `t` minus the lag, which may be negative.
-            Appends `mag_latency` and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`.
-            Unit: s. Allowed: above 0. Unset: time stamps are exact.
+            line. A sample stamped `t` was measured at `t` minus the lag, which may be negative. 0
+            omits this state. Appends `mag_latency` and `mag_latency_sigma`. Available in `ekf`,
+            `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: with `tuning = "auto"` 1.0 if the
+            lag increases the likelihood clearly; else time stamps are exact.
         permanent_change_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of each component (nose, right,
@@ -2923,6 +3179,13 @@ class StageMethods:
             innovation the predicted covariance of its time. `"compatible"`, as in MagNav.jl, starts
             at the mean of the bounds and subtracts the present covariance from all. Default:
             `"residual"`.
+        features : ListLike | str, optional
+            For `nekf`: Columns that are further inputs of the network, such as currents. A value
+            that is not finite is rejected. Unset: none.
+            For `ekf_online_nn`: List column of the network's inputs, as made by `features` or
+            `a_matrix`. Default: `"features"`.
+        save_inputs : bool, optional
+            For `nekf`: Appends the inputs of the network before standardisation. Default: `false`.
         walk_per_hour : float, optional
             For `ekf_online_tl`: Random walk of a coefficient: its standard deviation after one
             hour, divided by its prior standard deviation. With 0 the coefficients are constants.
@@ -2974,9 +3237,6 @@ class StageMethods:
             converted from the rate of the fit to that of the line. At rates below about 5 Hz the
             differences are inaccurate in manoeuvres: they underestimate a change at frequency f by
             the fraction (2 pi f / rate)^2 / 6. Allowed: above 0. Default: `1.0`.
-        features : str, optional
-            For `ekf_online_nn`: List column of the network's inputs, as made by `features` or
-            `a_matrix`. Default: `"features"`.
         hidden : int, optional
             For `ekf_online_nn`: Number of units in the hidden layer. Allowed: 1 to 64. Default:
             `8`.

@@ -37,9 +37,9 @@ const LEAST_STEPS: usize = 50;
 const NAMES: [&[&str]; 6] = [
     &["timeus", "timestamp", "timems", "tt"],
     &["time"],
-    &["millis", "micros", "milliseconds", "microseconds", "msec", "usec", "seconds", "secs", "sec", "uptime"],
     &["t"],
     &["utc", "datetime", "date"],
+    &["millis", "micros", "milliseconds", "microseconds", "msec", "usec", "seconds", "secs", "sec", "uptime"],
     &["gps", "tow", "sow", "sod", "elapsed", "clock", "zeit", "timestamp"],
 ];
 
