@@ -142,6 +142,25 @@ fn user_mutated_plans_of_a_cluster_contain_only_tasks() {
 }
 
 #[test]
+fn bug_a_length_that_rows_in_memory_declare_is_not_allocated() {
+    let whole = rows();
+    let Some(Node::MemoryScan(scan)) = &whole.physical_plan_type else { panic!("rows in memory") };
+    let context = TaskContext::default();
+    let decoded = |rows: PhysicalPlanNode| {
+        let bytes = extension(format!("{MARK}0.1.0").into_bytes(), vec![rows]).encode_to_vec();
+        JobPlan::try_decode(&bytes)
+            .is_ok_and(|plan| plan.try_into_physical_plan(&context, &TaskPlanCodec::default()).is_ok())
+    };
+    assert!(decoded(whole.clone()));
+    // One of these positions holds the length of the body. An allocation of 35 TB would end the process.
+    for at in (0..scan.partitions[0].len() - 8).step_by(4) {
+        let mut scan = scan.clone();
+        scan.partitions[0][at..at + 8].copy_from_slice(&(1_i64 << 45).to_le_bytes());
+        decoded(PhysicalPlanNode { physical_plan_type: Some(Node::MemoryScan(scan)) });
+    }
+}
+
+#[test]
 fn user_mutated_tasks_and_receipts_are_read_or_rejected() {
     let key = "0123456789abcdef0123456789abcdef";
     let unit = json!({"point": 3, "line": 7, "key": key, "without": [2, 5]});

@@ -8,6 +8,7 @@ use std::{
     sync::Arc,
 };
 
+use arrow_ipc::root_as_message;
 use ballista_core::serde::protobuf::{
     BallistaPhysicalPlanNode, ballista_physical_plan_node::PhysicalPlanType as Ballista,
 };
@@ -86,13 +87,43 @@ fn check(plan: &PhysicalPlanNode) -> Result<()> {
 /// Checks magline's node, above rows in memory.
 fn units(node: &PhysicalExtensionNode) -> Result<()> {
     match single(node)? {
-        Some(Node::MemoryScan(MemoryScanExecNode { sort_information, fetch: None, .. }))
+        Some(Node::MemoryScan(MemoryScanExecNode { partitions, sort_information, fetch: None, .. }))
             if sort_information.is_empty() =>
         {
-            Ok(())
+            if partitions.iter().all(|stream| has_declared_lengths(stream)) {
+                return Ok(());
+            }
+            refused("the rows in memory are damaged")
         }
         _ => refused("the tasks are not rows in memory"),
     }
+}
+
+/// Whether each message of an Arrow stream has the length that it declares. The decoder allocates declared lengths, so that
+/// compressed buffers and dictionaries, which magline does not send, are rejected, too.
+fn has_declared_lengths(mut stream: &[u8]) -> bool {
+    const MARKER: [u8; 4] = [0xff; 4];
+    while let Some((first, mut rest)) = stream.split_first_chunk::<4>() {
+        let mut length = *first;
+        if length == MARKER {
+            let Some((next, after)) = rest.split_first_chunk::<4>() else { return false };
+            (length, rest) = (*next, after);
+        }
+        let Ok(length) = usize::try_from(i32::from_le_bytes(length)) else { return false };
+        if length == 0 {
+            return true;
+        }
+        let Some((metadata, body)) = rest.split_at_checked(length) else { return false };
+        let Ok(message) = root_as_message(metadata) else { return false };
+        let is_compressed = message.header_as_record_batch().is_some_and(|batch| batch.compression().is_some());
+        if is_compressed || message.header_as_dictionary_batch().is_some() {
+            return false;
+        }
+        let after = usize::try_from(message.bodyLength()).ok().and_then(|length| body.split_at_checked(length));
+        let Some((_, after)) = after else { return false };
+        stream = after;
+    }
+    stream.is_empty()
 }
 
 impl AsExecutionPlan for JobPlan {
