@@ -245,7 +245,7 @@ fn user_rename_applies_to_the_columns_of_a_mapping() {
         let text = format!(
             "name = \"x\"\nstore = \"store\"\n[tables.f]\npath = \"a.csv\"\nmapping = \"m.toml\"\nrename = {rename}\n\
              [[stages]]\nname = \"s\"\nstage = \"derive\"\ninput = \"f\"\ncarry = [\"mag_7_uc\"]\n\
-             columns = {{ out = \"mag_7_uc - reference\" }}\n"
+             columns = {{ out = \"mag_7_uc - 1000 * reference\" }}\n"
         );
         fs::write(folder.path().join("spec.toml"), text).unwrap();
     };
@@ -283,9 +283,10 @@ fn user_one_block_declares_all_tables_of_a_log_with_a_mapping_by_content() {
     let folder = TempDir::new().unwrap();
     let log = crate::support::repository().join("datasets/samples/logs/log171_flight.bin");
     let spec = |more: &str| {
+        let second = if more.contains("nothing") { "log_nothing" } else { "log_battery" };
         let text = format!(
             "name = \"x\"\nstore = \"store\"\n[tables.log]\npath = {log:?}\n{more}\n[[stages]]\nname = \"even\"\n\
-             stage = \"resample\"\ninput = [\"log_mag\", \"log_battery\"]\nrate_hz = 10.0\n"
+             stage = \"resample\"\ninput = [\"log_mag\", \"{second}\"]\nrate_hz = 10.0\n"
         );
         fs::write(folder.path().join("spec.toml"), text).unwrap();
     };

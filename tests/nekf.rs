@@ -41,7 +41,7 @@ fn law_a_network_without_an_output_gives_the_bits_of_the_ekf() {
 
 #[test]
 fn user_a_network_is_trained_and_used_with_further_inputs() {
-    let keys = "features = [\"ins_roll\"]";
+    let keys = "features = [\"ins_lon\"]";
     let bench = bench_of(
         &format!("{keys}\nnetwork_noise = \"both\"\nloss = \"position\"\nwindow_s = 10.0"),
         &format!("{keys}\nmodel = \"learnt\"\nsave_inputs = true"),
@@ -49,7 +49,7 @@ fn user_a_network_is_trained_and_used_with_further_inputs() {
     let run = bench.run(&["--threads", "2"]);
     assert_eq!(run.code, 0, "{} {}", run.last, run.stderr);
     let terms = texts(&read(&bench.path("store/tables/small/learnt")), "term");
-    assert!(terms.iter().any(|term| term == "mean[9] ins_roll"), "{terms:?}");
+    assert!(terms.iter().any(|term| term == "mean[9] ins_lon"), "{terms:?}");
     assert_eq!(terms.iter().filter(|term| term.starts_with("weight[")).count(), 4 * 4 * (9 + 4 + 1) + 2 * 5);
     assert_eq!(terms.iter().filter(|term| term.starts_with("epoch_loss[")).count(), 3);
     for name in ["noise_factor", "fogm_factor"] {
@@ -71,14 +71,14 @@ fn user_a_wrong_network_or_feature_is_an_error_before_the_run() {
     for (training, filter, words) in [
         ("", "", "requires a trained network"),
         ("features = [\"lat\"]", "model = \"learnt\"", "truth column"),
-        ("features = [\"ins_rol\"]", "model = \"learnt\"", "ins_roll"),
+        ("features = [\"ins_lo\"]", "model = \"learnt\"", "ins_lon"),
         ("limit = 0.5", "model = \"learnt\"", "limit"),
     ] {
         let run = bench_of(training, filter).run(&[]);
         assert!(run.code == 2 && run.stderr.contains(words), "{words}: {}", run.stderr);
     }
-    let run = bench_of("features = [\"ins_roll\"]", "model = \"learnt\"").run(&[]);
-    assert!(run.code == 1 && run.stderr.contains("was trained with `features = [\"ins_roll\"]`"), "{}", run.stderr);
+    let run = bench_of("features = [\"ins_lon\"]", "model = \"learnt\"").run(&[]);
+    assert!(run.code == 1 && run.stderr.contains("was trained with `features = [\"ins_lon\"]`"), "{}", run.stderr);
     let checked = bench_of("", "model = \"coefficients\"").run(&[]);
     assert!(checked.code == 1 && checked.stderr.contains("not a network of the noise"), "{}", checked.stderr);
     let check = bench_of("", "model = \"learnt\"").magline(&["check", "spec.toml"]);

@@ -12,7 +12,6 @@
 //! The same run gives the same bytes: the set does not depend on clock, host or paths of the machine.
 
 mod aggregate;
-mod checksums;
 mod citation;
 mod croissant;
 mod datapackage;
@@ -49,7 +48,7 @@ use report::html;
 use results::{described, lifted, pooled};
 use run::run_id;
 use schemas::{Fault, TableKind, keys::HashKey};
-use store::{Store, Version, arithmetic::arithmetic_in_words, current, published};
+use store::{Store, Version, arithmetic::arithmetic_in_words, checksums, current, published};
 
 use folder::FolderDraft;
 use set::{

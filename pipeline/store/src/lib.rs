@@ -28,6 +28,7 @@ pub mod arithmetic;
 pub mod attempts;
 mod catalogue;
 mod checkpoints;
+pub mod checksums;
 pub mod clock;
 mod lock;
 mod mirror;
