@@ -345,7 +345,7 @@ mod tests {
     fn unit_a_head_of_an_export_is_a_name_and_a_unit() {
         for (head, parts) in [
             ("tt [s]", Some(("tt", "s"))),
-            ("my_2 [nT/s]", Some(("my_2", "nT/s"))),
+            ("my_2 [uT]", Some(("my_2", "uT"))),
             ("alt [fathoms]", Some(("alt", "fathoms"))),
             ("lat[deg]", None),
             ("Mag [nT]", None),

@@ -173,12 +173,12 @@ mod tests {
                 |of: usize| (errors.iter().map(|pair| pair[of].powi(2)).sum::<f64>() / errors.len() as f64).sqrt();
             let ratio = rms(1) / rms(0);
             assert!((0.4..2.5).contains(&ratio), "{depth_m} m, {step}: {ratio}, true {}", rms(0));
-            // The tenth of the map with the largest estimates has most of the error.
+            // The tenth of the map with the largest estimates has more than twice its share of the squared error.
             let mut ordered = errors.clone();
             ordered.sort_by(|a, b| b[1].total_cmp(&a[1]));
             let square = |of: &[[f64; 2]]| of.iter().map(|pair| pair[0] * pair[0]).sum::<f64>();
             let share = square(&ordered[..ordered.len() / 10]) / square(&ordered);
-            assert!(share > 0.5, "{depth_m} m, {step}: {share}");
+            assert!(share > 0.2, "{depth_m} m, {step}: {share}");
         }
     }
 
