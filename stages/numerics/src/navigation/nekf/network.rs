@@ -222,16 +222,16 @@ impl NoiseNetwork {
             d_v[units] += d;
         }
         let d_hidden = std::mem::replace(&mut adjoint.hidden, vec![0.0; units]);
-        for unit in 0..units {
+        for (unit, d_hidden) in d_hidden.into_iter().enumerate() {
             let [i, j, g, o] = [0, 1, 2, 3].map(|gate| tape.gates[gate * units + unit]);
             let bent = tape.after.memory[unit].tanh();
-            let d_memory = adjoint.memory[unit] + d_hidden[unit] * o * (1.0 - bent * bent);
+            let d_memory = adjoint.memory[unit] + d_hidden * o * (1.0 - bent * bent);
             adjoint.memory[unit] = d_memory * j;
             let d_sums = [
                 d_memory * g * i * (1.0 - i),
                 d_memory * tape.before.memory[unit] * j * (1.0 - j),
                 d_memory * i * (1.0 - g * g),
-                d_hidden[unit] * bent * o * (1.0 - o),
+                d_hidden * bent * o * (1.0 - o),
             ];
             for (gate, d) in d_sums.into_iter().enumerate() {
                 let at = (gate * units + unit) * row;
