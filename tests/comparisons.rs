@@ -53,7 +53,7 @@ fn excluded(predicate: &str) -> BTreeSet<String> {
 /// Lines that select the epoch of a network.
 fn validation(example: &Example, network: &Table) -> BTreeSet<String> {
     let own = network["validation"].as_array();
-    let lines = own.map_or_else(|| example.axis("validation")[0].as_array().unwrap(), |own| own);
+    let lines = own.unwrap_or_else(|| example.axis("validation")[0].as_array().unwrap());
     lines.iter().map(|line| line.as_str().unwrap().to_owned()).collect()
 }
 

@@ -19,13 +19,16 @@ use spread::spread;
 use utc::UtcColumn;
 use xyz::GeosoftWriter;
 
+/// Makes the writer of a file for a table of this name.
+pub type CreateWriterFn = fn(&Path, &str) -> Result<Box<dyn TableWriter>, Fault>;
+
 /// File format with its own writer.
 #[derive(Clone, Copy)]
 pub struct TableFormat {
     /// Extension of its files.
     pub extension: &'static str,
     /// Creates a file for a table of this name.
-    pub create: fn(&Path, &str) -> Result<Box<dyn TableWriter>, Fault>,
+    pub create: CreateWriterFn,
 }
 
 /// The file formats with their own writers.
