@@ -245,7 +245,7 @@ fn user_rename_applies_to_the_columns_of_a_mapping() {
         let text = format!(
             "name = \"x\"\nstore = \"store\"\n[tables.f]\npath = \"a.csv\"\nmapping = \"m.toml\"\nrename = {rename}\n\
              [[stages]]\nname = \"s\"\nstage = \"derive\"\ninput = \"f\"\ncarry = [\"mag_7_uc\"]\n\
-             columns = {{ out = \"mag_7_uc - 1000 * reference\" }}\n"
+             units = {{ out = \"nT\" }}\ncolumns = {{ out = \"mag_7_uc - 1000 * reference\" }}\n"
         );
         fs::write(folder.path().join("spec.toml"), text).unwrap();
     };

@@ -77,10 +77,13 @@ fn user_a_wrong_network_or_feature_is_an_error_before_the_run() {
         let run = bench_of(training, filter).run(&[]);
         assert!(run.code == 2 && run.stderr.contains(words), "{words}: {}", run.stderr);
     }
-    let run = bench_of("features = [\"ins_lon\"]", "model = \"learnt\"").run(&[]);
-    assert!(run.code == 1 && run.stderr.contains("was trained with `features = [\"ins_lon\"]`"), "{}", run.stderr);
-    let checked = bench_of("", "model = \"coefficients\"").run(&[]);
-    assert!(checked.code == 1 && checked.stderr.contains("not a network of the noise"), "{}", checked.stderr);
+    for (training, filter, words) in [
+        ("features = [\"ins_lon\"]", "model = \"learnt\"", "was trained with `features = [\"ins_lon\"]`"),
+        ("", "model = \"coefficients\"", "not a network of the noise"),
+    ] {
+        let run = bench_of(training, filter).magline(&["run", "spec.toml"]);
+        assert!(run.status.code() == Some(1) && stderr(&run).contains(words), "{words}: {}", stderr(&run));
+    }
     let check = bench_of("", "model = \"learnt\"").magline(&["check", "spec.toml"]);
     assert!(check.status.success(), "{}", stderr(&check));
 }
