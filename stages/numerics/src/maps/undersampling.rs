@@ -173,6 +173,10 @@ mod tests {
                 |of: usize| (errors.iter().map(|pair| pair[of].powi(2)).sum::<f64>() / errors.len() as f64).sqrt();
             let ratio = rms(1) / rms(0);
             assert!((0.4..2.5).contains(&ratio), "{depth_m} m, {step}: {ratio}, true {}", rms(0));
+            if FINE_M * step as f64 > 1.4 * depth_m {
+                // The map is too coarse to show where its errors are large.
+                continue;
+            }
             // The tenth of the map with the largest estimates has more than twice its share of the squared error.
             let mut ordered = errors.clone();
             ordered.sort_by(|a, b| b[1].total_cmp(&a[1]));
