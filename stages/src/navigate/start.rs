@@ -317,7 +317,7 @@ mod tests {
     use std::sync::Arc;
 
     use arrow_array::{ArrayRef, StringArray};
-    use arrow_schema::Schema;
+    use arrow_schema::{Field, Schema};
     use schemas::Column;
 
     use super::*;
@@ -396,6 +396,15 @@ mod tests {
             (name, "m/s", array(vec![speed; ROWS]))
         };
         let flight = added(speeds.map(column).to_vec());
+        let truth = |field: &Arc<Field>| {
+            let mut metadata = field.metadata().clone();
+            if TRUTH.contains(&field.name().as_str()) {
+                metadata.insert("role".to_owned(), "truth".to_owned());
+            }
+            field.as_ref().clone().with_metadata(metadata)
+        };
+        let fields: Vec<Field> = flight.schema().fields().iter().map(truth).collect();
+        let flight = RecordBatch::try_new(Arc::new(Schema::new(fields)), flight.columns().to_vec()).unwrap();
         let keys = "start = 'fix'\nfix = ['lat', 'lon', 'alt']\nfix_velocity = ['doppler_n', 'doppler_e', 'doppler_d']\n\
                     fix_sigma_m = 20.0\nfix_velocity_sigma_mps = 100.0";
         let found = run(keys, &flight).unwrap();
