@@ -1,6 +1,7 @@
 """Ten questions of a researcher, answered in `magline view` with at most three clicks each."""
 
 import os
+from itertools import takewhile
 from pathlib import Path
 
 import pytest
@@ -149,7 +150,7 @@ def test_the_documentation_lists_the_questions():
     assert len(ANSWERS) == len(QUESTIONS)
     table = "".join(f"| {q} | {n} | {escaped(steps)} |\n" for q, n, steps, _ in ANSWERS)
     before, rest = PAGE.read_text(encoding="utf-8").split(HEAD)
-    known = "".join(line for line in rest.splitlines(keepends=True) if line.startswith("|"))
+    known = "".join(takewhile(lambda line: line.startswith("|"), rest.splitlines(keepends=True)))
     if os.environ.get("REWRITE"):
         PAGE.write_text(before + HEAD + table + rest[len(known):], encoding="utf-8")
     else:

@@ -87,7 +87,8 @@ function compareTable(scores, rows, a, b) {
       cell(one === null || two === null ? "-" : short(difference(one, two))), ...(block.lines ? [element("td", {
         class: "paired" }, [pairedWords(pairedDifference(pairedLines(block, m, a, b)))])] : [])]);
   });
-  return element("div", { class: "scroll" }, [element("table", { class: "compare" }, [element("thead", {}, [
+  const frame = { class: "scroll", tabindex: "0", role: "region", "aria-label": "Differences" };
+  return element("div", frame, [element("table", { class: "compare" }, [element("thead", {}, [
     element("tr", {}, [...["", "A", "B", "B \u2212 A"].map((text) => text
       ? element("th", { scope: "col", class: "n" }, [text]) : element("td")), ...(block.lines ? [element("th",
       { scope: "col", class: "paired" }, ["B \u2212 A, line by line"])] : [])])]),
