@@ -72,7 +72,33 @@ fn user_a_cautious_filter_gives_a_warning() {
     let table = read(&bench.path("store/tables/small/warnings"));
     let (kinds, causes) = (texts(&table, "kind"), texts(&table, "cause"));
     let low = kinds.iter().position(|k| k == "nis_low").unwrap_or_else(|| panic!("{kinds:?}\n{out}"));
-    assert!(causes[low].contains("`measurement_sigma_nt` of 500.0 is too large"), "{causes:?}");
+    // The cause has the result of a trial without the assumed noise.
+    let tried = "the assumed noise: without `measurement_sigma_nt`, `offset_window_s`, this line has ";
+    assert!(causes.iter().any(|cause| cause.contains(tried)), "{causes:?}");
+    assert!(causes[low].is_empty() || causes[low].contains("`measurement_sigma_nt` is 500"), "{causes:?}");
+}
+
+#[test]
+fn user_a_reported_remedy_gives_the_reported_result() {
+    let sigma = "offset_window_s = 1.0\nmeasurement_sigma_nt = 500.0";
+    let (bench, ..) = ran(&SPEC.replace("offset_window_s = 1.0", sigma));
+    let table = read(&bench.path("store/tables/small/warnings"));
+    let columns = ["cause", "mag", "vector", "flight", "line"].map(|name| texts(&table, name));
+    let [causes, mags, vectors, flights, lines] = &columns;
+    let tried = |cause: &String| cause.contains("without `measurement_sigma_nt`, `offset_window_s`, this line has ");
+    let row = causes.iter().position(tried).unwrap_or_else(|| panic!("{causes:?}"));
+    // The user follows the hint.
+    bench.spec(&SPEC.replace("offset_window_s = 1.0\n", ""));
+    assert_eq!(bench.run(&[]).failed, 0);
+    let query = format!(
+        "SELECT value FROM small.scores WHERE metric = 'drms' AND mag = '{}' AND vector = '{}' AND flight = '{}' AND \
+         line = '{}'",
+        mags[row], vectors[row], flights[row], lines[row]
+    );
+    let found = stdout(&bench.magline(&["sql", &query, "--format", "csv"]));
+    let drms: f64 = found.lines().nth(1).and_then(|value| value.parse().ok()).unwrap_or_else(|| panic!("{found}"));
+    let told = causes[row].split("this line has drms ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+    assert!((told.parse::<f64>().unwrap() / drms - 1.0).abs() < 1e-3, "{} {drms}", causes[row]);
 }
 
 /// Spec of a filter whose assumed noise matches the small flights.

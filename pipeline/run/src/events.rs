@@ -138,6 +138,13 @@ pub enum Event<'a> {
         /// Best trial so far.
         best: Option<&'a SearchTrialScore>,
     },
+    /// Start of a trial of a remedy for a warning.
+    Trying {
+        /// Table of the scores.
+        table: &'a str,
+        /// Changed keys.
+        remedy: &'a str,
+    },
     /// Start of writing a table as a data set.
     Publishing {
         /// Name of the table.

@@ -22,6 +22,7 @@ mod pass;
 mod processes;
 mod publish;
 mod quality;
+mod remedies;
 mod remote;
 mod runner;
 mod search;

@@ -18,7 +18,7 @@ use store::{PipelineLock, Store, clock, current, tend};
 
 use super::{
     Event, Failure, INTERRUPTED, Listener, OutcomeCounts, RunOptions, RunSummary, STARTED, failure, publish, quality,
-    run_id,
+    remedies, run_id,
     runner::PlanRunner,
     search,
     states::{UnitState, UnitStates},
@@ -221,8 +221,10 @@ impl<'a> GraphPass<'a> {
         let states = &computed.states;
         let done = |unit: PlanUnit| states.get(unit) == UnitState::Done;
         let found = warnings::find(self.graph, self.store, &done)?;
-        let (failed, found) = failure::of_metrics(self.graph.plan, found);
+        let (failed, mut found) = failure::of_metrics(self.graph.plan, found);
         computed.failures.extend(failed);
+        let written = warnings::written(self.graph.plan, self.store)?.unwrap_or_default();
+        remedies::try_remedies(self.graph, self.store, self.listener, &written, &mut found)?;
         judged.warnings = found;
         judged.pooled = pooled::find(self.graph, self.store, &done)?;
         Ok(())

@@ -181,6 +181,7 @@ impl Listener for EventRelay<'_> {
             | Event::Waiting { .. }
             | Event::Searching { .. }
             | Event::Trials { .. }
+            | Event::Trying { .. }
             | Event::Publishing { .. }
             | Event::Finished { .. } => self.listener.on_event(event),
         }

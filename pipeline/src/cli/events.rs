@@ -82,6 +82,7 @@ impl JsonEvents {
             Event::Trials { search, scored, best } => {
                 scored.iter().map(|one| trial(search, one, *best)).collect::<Vec<_>>().into()
             }
+            Event::Trying { table, remedy } => json!({ "event": "trying", "table": table, "remedy": remedy }),
             Event::Publishing { table } => json!({ "event": "publishing", "table": table }),
             Event::Unit { table, point, line, outcome, fault } => json!({
                 "event": "unit",

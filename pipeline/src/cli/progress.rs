@@ -294,6 +294,9 @@ impl Listener for ProgressDisplay {
                 self.change(|state, _| (state.within, state.what) = (within, String::new()));
             }
             Event::Trials { .. } => self.change(|state, _| state.within.clear()),
+            Event::Trying { table, remedy } => {
+                self.stage(&format!("trying a remedy for a warning of {table}: {remedy}"))
+            }
             Event::Publishing { table } => self.stage(&format!("publishing {table}")),
             Event::Table { .. } | Event::Finished { .. } => {}
         }

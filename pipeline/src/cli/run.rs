@@ -42,14 +42,16 @@ pub struct RunArgs {
 
 /// Description of output and exit status in `magline run --help`.
 pub const JSON_HELP: &str = "\
-A score is flagged in four cases. The filter is worse than the INS alone (worse_than_ins). The NEES of the position is \
+A score is flagged in five cases. The filter is worse than the INS alone (worse_than_ins). The NEES of the position is \
 outside 0.2 to 20; its expected value is 2 (nees_low, nees_high). The NIS is outside 0.25 to 4; its expected value is \
 1 (nis_low, nis_high). The innovations are correlated more than the assumed noise allows: `whiteness` is below 0.8 and \
-`correlated_nis` above 1.5; their expected values are 0.95 and 1 (not_white). The table <name>.warnings has one row for \
-each flag, with the likely cause. It also has rows for an initial position that is too uncertain for a filter that \
-linearises the map (wide_start), late time stamps of the magnetometer (late), rejected GNSS positions (gnss), lines mostly off the map (off_map), flat maps (flat), \
-a map at a different height from the flight (map_height), a low anomaly retention (retention), fits (fit), maps (map) \
-and metrics that cannot be computed (metric). Warnings do not change the exit \
+`correlated_nis` above 1.5; their expected values are 0.95 and 1 (not_white). The filter rejects more than 10 % of the \
+measurements (gated). The table <name>.warnings has one row for each flag, with the likely cause. For the worst line \
+of each kind, `run` repeats the navigation with changed keys; the cause has the first change that improves this line, \
+and its result. The table also has rows for an initial position that is too uncertain for a filter that linearises the \
+map (wide_start), late time stamps of the magnetometer (late), rejected GNSS positions (gnss), lines mostly off the \
+map (off_map), flat maps (flat), a map at a different height from the flight (map_height), a low anomaly retention \
+(retention), fits (fit), maps (map) and metrics that cannot be computed (metric). Warnings do not change the exit \
 status.
 
 Events of --json, one object per line, each with the key `event`:
@@ -57,6 +59,7 @@ Events of --json, one object per line, each with the key `event`:
   started     pipeline, version, run, time, units, notes
   computing   table, units: the number of units to compute (a unit is a line or a fit at one point)
   unit        table, axes, flight, line, status (computed, reused, failed, skipped), error
+  trying      table, remedy: a line with a warning is navigated again with changed keys
   waiting     for: the missing resource, such as a worker of a cluster; null when the run resumes
   searching   generation, rung, trials (their numbers), of, best (trial, goal): the trials to compute next
   trial       trial, generation, rung, axes, goal, state (done, promoted, pruned, failed), error, best

@@ -19,16 +19,12 @@ use crate::text::number;
 pub struct NavigationSettings {
     /// The measurement sigma, nT; `None` if the parameter is estimated from the data.
     pub sigma_nt: Option<f64>,
-    /// The standard deviation of the correlated error of the measurement, nT.
-    pub fogm_sigma_nt: Option<f64>,
     /// Whether the noise was estimated by the likelihood of the innovations.
     pub found: bool,
     /// Time over which a bias is estimated, s.
     pub offset_window_s: f64,
     /// Whether the map is continued to the flight heights.
     pub levels: bool,
-    /// Whether the measurement was compensated, so that its bias is unknown.
-    pub compensated: bool,
     /// The date of the core field in the spec, and the date of the flight.
     pub dates: Option<(f64, f64)>,
     /// Time of the first rejected GNSS position, in seconds from the start of the line.
@@ -51,7 +47,7 @@ pub enum NavigationSide {
 
 impl NavigationSettings {
     /// Settings of a navigation with the parameters `params` in canonical spelling. `first` returns the first value of
-    /// a column. Unset: `compensated`, `gnss_rejected_s` and `lag_s`.
+    /// a column. Unset: `gnss_rejected_s` and `lag_s`.
     ///
     /// # Errors
     /// Fails when `first` fails.
@@ -72,10 +68,6 @@ impl NavigationSettings {
             Some(sigma_nt) => Some(sigma_nt),
             None => found("measurement_sigma_nt", "mag_sigma")?,
         };
-        let fogm_sigma_nt = match first(Track, "noise_fogm_sigma")? {
-            Some(fogm_nt) => Some(fogm_nt),
-            None => found("fogm_sigma_nt", "mag_fogm_sigma")?,
-        };
         let declared_year = number("decimal_year").filter(|_| param("core_field") == Some("true"));
         let flight_year = match declared_year {
             Some(_) => flight_date(first(Flight, "year")?, first(Flight, "doy")?),
@@ -84,16 +76,19 @@ impl NavigationSettings {
         let [start, limit] = START_COLUMNS.map(|column| first(Track, column));
         Ok(NavigationSettings {
             sigma_nt,
-            fogm_sigma_nt,
             found: likely_nt.is_some(),
             offset_window_s: number("offset_window_s").unwrap_or(0.0),
             levels: param("map_levels_m").is_some_and(|v| v != "none"),
-            compensated: false,
             dates: declared_year.zip(flight_year),
             gnss_rejected_s: None,
             lag_s: None,
             start_m: start?.zip(limit?),
         })
+    }
+
+    /// Dates of the core field and of the flight, in years, if they differ by more than the limit.
+    pub fn wrong_date(&self) -> Option<(f64, f64)> {
+        self.dates.filter(|(declared, flight)| (declared - flight).abs() > limits::DATE_A)
     }
 }
 
@@ -126,7 +121,6 @@ impl<'a> LineFacts<'a> {
             (NavigationSide::Flight, None) => Ok(None),
         };
         let settings = NavigationSettings {
-            compensated: graph.plan.upstream(&it.inputs(), "compensate").is_some(),
             gnss_rejected_s: match row.counted("gnss_rejected") {
                 Some((count, _)) if count > 0.0 => gnss_rejected_s(graph, store, track, line)?,
                 Some(_) | None => None,
@@ -174,13 +168,7 @@ impl<'a> LineFacts<'a> {
         let settings = self.settings.as_ref()?;
         let found = match kind {
             WarningKind::WorseThanIns | WarningKind::NeesHigh | WarningKind::NisHigh => self.too_sure(settings, kind),
-            WarningKind::NeesLow | WarningKind::NisLow if settings.found => vec![],
             WarningKind::NeesLow | WarningKind::NisLow => self.too_cautious(settings),
-            WarningKind::WideStart => vec![
-                "the initial position has no fix: set `filter = \"mpf_then_ekf\"`, or `start = \"fix\"` with a \
-                 position, or a smaller `init_position_sigma_m` if the position is known better"
-                    .to_owned(),
-            ],
             WarningKind::Late => self.lag_s().map(|(lag_s, _)| {
                 format!(
                     "the logger stamps samples when they arrive, or a low-pass filter delays the signal: set the lag of \
@@ -188,17 +176,9 @@ impl<'a> LineFacts<'a> {
                      position has a similar effect, so check `start` first"
                 )
             }).into_iter().collect(),
-            WarningKind::NotWhite => vec![
-                "the filter treats a correlated error as independent noise: a map error between sparse lines \
-                 (`map_error_length_m`, `map_sigma_nt`), a time stamp error (`mag_latency_sigma_s`), or the residual \
-                 of compensation"
-                    .to_owned(),
-            ],
-            WarningKind::Gnss => vec![
-                "the receiver is jammed, spoofed or faulty, or the errors of the INS exceed its grade; \
-                `gnss_test = false` uses all positions"
-                    .to_owned(),
-            ],
+            WarningKind::Gnss => {
+                vec!["the receiver is jammed, spoofed or faulty, or the errors of the INS exceed its grade".to_owned()]
+            }
             WarningKind::OffMap if self.diverged() => vec!["the filter diverged and left the map".to_owned()],
             WarningKind::OffMap => vec!["the map does not cover the line, or has unknown nodes below it".to_owned()],
             WarningKind::Flat => vec![
@@ -208,16 +188,15 @@ impl<'a> LineFacts<'a> {
             WarningKind::MapHeight if settings.levels => {
                 vec!["the flight leaves the range of heights in `map_levels_m`".to_owned()]
             }
-            WarningKind::MapHeight => {
-                vec![
-                    "`map_levels_m` of `navigate` is unset; list heights below and above the flight \
-                    heights"
-                        .to_owned(),
-                ]
-            }
-            WarningKind::Retention | WarningKind::Fit | WarningKind::Map | WarningKind::Stage | WarningKind::Metric => {
-                vec![]
-            }
+            WarningKind::NotWhite
+            | WarningKind::Gated
+            | WarningKind::WideStart
+            | WarningKind::MapHeight
+            | WarningKind::Retention
+            | WarningKind::Fit
+            | WarningKind::Map
+            | WarningKind::Stage
+            | WarningKind::Metric => vec![],
         };
         (!found.is_empty()).then(|| found.join("; "))
     }
@@ -229,110 +208,51 @@ impl<'a> LineFacts<'a> {
         let mut found = vec![];
         if let Some((sigma_m, limit_m)) = self.wide_start_m() {
             found.push(format!(
-                "the initial position is known to {sigma_m:.0} m, but the map is linear only over {limit_m:.0} m; set \
-                 `filter = \"mpf_then_ekf\"`"
+                "the initial position is known to {sigma_m:.0} m, but the map is linear only over {limit_m:.0} m"
             ));
         }
         // An estimated noise includes an offset.
         if settings.offset_window_s == 0.0 && !settings.found {
             let large = |bias: &f64| bias.abs() > limits::BIAS_SIGMAS * sigma.unwrap_or(5.0);
-            match row.get("bias_error") {
-                Some(bias) if large(&bias) => found.push(format!(
-                    "the measurement has a bias (bias_error {} nT) and `offset_window_s` is 0",
-                    shown(bias)
-                )),
-                Some(_) => {}
-                None if settings.compensated => {
-                    found.push("compensation does not determine the bias, and `offset_window_s` is 0".to_owned());
-                }
-                None => {}
-            }
+            let bias = row.get("bias_error").filter(large);
+            found.extend(bias.map(|bias| format!("the measurement has a bias (bias_error {} nT)", shown(bias))));
         }
         if let Some(error) = row.get("map_height_error").filter(|e| *e > limits::map_height_nt(sigma)) {
             found.push(format!("the map is at a different height from the flight ({} nT rms)", shown(error)));
         }
-        if let Some((declared_year, flight_year)) = settings.dates.filter(|(a, b)| (a - b).abs() > limits::DATE_A) {
+        if let Some((declared_year, flight_year)) = settings.wrong_date() {
             found.push(format!("`decimal_year` is {declared_year:.2}, but the date in the flight is {flight_year:.2}"));
         }
-        found.extend(self.sigma_too_small(sigma).filter(|_| !settings.found));
+        let exceeds = |residual: &f64, sigma: f64| *residual > limits::RESIDUAL_SIGMAS * sigma;
+        found.extend(self.assumed_and_residual(settings, exceeds));
         if let Some(share) = row.off_map().filter(|s| *s >= limits::OFF_MAP_CAUSE) {
             // A filter that diverges also leaves the map, so samples off the map need not be the cause.
             found.push(format!("{:.0} % of the samples are off the map", 100.0 * share));
         }
-        if found.is_empty() && !settings.found {
-            found.extend(self.otherwise(kind));
+        let consistent = || row.get("nees").is_some_and(|nees| !limits::NEES.is_far(nees));
+        if found.is_empty() && kind == WarningKind::WorseThanIns && consistent() {
+            found.push("the filter is consistent, but the map has too little information along this line".to_owned());
         }
         found
     }
 
-    fn sigma_too_small(&self, sigma: Option<f64>) -> Option<String> {
-        let sigma = sigma?;
-        let shown = |x: f64| number(Some(x));
-        let left = self.row.get("std_error").filter(|left| *left > limits::LEFT_OVER_SIGMA * sigma);
-        let nis = self.row.get("nis").filter(|nis| *nis > limits::NIS.high());
-        match (left, nis) {
-            (Some(left), _) => Some(format!(
-                "the residual of compensation is {} nT (std_error), but `measurement_sigma_nt` is {}",
-                shown(left),
-                shown(sigma)
-            )),
-            (None, Some(nis)) => Some(format!(
-                "the innovations are {} times as large as predicted: `measurement_sigma_nt` of {} is too small for the \
-                 errors of map, temporal variation and compensation",
-                shown(nis.sqrt()),
-                shown(sigma)
-            )),
-            (None, None) => None,
-        }
-    }
-
-    /// Cause if no specific fault is known.
-    fn otherwise(&self, kind: WarningKind) -> Option<String> {
-        let within = |metric: &str, law: &limits::ConsistencyLimit| {
-            self.row.get(metric).is_some_and(|v| v >= law.low() && v <= law.high())
-        };
-        if kind == WarningKind::WorseThanIns && within("nees", &limits::NEES) {
-            return Some("the filter is consistent, but the map has too little information along this line".to_owned());
-        }
-        within("nis", &limits::NIS).then(|| {
-            "the innovations have the predicted size, so the filter treats correlated errors (of the map or of \
-             compensation) as independent noise; increase `measurement_sigma_nt` or `fogm_sigma_nt`"
-                .to_owned()
-        })
-    }
-
     fn too_cautious(&self, settings: &NavigationSettings) -> Vec<String> {
-        let shown = |x: f64| number(Some(x));
-        let low = self.row.get("nis").filter(|nis| *nis < limits::NIS.low());
-        let lasting = settings.fogm_sigma_nt.filter(|fogm| settings.sigma_nt.is_some_and(|sigma| *fogm > 5.0 * sigma));
-        match (low, settings.sigma_nt, lasting) {
-            (Some(_), Some(sigma), Some(lasting)) => vec![format!(
-                "`fogm_sigma_nt` of {} is too large, or `fogm_tau_s` is too short: the innovations are smaller than \
-                 the predicted change of the correlated error from sample to sample; the white noise of {} nT is not \
-                 the cause",
-                shown(lasting),
-                shown(sigma)
-            )],
-            (Some(nis), Some(sigma), None) => {
-                let left = self.row.get("std_error");
-                let left = left.map_or(String::new(), |left| {
-                    let lasts = "std_error; its correlated part belongs in `fogm_sigma_nt`";
-                    format!(", and the residual of compensation is {} nT ({lasts})", shown(left))
-                });
-                let what = "is too large: the innovations indicate about";
-                vec![format!(
-                    "`measurement_sigma_nt` of {} {what} {} nT{left}",
-                    shown(sigma),
-                    shown(sigma * nis.sqrt())
-                )]
-            }
-            (Some(_), None, _) => {
-                vec!["the estimated standard deviation is larger than the innovations of the line indicate".to_owned()]
-            }
-            (None, _, _) => {
-                vec!["the initial standard deviations or the process noise exceed the errors of this INS".to_owned()]
-            }
-        }
+        let exceeds = |residual: &f64, sigma: f64| sigma > limits::RESIDUAL_SIGMAS * residual;
+        self.assumed_and_residual(settings, exceeds).into_iter().collect()
+    }
+
+    /// The assumed noise and the residual of the compensation, if `exceeds` accepts them.
+    fn assumed_and_residual(
+        &self,
+        settings: &NavigationSettings,
+        exceeds: impl Fn(&f64, f64) -> bool,
+    ) -> Option<String> {
+        let sigma = settings.sigma_nt.filter(|_| !settings.found)?;
+        let residual = self.row.get("std_error").filter(|residual| exceeds(residual, sigma))?;
+        let [residual, sigma] = [residual, sigma].map(|x| number(Some(x)));
+        Some(format!(
+            "the residual of compensation is {residual} nT (std_error), but `measurement_sigma_nt` is {sigma} nT"
+        ))
     }
 }
 

@@ -66,6 +66,11 @@ pub const LAG_S: f64 = 0.05;
 /// See [`LAG_S`].
 pub const LAG_SIGMAS: f64 = 4.0;
 
+/// Maximum share of measurements that the gate rejects. On 252 simulated lines of two aircraft with default settings,
+/// the share is at most 0.05 on lines where the filter keeps the position, and 0.08 to 0.38 on the four lines where a
+/// filter with rejections loses it.
+pub const GATED: f64 = 0.1;
+
 /// Minimum anomaly retention of a compensation.
 pub const RETENTION: f64 = 0.9;
 /// Number of standard errors by which a retention must be below its limit.
@@ -84,9 +89,9 @@ pub const OFF_MAP_CAUSE: f64 = 0.1;
 /// measurement biases the position.
 pub const BIAS_SIGMAS: f64 = 2.0;
 
-/// Minimum ratio of the compensation error to the assumed measurement noise at which the compensation error counts as a
-/// cause.
-pub const LEFT_OVER_SIGMA: f64 = 1.5;
+/// Ratio of the compensation residual to the assumed measurement noise, or of the noise to the residual, above which
+/// their difference counts as a cause.
+pub const RESIDUAL_SIGMAS: f64 = 1.5;
 
 /// Maximum difference between two dates of the core field, in years: it changes by up to 100 nT per year.
 pub const DATE_A: f64 = 0.25;

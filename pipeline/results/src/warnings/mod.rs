@@ -3,6 +3,7 @@
 
 mod cause;
 pub mod limits;
+mod remedy;
 mod row;
 mod written;
 
@@ -15,8 +16,8 @@ use schemas::{Fault, Grain, TableKind};
 use store::Store;
 
 use crate::text::number;
-use cause::LineFacts;
-pub use cause::{NavigationSettings, NavigationSide};
+pub use cause::{LineFacts, NavigationSettings, NavigationSide};
+pub use remedy::{Remedy, improvement, remedies};
 pub use row::LineMetrics;
 pub use written::written;
 
@@ -39,6 +40,8 @@ pub enum WarningKind {
     WideStart,
     /// The time stamps of the magnetometer are late or early.
     Late,
+    /// The gate rejects many measurements as outliers.
+    Gated,
     /// The test of GNSS positions rejected some.
     Gnss,
     /// Most of the line is off the map, where the filter only predicts.
@@ -61,7 +64,7 @@ pub enum WarningKind {
 
 impl WarningKind {
     /// All kinds.
-    pub const ALL: [WarningKind; 17] = [
+    pub const ALL: [WarningKind; 18] = [
         WarningKind::WorseThanIns,
         WarningKind::NeesHigh,
         WarningKind::NeesLow,
@@ -70,6 +73,7 @@ impl WarningKind {
         WarningKind::NotWhite,
         WarningKind::WideStart,
         WarningKind::Late,
+        WarningKind::Gated,
         WarningKind::Gnss,
         WarningKind::OffMap,
         WarningKind::Flat,
@@ -92,6 +96,7 @@ impl WarningKind {
             WarningKind::NotWhite => "not_white",
             WarningKind::WideStart => "wide_start",
             WarningKind::Late => "late",
+            WarningKind::Gated => "gated",
             WarningKind::Gnss => "gnss",
             WarningKind::OffMap => "off_map",
             WarningKind::Flat => "flat",
@@ -113,7 +118,8 @@ impl WarningKind {
             | WarningKind::NeesLow
             | WarningKind::NisHigh
             | WarningKind::NisLow
-            | WarningKind::NotWhite => true,
+            | WarningKind::NotWhite
+            | WarningKind::Gated => true,
             WarningKind::WideStart
             | WarningKind::Late
             | WarningKind::Gnss
@@ -146,6 +152,7 @@ impl WarningKind {
             WarningKind::NotWhite => "the innovations are correlated in time, so the covariance is too small",
             WarningKind::WideStart => "the initial position is too uncertain for a filter that linearises the map",
             WarningKind::Late => "the time stamps of the magnetometer have a constant lag",
+            WarningKind::Gated => "the filter rejects many measurements as outliers, so it may have lost the position",
             WarningKind::Gnss => "GNSS positions contradict the INS and are rejected",
             WarningKind::OffMap => "most samples are off the map",
             WarningKind::Flat => "the map is too flat to correct the position at most samples",
@@ -335,6 +342,12 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
         );
         add(WarningKind::Late, (by_s, limits::LAG_S.max(limits::LAG_SIGMAS * sigma_s), "s"), text);
     }
+    if let Some(share) = row.gated()
+        && share > limits::GATED
+    {
+        let text = format!("{}: {:.0} % of them", WarningKind::Gated.of_many(), 100.0 * share);
+        add(WarningKind::Gated, (share, limits::GATED, "1"), text);
+    }
     if let Some((count, fixes)) = row.counted("gnss_rejected").filter(|(count, _)| *count > 0.0) {
         let first = facts
             .gnss_rejected_s()
@@ -437,6 +450,18 @@ pub fn summary_lines(warnings: &[Warning], table: &str) -> Vec<String> {
     out
 }
 
+/// Positions of the worst warning of each kind and table of scores.
+pub fn worst(warnings: &[Warning]) -> Vec<usize> {
+    let mut worst: BTreeMap<(&str, WarningKind), usize> = BTreeMap::new();
+    for (i, warning) in warnings.iter().enumerate() {
+        let first = worst.entry((&warning.stage, warning.kind)).or_insert(i);
+        if warning.excess() > warnings[*first].excess() {
+            *first = i;
+        }
+    }
+    worst.into_values().collect()
+}
+
 /// The first of the worst warnings represents its group.
 fn group_text(group: &[&Warning]) -> String {
     let worst = group.iter().copied().reduce(|a, b| if b.excess() > a.excess() { b } else { a });
@@ -459,7 +484,7 @@ fn group_text(group: &[&Warning]) -> String {
 }
 
 /// The navigation behind some tables, if any.
-fn navigation(plan: &Plan, inputs: &[TableRef]) -> Option<(usize, usize)> {
+pub fn navigation(plan: &Plan, inputs: &[TableRef]) -> Option<(usize, usize)> {
     match plan.upstream(inputs, "navigate") {
         Some(TableRef::Stage(t, i)) => Some((t, i)),
         _ => None,

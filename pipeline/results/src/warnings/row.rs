@@ -45,6 +45,12 @@ impl LineMetrics {
         self.share("samples_off_map")
     }
 
+    /// The share of measurements that the gate rejects; `None` without a count of the used ones.
+    pub fn gated(&self) -> Option<f64> {
+        let (gated, used) = (self.get("samples_gated")?, self.get("samples_used")?);
+        Some(gated / (gated + used)).filter(|share| share.is_finite())
+    }
+
     /// The share of samples where the map is too flat.
     pub fn flat(&self) -> Option<f64> {
         self.share("samples_flat")

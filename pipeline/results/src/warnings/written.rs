@@ -9,7 +9,7 @@ use super::{Warning, WarningKind};
 use crate::scores::AxisValues;
 
 const COLUMNS: [&str; 9] = ["flight", "line", "stage", "kind", "value", "limit", "unit", "text", "cause"];
-const UNITS: [&str; 3] = ["m", "nT", "1"];
+const UNITS: [&str; 4] = ["m", "nT", "s", "1"];
 
 /// The table `warnings` of the last run of `plan`. `None` if the table is missing or incomplete, for example when an
 /// axis has the name of one of its columns.

@@ -224,6 +224,7 @@ impl Listener for FinishFilter<'_> {
             | Event::Unit { .. }
             | Event::Searching { .. }
             | Event::Trials { .. }
+            | Event::Trying { .. }
             | Event::Publishing { .. }
             | Event::Table { .. } => self.0.on_event(event),
         }

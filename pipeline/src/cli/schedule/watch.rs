@@ -319,6 +319,7 @@ impl Listener for RunWatch {
             | Event::Waiting { .. }
             | Event::Searching { .. }
             | Event::Trials { .. }
+            | Event::Trying { .. }
             | Event::Publishing { .. }
             | Event::Finished { .. } => {}
         }

@@ -1,0 +1,203 @@
+//! Remedies for a flagged navigation, and the judgement whether a trial of one improved the line.
+//!
+//! A remedy changes keys of the stage `navigate`. It is a hint only if a trial on the flagged line improved the result.
+
+use schemas::Literal;
+
+use super::{LineFacts, LineMetrics, NavigationSettings, WarningKind, limits, of_navigation};
+use crate::text::number;
+
+/// Keys of the assumed noise. Without them, the likelihood of the innovations determines the noise.
+const NOISE_KEYS: [&str; 5] = ["tuning", "measurement_sigma_nt", "fogm_sigma_nt", "fogm_tau_s", "offset_window_s"];
+
+/// Keys of the initial estimate. Without them, the columns of the flight determine it.
+const START_KEYS: [&str; 6] = [
+    "start",
+    "init_position_sigma_m",
+    "init_altitude_sigma_m",
+    "init_velocity_sigma_mps",
+    "init_attitude_sigma_deg",
+    "init_heading_sigma_deg",
+];
+
+/// Largest ratio of the DRMS with a remedy to the DRMS without it that counts as equal accuracy.
+const EQUAL_DRMS: f64 = 1.05;
+
+/// Largest ratio of the DRMS with a remedy to the DRMS without it that counts as an improvement if the flag remains.
+const BETTER_DRMS: f64 = 0.8;
+
+/// Change of the keys of a navigation that may remove a warning.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Remedy {
+    /// Subject of the change.
+    pub subject: &'static str,
+    /// The keys with their new values; `None` removes a key.
+    pub changes: Vec<(&'static str, Option<Literal>)>,
+}
+
+impl Remedy {
+    fn set(subject: &'static str, key: &'static str, value: Literal) -> Remedy {
+        Remedy { subject, changes: vec![(key, Some(value))] }
+    }
+
+    /// Removal of the keys among `keys` that are set; `None` if none is set.
+    fn removal(subject: &'static str, keys: &[&'static str], is_set: &dyn Fn(&str) -> bool) -> Option<Remedy> {
+        let changes: Vec<_> = keys.iter().filter(|key| is_set(key)).map(|key| (*key, None)).collect();
+        (!changes.is_empty()).then_some(Remedy { subject, changes })
+    }
+
+    /// The change as text, such as `` without `fogm_tau_s` ``.
+    pub fn text(&self) -> String {
+        let one = |(key, value): &(&str, Option<Literal>)| match value {
+            Some(Literal::Text(text)) => format!("`{key} = \"{text}\"`"),
+            Some(value) => format!("`{key} = {value}`"),
+            None => format!("`{key}`"),
+        };
+        let removes = self.changes.iter().all(|(_, value)| value.is_none());
+        let listed: Vec<String> = self.changes.iter().map(one).collect();
+        format!("{} {}", if removes { "without" } else { "with" }, listed.join(", "))
+    }
+}
+
+/// Remedies that may remove a warning of a line, in the order of their trials. `is_set` returns whether the spec sets a
+/// key of the navigation.
+pub fn remedies(kind: WarningKind, facts: &LineFacts, is_set: &dyn Fn(&str) -> bool) -> Vec<Remedy> {
+    let Some(settings) = &facts.settings else { return vec![] };
+    let filter = |name: &str| Literal::Text(name.to_owned());
+    let wide = || facts.wide_start_m().map(|_| Remedy::set("the wide start", "filter", filter("mpf_then_ekf")));
+    // An extended filter that converged to a wrong position treats valid measurements as outliers.
+    let nonlinear =
+        |name: &str| settings.start_m.map(|_| Remedy::set("the linearisation of the map", "filter", filter(name)));
+    let date = || {
+        let removal = Remedy::removal("the date of the core field", &["decimal_year"], is_set);
+        removal.filter(|_| settings.wrong_date().is_some())
+    };
+    let is_off = facts.row.get("map_height_error").is_some_and(|e| e > limits::map_height_nt(settings.sigma_nt));
+    let levels = || {
+        let removal = Remedy::removal("the height of the map", &["map_levels_m"], is_set);
+        removal.filter(|_| is_off)
+    };
+    let noise = || Remedy::removal("the assumed noise", &NOISE_KEYS, is_set);
+    let start = || Remedy::removal("the assumed initial uncertainty", &START_KEYS, is_set);
+    let all: Vec<Option<Remedy>> = match kind {
+        WarningKind::WorseThanIns
+        | WarningKind::NeesHigh
+        | WarningKind::NisHigh
+        | WarningKind::NotWhite
+        | WarningKind::Gated => {
+            let nonlinear = ["mpf_then_ekf", "ukf"].map(nonlinear);
+            [wide(), date(), levels(), noise(), start()].into_iter().chain(nonlinear).collect()
+        }
+        WarningKind::NeesLow | WarningKind::NisLow => vec![noise(), start()],
+        WarningKind::WideStart => vec![wide(), start()],
+        WarningKind::MapHeight => vec![levels()],
+        WarningKind::Gnss => {
+            vec![start(), Some(Remedy::set("the test of GNSS positions", "gnss_test", Literal::Bool(false)))]
+        }
+        WarningKind::Late
+        | WarningKind::OffMap
+        | WarningKind::Flat
+        | WarningKind::Retention
+        | WarningKind::Fit
+        | WarningKind::Map
+        | WarningKind::Stage
+        | WarningKind::Metric => vec![],
+    };
+    let mut found: Vec<Remedy> = all.into_iter().flatten().collect();
+    let mut seen: Vec<String> = vec![];
+    found.retain(|remedy| {
+        let text = remedy.text();
+        let is_new = !seen.contains(&text);
+        seen.push(text);
+        is_new
+    });
+    found
+}
+
+/// Figures of a trial that improved a flagged line, as text; `None` if it did not.
+///
+/// With a true position, the flag must vanish without a larger DRMS, or the DRMS must be at least 20 % smaller with a
+/// NEES that is no farther from 2. Without one, the flag of the innovations must vanish. No other flag may appear.
+pub fn improvement(kind: WarningKind, before: &LineMetrics, after: &LineMetrics) -> Option<String> {
+    let flags = |row: &LineMetrics| -> Vec<WarningKind> {
+        of_navigation(row, NavigationSettings::default()).into_iter().map(|w| w.kind).filter(|k| k.spoils()).collect()
+    };
+    let (old, new) = (flags(before), flags(after));
+    if new.iter().any(|kind| !old.contains(kind)) {
+        return None;
+    }
+    let vanishes = old.contains(&kind) && !new.contains(&kind);
+    let both = |metric: &str| before.get(metric).zip(after.get(metric));
+    let improves = match (both("drms"), both("nees")) {
+        (Some((old_m, new_m)), Some((old_nees, new_nees))) => {
+            let misfit = |nees: f64| (nees / limits::NEES.mean).ln().abs();
+            let is_better = new_m <= BETTER_DRMS * old_m && misfit(new_nees) <= misfit(old_nees);
+            is_better || vanishes && new_m <= EQUAL_DRMS * old_m
+        }
+        _ => vanishes,
+    };
+    let metrics = match both("drms") {
+        Some(_) => [("drms", " m"), ("nees", "")],
+        None => [("nis", ""), ("correlated_nis", "")],
+    };
+    let figure = |(metric, unit): &(&str, &str)| {
+        let (old, new) = both(metric)?;
+        Some(format!("{metric} {}{unit} instead of {}{unit}", number(Some(new)), number(Some(old))))
+    };
+    improves.then(|| metrics.iter().filter_map(figure).collect::<Vec<_>>().join(", ")).filter(|text| !text.is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(drms: f64, nees: f64, nis: f64) -> LineMetrics {
+        LineMetrics::from([("drms", drms), ("ins_drms", 900.0), ("nees", nees), ("nis", nis)])
+    }
+
+    #[test]
+    fn unit_remedies_remove_only_keys_that_are_set() {
+        let is_set = |key: &str| ["measurement_sigma_nt", "offset_window_s", "init_position_sigma_m"].contains(&key);
+        let row = row(90.0, 90.0, 9.0);
+        let texts = |kind: WarningKind, settings: NavigationSettings, is_set: &dyn Fn(&str) -> bool| -> Vec<String> {
+            let facts = LineFacts { row: &row, settings: Some(settings) };
+            remedies(kind, &facts, is_set).iter().map(Remedy::text).collect()
+        };
+        let given = || NavigationSettings { sigma_nt: Some(0.001), ..NavigationSettings::default() };
+        let found = texts(WarningKind::NeesHigh, given(), &is_set);
+        assert_eq!(found, ["without `measurement_sigma_nt`, `offset_window_s`", "without `init_position_sigma_m`"]);
+        // No key is set, and a warning that no key explains.
+        let auto = || NavigationSettings { found: true, ..given() };
+        assert!(texts(WarningKind::NeesHigh, auto(), &|_| false).is_empty());
+        assert!(texts(WarningKind::Retention, given(), &is_set).is_empty());
+        let wide = NavigationSettings { start_m: Some((1500.0, 285.0)), ..auto() };
+        assert_eq!(texts(WarningKind::WideStart, wide.clone(), &|_| false), ["with `filter = \"mpf_then_ekf\"`"]);
+        // A filter that linearises the map is compared with two that do not. Each change is tried once.
+        let filters = ["with `filter = \"mpf_then_ekf\"`", "with `filter = \"ukf\"`"];
+        assert_eq!(texts(WarningKind::Gated, wide, &|_| false), filters);
+    }
+
+    #[test]
+    fn unit_a_trial_improves_only_if_the_flag_vanishes_or_the_error_is_smaller() {
+        let before = row(45.6, 35.0, 1.0);
+        let text = improvement(WarningKind::NeesHigh, &before, &row(13.1, 1.4, 1.0)).unwrap_or_default();
+        assert_eq!(text, "drms 13.10 m instead of 45.60 m, nees 1.400 instead of 35.00");
+        assert!(improvement(WarningKind::NeesHigh, &before, &row(30.0, 30.0, 1.0)).is_some());
+        // A larger error, a NEES that is farther from 2, a new flag, and no change.
+        for after in [row(60.0, 2.0, 1.0), row(20.0, 50.0, 1.0), row(13.1, 1.4, 9.0), before.clone()] {
+            assert_eq!(improvement(WarningKind::NeesHigh, &before, &after), None, "{after:?}");
+        }
+    }
+
+    #[test]
+    fn unit_without_truth_the_flag_of_the_innovations_decides() {
+        let nis = |nis: f64| LineMetrics::from([("nis", nis)]);
+        assert_eq!(
+            improvement(WarningKind::NisHigh, &nis(9.0), &nis(1.1)).as_deref(),
+            Some("nis 1.100 instead of 9.000")
+        );
+        assert_eq!(improvement(WarningKind::NisHigh, &nis(9.0), &nis(5.0)), None);
+        // The innovations do not show whether another start or filter is better.
+        assert_eq!(improvement(WarningKind::WideStart, &nis(1.0), &nis(1.0)), None);
+    }
+}
