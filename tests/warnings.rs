@@ -89,7 +89,7 @@ fn user_a_reported_remedy_gives_the_reported_result() {
     let row = causes.iter().position(tried).unwrap_or_else(|| panic!("{causes:?}"));
     // The user follows the hint.
     bench.spec(&SPEC.replace("offset_window_s = 1.0\n", ""));
-    assert_eq!(bench.run(&[]).failed, 0);
+    assert_eq!(bench.run(&[]).code, 0);
     let query = format!(
         "SELECT value FROM small.scores WHERE metric = 'drms' AND mag = '{}' AND vector = '{}' AND flight = '{}' AND \
          line = '{}'",
