@@ -238,7 +238,7 @@ def check(page: Path, text: str, names: Names) -> list[str]:
     faults += [f"{page}: {entry} occurs twice" for entry in known if first.count(entry) > 1]
     counts = f"Of {len(known)} entries, {len(known) - absent} are in magline and {absent} are not there."
     if with_figures:
-        counts += f" {with_figures} entries have own and published figures."
+        counts += f" {with_figures} entries have figures of both magline and the thesis."
     if known and counts not in " ".join(text.split()):
         faults.append(f'{page}: the counts are wrong, not "{counts}"')
     return faults

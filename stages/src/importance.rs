@@ -163,7 +163,7 @@ block_s = 1.0
     kept_samples: usize, unit "samples", default 100usize, rule Rule::Between(0.0, 10_000.0);
     /// Number of entries of the linear model of `hard_thresholding`.
     terms: usize, unit "1", default 10usize, rule Rule::Between(1.0, 10_000.0);
-    /// Number of trajectories of `morris`. Each needs one prediction more than there are groups.
+    /// Number of trajectories of `morris`. Each requires (groups + 1) predictions.
     trajectories: usize, unit "1", default 200usize, rule Rule::Between(2.0, 1e6);
     /// Even number of levels of each input in `morris`.
     levels: usize, unit "1", default 4usize, rule Rule::Between(2.0, 1000.0);

@@ -158,7 +158,8 @@ impl Stage for Target {
                     "`{}` and `{}` have had different corrections, so their difference is not an aircraft field",
                     own[0], self.truth
                 );
-                let help = "name readings that both include core field and diurnal variation, or neither";
+                let help = "set `mag` and `truth` to columns that both include core field and diurnal variation, or \
+                    both exclude them";
                 faults.push(Fault::new(what).help(help).of_param("truth"));
             }
         }

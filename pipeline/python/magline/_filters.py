@@ -165,9 +165,9 @@ def ekf(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -176,15 +176,15 @@ def ekf(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -299,15 +299,16 @@ def ekf(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -349,8 +350,8 @@ def ekf(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
         Correlation length of that part; about the height above the sources. Unit: m. Allowed:
         above 0. Default: `1000.0`.
@@ -368,8 +369,8 @@ def ekf(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -378,24 +379,24 @@ def ekf(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -584,9 +585,9 @@ def iekf(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -595,15 +596,15 @@ def iekf(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -724,15 +725,16 @@ def iekf(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -774,8 +776,8 @@ def iekf(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
         Correlation length of that part; about the height above the sources. Unit: m. Allowed:
         above 0. Default: `1000.0`.
@@ -793,8 +795,8 @@ def iekf(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -803,24 +805,24 @@ def iekf(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -1010,9 +1012,9 @@ def ukf(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -1021,15 +1023,15 @@ def ukf(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -1155,15 +1157,16 @@ def ukf(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -1205,8 +1208,8 @@ def ukf(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
         Correlation length of that part; about the height above the sources. Unit: m. Allowed:
         above 0. Default: `1000.0`.
@@ -1224,8 +1227,8 @@ def ukf(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -1234,24 +1237,24 @@ def ukf(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -1386,14 +1389,14 @@ def ekf_adaptive(
 
     `sigma_adapted` is the assumed noise of the sample's measurement. It starts at
     `measurement_sigma_nt` and is estimated from the window before the sample. With several
-    magnetometers each has a column `sigma_adapted_<mag>`, and a magnetometer whose noise
-    increases loses weight.
+    magnetometers, each has its column `sigma_adapted_<mag>`, and a magnetometer loses weight
+    when its noise increases.
 
     `noise_column` holds the noise that a network or an ensemble predicts for each sample. With
     it the filter estimates one scale factor and keeps the predicted variation over time. If the
-    position is less accurate than the measurement, as after an inaccurate start or a noisy
-    period, innovations contain little information on the noise. The default `form` then changes
-    the noise little; the other forms drive it to one of the bounds.
+    position error dominates the innovations, as after an inaccurate start or a noisy period,
+    they contain little information on the noise. The default `form` then changes the noise
+    little; the other forms drive it to one of the bounds.
 
     Parameters
     ----------
@@ -1452,9 +1455,9 @@ def ekf_adaptive(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -1463,15 +1466,15 @@ def ekf_adaptive(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -1563,10 +1566,11 @@ def ekf_adaptive(
         Estimated noise: of the measurement (`"r"`), of the process (`"q"`), or both. Default:
         `"r"`.
     window : int, optional
-        Number of past innovations in the estimate. With 50 the noise is accurate to 10 %, with
-        10, as in MagNav.jl, to 20 %. With 10 the forms `"matched"` and `"compatible"`
-        occasionally estimate a noise near 0. The filter is then far overconfident unless
-        `sigma_min_nt` is near the true noise. Allowed: 2 to 1000000. Default: `50`.
+        Number of past innovations in the estimate. With 50 innovations the noise is accurate to
+        10 %; with 10, as in MagNav.jl, to 20 %. With 10 the forms `"matched"` and
+        `"compatible"` occasionally estimate a noise near 0. The filter is then far
+        overconfident unless `sigma_min_nt` is near the true noise. Allowed: 2 to 1000000.
+        Default: `50`.
     sigma_min_nt : float, optional
         Lower bound of the estimated noise. Unit: nT. Allowed: above 0. Unset: half of the noise
         that `tuning = "auto"` estimates, else a twentieth of `measurement_sigma_nt`; with
@@ -1577,8 +1581,8 @@ def ekf_adaptive(
     form : {"residual", "matched", "compatible"}, optional
         Estimator of the noise. `"residual"` uses the a posteriori residual of each measurement.
         `"matched"`, the default of version 1, subtracts from each squared innovation the
-        predicted covariance of its time. `"compatible"`, as in MagNav.jl, starts at the mean of
-        the bounds and subtracts the present covariance from all. Default: `"residual"`.
+        covariance predicted at that time. `"compatible"`, as in MagNav.jl, starts at the mean
+        of the bounds and subtracts the present covariance from all. Default: `"residual"`.
     gate_nis : float, optional
         Largest accepted NIS (squared innovation divided by its variance) of a measurement.
         Rejected measurements are used only to estimate the noise. Allowed: above 0. Unset: no
@@ -1607,15 +1611,16 @@ def ekf_adaptive(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -1657,8 +1662,8 @@ def ekf_adaptive(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
         Correlation length of that part; about the height above the sources. Unit: m. Allowed:
         above 0. Default: `1000.0`.
@@ -1676,8 +1681,8 @@ def ekf_adaptive(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -1686,24 +1691,24 @@ def ekf_adaptive(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -1850,8 +1855,9 @@ def ekf_online_tl(
     to the rate of the line. Without `model` the filter starts cold. A scalar magnetometer among
     the terms is rejected: the filter would subtract its own measurement. `aircraft` is the
     aircraft field computed with the coefficients estimated at the sample. With several
-    magnetometers each has a column `aircraft_<mag>`. `residual` is the innovation of the first
-    magnetometer used at a sample. `nis` is the mean over all magnetometers used at it.
+    magnetometers, each has its column `aircraft_<mag>`. `residual` is the innovation of the
+    first magnetometer used at a sample. `nis` is the mean over all magnetometers used at the
+    sample.
 
     Parameters
     ----------
@@ -1917,9 +1923,9 @@ def ekf_online_tl(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -1928,15 +1934,15 @@ def ekf_online_tl(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -2027,7 +2033,7 @@ def ekf_online_tl(
     walk_per_hour : float, optional
         Random walk of a coefficient: its standard deviation after one hour, divided by its
         prior standard deviation. With 0 the coefficients are constants. The wide prior of a
-        cold start is no measure of the changes in flight. Allowed: 0 or above. Unset: 0.1 with
+        cold start does not describe changes in flight. Allowed: 0 or above. Unset: 0.1 with
         `model`, else 0.0.
     flux_bias_sigma_nt : float, optional
         Standard deviation of a bias of each axis of `vector`, from which the terms are
@@ -2066,15 +2072,16 @@ def ekf_online_tl(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     terms : str, optional
         List column of the terms, as made by `a_matrix`. Default: `"tl"`.
     permanent_sigma_nt : float, optional
@@ -2101,7 +2108,7 @@ def ekf_online_tl(
         Unset: the heading error is not estimated.
     prior_factor : float, optional
         Factor on the prior standard deviations from `model`. With one calibration these are the
-        standard deviations of its fit, with several they are the scatter between the
+        standard deviations of its fit; with several they are the scatter between the
         calibrations. Coefficients of differences per sample are converted from the rate of the
         fit to that of the line. At rates below about 5 Hz the differences are inaccurate in
         manoeuvres: they underestimate a change at frequency f by the fraction (2 pi f / rate)^2
@@ -2147,8 +2154,8 @@ def ekf_online_tl(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
         Correlation length of that part; about the height above the sources. Unit: m. Allowed:
         above 0. Default: `1000.0`.
@@ -2166,8 +2173,8 @@ def ekf_online_tl(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -2176,24 +2183,24 @@ def ekf_online_tl(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -2412,9 +2419,9 @@ def fixed_lag(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -2423,15 +2430,15 @@ def fixed_lag(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -2575,7 +2582,7 @@ def fixed_lag(
         Unset: the heading error is not estimated.
     prior_factor : float, optional
         Factor on the prior standard deviations from `model`. With one calibration these are the
-        standard deviations of its fit, with several they are the scatter between the
+        standard deviations of its fit; with several they are the scatter between the
         calibrations. Coefficients of differences per sample are converted from the rate of the
         fit to that of the line. At rates below about 5 Hz the differences are inaccurate in
         manoeuvres: they underestimate a change at frequency f by the fraction (2 pi f / rate)^2
@@ -2599,15 +2606,16 @@ def fixed_lag(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -2649,8 +2657,8 @@ def fixed_lag(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
         Correlation length of that part; about the height above the sources. Unit: m. Allowed:
         above 0. Default: `1000.0`.
@@ -2668,8 +2676,8 @@ def fixed_lag(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -2678,24 +2686,24 @@ def fixed_lag(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -2893,9 +2901,9 @@ def rts(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -2904,15 +2912,15 @@ def rts(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -3035,15 +3043,16 @@ def rts(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -3085,8 +3094,8 @@ def rts(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
         Correlation length of that part; about the height above the sources. Unit: m. Allowed:
         above 0. Default: `1000.0`.
@@ -3104,8 +3113,8 @@ def rts(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -3114,24 +3123,24 @@ def rts(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -3330,9 +3339,9 @@ def mpf(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -3341,15 +3350,15 @@ def mpf(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -3450,8 +3459,8 @@ def mpf(
         is usual; more frequent resampling (MagNav.jl: 0.8) only adds noise. Allowed: 0 to 1.
         Default: `0.5`.
     regularise : bool, optional
-        Resamples from a kernel density. Without it, only copies of a few particles remain with
-        a good INS, whose position error has almost no driving noise. The covariance is then far
+        Resamples from a kernel density. The position error of a good INS has almost no process
+        noise, so without it only copies of a few particles remain. The covariance is then far
         too small. Default: `true`.
     smooth_over_m : float, optional
         Distance over which the map is nearly linear; about its height above the sources. A
@@ -3486,15 +3495,16 @@ def mpf(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -3536,8 +3546,8 @@ def mpf(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
         Correlation length of that part; about the height above the sources. Unit: m. Allowed:
         above 0. Default: `1000.0`.
@@ -3555,8 +3565,8 @@ def mpf(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -3565,24 +3575,24 @@ def mpf(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -3714,9 +3724,9 @@ def mpf_then_ekf(
     The Kalman filter takes over when two conditions hold for 60 s. One mode has at least the
     weight `hand_over_weight`, and the linearisation error of the map over the position's
     covariance in this mode is below the white noise (median over a minute of the path ahead).
-    Its first state and covariance are the mean and covariance of the mode. From then on
-    `particles` is 0 and `n_eff` is NaN. On a line where the conditions never hold, all samples
-    are those of `mpf`.
+    Its initial state and covariance are the mean and covariance of the mode. From then on
+    `particles` is 0 and `n_eff` is NaN. If the conditions never hold on a line, all samples
+    come from `mpf`.
 
     With `tuning = "auto"` and a wide start, the noise is estimated in three steps. Particles
     with an assumed slow error of 30 nT locate the aircraft. The INS is corrected by this
@@ -3783,9 +3793,9 @@ def mpf_then_ekf(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -3794,15 +3804,15 @@ def mpf_then_ekf(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -3926,15 +3936,16 @@ def mpf_then_ekf(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -3976,8 +3987,8 @@ def mpf_then_ekf(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
         Correlation length of that part; about the height above the sources. Unit: m. Allowed:
         above 0. Default: `1000.0`.
@@ -3995,8 +4006,8 @@ def mpf_then_ekf(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -4005,24 +4016,24 @@ def mpf_then_ekf(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -4146,11 +4157,11 @@ def crlb(
     Compared with the track of a filter, it shows whether an error is due to the filter or to
     the flight.
 
-    It makes no estimate. Its positions are the truth, `score` gives no error for them, and its
+    It makes no estimate. Its positions are the truth, so `score` gives no error for them. Its
     `sd_n`, `sd_e` and `drms_bound` are the bound. The metric `drms_bound` is the bound over the
     line; a search never selects a point by it. `residual` is the measurement minus the field at
     the true position. `nis` is its square divided by its variance under the assumed noise; a
-    mean of 1 confirms the assumed noise. `vn`, `ve` and `vd` are those of the INS.
+    mean of 1 confirms the assumed noise. `vn`, `ve` and `vd` are the velocity of the INS.
 
     Parameters
     ----------
@@ -4209,9 +4220,9 @@ def crlb(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -4220,15 +4231,15 @@ def crlb(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -4340,15 +4351,16 @@ def crlb(
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -4390,8 +4402,8 @@ def crlb(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
         Correlation length of that part; about the height above the sources. Unit: m. Allowed:
         above 0. Default: `1000.0`.
@@ -4409,8 +4421,8 @@ def crlb(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -4419,24 +4431,24 @@ def crlb(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------

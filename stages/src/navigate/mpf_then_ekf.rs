@@ -19,9 +19,9 @@ filter! {
     ///
     /// The Kalman filter takes over when two conditions hold for 60 s. One mode has at least the weight
     /// `hand_over_weight`, and the linearisation error of the map over the position's covariance in this mode is below
-    /// the white noise (median over a minute of the path ahead). Its first state and covariance are the mean and
-    /// covariance of the mode. From then on `particles` is 0 and `n_eff` is NaN. On a line where the conditions never
-    /// hold, all samples are those of `mpf`.
+    /// the white noise (median over a minute of the path ahead). Its initial state and covariance are the mean and
+    /// covariance of the mode. From then on `particles` is 0 and `n_eff` is NaN. If the conditions never hold on a
+    /// line, all samples come from `mpf`.
     ///
     /// With `tuning = "auto"` and a wide start, the noise is estimated in three steps. Particles with an assumed slow
     /// error of 30 nT locate the aircraft. The INS is corrected by this position and velocity. The likelihood of the

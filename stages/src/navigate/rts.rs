@@ -60,7 +60,7 @@ impl NavigationFilter for Rts {
     fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let mut columns = vec![
             Column::text("smoothing", "outcome of the iteration: converged or stopped"),
-            Column::float("smoothing_step", "m", "largest change of a position of the line in the last iteration"),
+            Column::float("smoothing_step", "m", "largest position change along the line in the last iteration"),
         ];
         if self.save_state {
             columns.extend(state_columns());

@@ -103,8 +103,8 @@ filter! {
     /// Maximum number of measurements in the smoother. If there are more, each is the mean of a few neighbours, and
     /// others are omitted. Computing time is proportional to the third power of this number.
     smooth_measurements: usize, unit "1", default 1000usize, rule Rule::Between(2.0, 5000.0);
-    /// Standard deviation of the white noise of a measurement in the smoother, where the particles assume more because
-    /// they are few.
+    /// Standard deviation of the white noise of a measurement in the smoother. The particles assume more noise because
+    /// there are few of them.
     smooth_sigma_nt: Option<f64>, unit "nT", absent "the assumed noise of the particles", rule Rule::Positive;
     /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
@@ -129,10 +129,11 @@ impl NavigationFilter for Slam {
             Column::float("effective", "1", "effective number of particles after weighting"),
         ];
         if self.smooth {
-            let misfit = "mean squared residual of the model over its variance; NaN without smoothing";
+            let misfit = "mean squared residual of the model, divided by its variance; NaN without smoothing";
             columns.push(Column::text("smoothing", "outcome of the smoother: converged, stopped or none"));
             columns.push(Column::float("smoothing_misfit", "1", misfit));
-            let agreement = "information of revisits about each other over its expected value; NaN without revisits";
+            let agreement = "information that revisits give about each other, divided by its expected value; NaN \
+                without revisits";
             columns.push(Column::float("smoothing_agreement", "1", agreement));
         }
         columns

@@ -9,8 +9,8 @@ use schemas::{Fault, metric::MetricDisplay};
 use super::{line::ScoreLine, metric::metric, source::ScoreSource};
 
 metric! {
-    /// expected error of the map due to the difference between its height and the line's; with `map_levels_m`, expected
-    /// error of its continuation
+    /// expected error of the map due to the difference between its height and the height of the line; with
+    /// `map_levels_m`, expected error of its continuation
     MAP_HEIGHT_ERROR = "map_height_error", unit "nT", pool Rms, better Neither, needs [Track, MapHeight];
     |line| Ok(statistics::mean(line.column(ScoreSource::MapHeight)?))
 }

@@ -65,7 +65,7 @@ metric! {
 
 metric! {
     /// standard deviation of the true anomaly (truth minus `igrf` and `diurnal`; without `igrf`, truth minus its
-    /// straight line over time) divided by that of compensated minus truth
+    /// straight line over time) divided by the standard deviation of compensated minus truth
     SNR = "snr", unit "1", pool Mean, better Higher,
     shown MetricDisplay::column(50, 30), needs [Signal, Truth], uses [Core, Diurnal];
     |line| {

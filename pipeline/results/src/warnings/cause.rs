@@ -177,8 +177,8 @@ impl<'a> LineFacts<'a> {
             WarningKind::NeesLow | WarningKind::NisLow if settings.found => vec![],
             WarningKind::NeesLow | WarningKind::NisLow => self.too_cautious(settings),
             WarningKind::WideStart => vec![
-                "the initial position has no fix: set `filter = \"mpf_then_ekf\"`, or `start = \"fix\"` with a \
-                 position, or a smaller `init_position_sigma_m` if the position is known better"
+                "the filter does not start from a position fix: set `filter = \"mpf_then_ekf\"`, or `start = \
+                 \"fix\"` with a position, or a smaller `init_position_sigma_m` if the position is known better"
                     .to_owned(),
             ],
             WarningKind::Late => self.lag_s().map(|(lag_s, _)| {
