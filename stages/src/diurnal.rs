@@ -35,7 +35,7 @@ stage! {
     ///
     /// The level of each record is subtracted, so that a station contributes only its variation. `level` selects the
     /// mean of the whole record, or its mean over the time of the line. `level_nt` sets the level explicitly, for
-    /// example that of a quiet night. A variation record (IAGA `Data Type variation`) has no absolute level.
+    /// example to the level of a quiet night. A variation record (IAGA `Data Type variation`) has no absolute level.
     Diurnal = "diurnal", version 2, grain Line, inputs [input: Lines, record: ManyRecords],
     example r#"
 [[stages]]

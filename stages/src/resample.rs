@@ -42,7 +42,7 @@ stage! {
     /// t - 0.06 s. The resampled value at t is therefore the reading stamped t + 0.06 s. The stage `lag` estimates lags
     /// with this sign.
     ///
-    /// Entries of lists that are differences per sample, such as those of `tl`, are converted to the new rate. A list
+    /// List entries that are differences per sample, such as some terms of `tl`, are converted to the new rate. A list
     /// with values of earlier samples is rejected: compute it after resampling. A lag cannot be removed twice.
     ///
     /// The stage does not filter: at a lower rate, frequencies above half of the new rate are aliased. Apply `lowpass`

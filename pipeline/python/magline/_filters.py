@@ -201,10 +201,10 @@ def ekf(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -293,7 +293,7 @@ def ekf(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -329,12 +329,13 @@ def ekf(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
@@ -353,8 +354,8 @@ def ekf(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -520,10 +521,10 @@ def iekf(
 ) -> Track:
     """The 18-state iterated extended Kalman filter.
 
-    At each sample it linearises the map again at each new estimate until it finds the most
-    probable state. If the position error is not small compared with the wavelengths of the map,
-    the single linearisation of `ekf` is inaccurate and overconfident. This filter tolerates
-    errors several times as large and takes little more time.
+    At each sample it repeats the linearisation of the map at each new estimate until it finds
+    the most probable state. If the position error is not small compared with the wavelengths of
+    the map, the single linearisation of `ekf` is inaccurate and overconfident. This filter
+    tolerates errors several times as large and takes little more time.
 
     A step that would make the state less probable is halved. With `iterations = 1` the filter
     is `ekf`.
@@ -621,10 +622,10 @@ def iekf(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -719,7 +720,7 @@ def iekf(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -755,12 +756,13 @@ def iekf(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
@@ -779,8 +781,8 @@ def iekf(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -1048,10 +1050,10 @@ def ukf(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -1151,7 +1153,7 @@ def ukf(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -1187,12 +1189,13 @@ def ukf(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
@@ -1211,8 +1214,8 @@ def ukf(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -1491,10 +1494,10 @@ def ekf_adaptive(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -1605,7 +1608,7 @@ def ekf_adaptive(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -1641,12 +1644,13 @@ def ekf_adaptive(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
@@ -1665,8 +1669,8 @@ def ekf_adaptive(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -1959,10 +1963,10 @@ def ekf_online_tl(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -2066,7 +2070,7 @@ def ekf_online_tl(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -2110,7 +2114,7 @@ def ekf_online_tl(
         Factor on the prior standard deviations from `model`. With one calibration these are the
         standard deviations of its fit; with several they are the scatter between the
         calibrations. Coefficients of differences per sample are converted from the rate of the
-        fit to that of the line. At rates below about 5 Hz the differences are inaccurate in
+        fit to the rate of the line. At rates below about 5 Hz the differences are inaccurate in
         manoeuvres: they underestimate a change at frequency f by the fraction (2 pi f / rate)^2
         / 6. Allowed: above 0. Default: `1.0`.
     gradient : ListLike, optional
@@ -2133,12 +2137,13 @@ def ekf_online_tl(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
@@ -2157,8 +2162,8 @@ def ekf_online_tl(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -2455,10 +2460,10 @@ def fixed_lag(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -2584,7 +2589,7 @@ def fixed_lag(
         Factor on the prior standard deviations from `model`. With one calibration these are the
         standard deviations of its fit; with several they are the scatter between the
         calibrations. Coefficients of differences per sample are converted from the rate of the
-        fit to that of the line. At rates below about 5 Hz the differences are inaccurate in
+        fit to the rate of the line. At rates below about 5 Hz the differences are inaccurate in
         manoeuvres: they underestimate a change at frequency f by the fraction (2 pi f / rate)^2
         / 6. Allowed: above 0. Default: `1.0`.
     gnss_lost_s : ListLike, optional
@@ -2600,7 +2605,7 @@ def fixed_lag(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -2636,12 +2641,13 @@ def fixed_lag(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
@@ -2660,8 +2666,8 @@ def fixed_lag(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -2832,7 +2838,7 @@ def rts(
 
     Each iteration linearises the map along the track and passes forward and backward over the
     line, until the track converges. It also returns the covariance. At the last sample its
-    error equals that of a filter; at earlier samples it is a few times smaller.
+    error equals the error of a filter; at earlier samples it is a few times smaller.
 
     The position of a sample uses all measurements. `residual` and `nis` use only earlier
     measurements, so the expected value of `nis` is 1, as for a filter. A robust loss limits the
@@ -2937,10 +2943,10 @@ def rts(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -3037,7 +3043,7 @@ def rts(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -3073,12 +3079,13 @@ def rts(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
@@ -3097,8 +3104,8 @@ def rts(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -3375,10 +3382,10 @@ def mpf(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -3463,7 +3470,7 @@ def mpf(
         noise, so without it only copies of a few particles remain. The covariance is then far
         too small. Default: `true`.
     smooth_over_m : float, optional
-        Distance over which the map is nearly linear; about its height above the sources. A
+        Distance over which the map is nearly linear; typically its height above the sources. A
         wider cloud has one kernel for each of its parts. The slope that `gradient` measures is
         linear over a third of this distance. Unit: m. Allowed: above 0. Default: `200.0`.
     roughening : float, optional
@@ -3489,7 +3496,7 @@ def mpf(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -3525,12 +3532,13 @@ def mpf(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
@@ -3549,8 +3557,8 @@ def mpf(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -3718,15 +3726,15 @@ def mpf_then_ekf(
     """The marginalised particle filter `mpf` until a single position remains, then the extended
     Kalman filter `ekf`.
 
-    Use it for a start that is known to kilometres: a Kalman filter may then diverge unnoticed,
-    and particles along the whole line take seventy times as long.
+    Use it for a start that is known only to kilometres. A Kalman filter may then diverge
+    unnoticed, and particles along the whole line take seventy times as long.
 
-    The Kalman filter takes over when two conditions hold for 60 s. One mode has at least the
-    weight `hand_over_weight`, and the linearisation error of the map over the position's
-    covariance in this mode is below the white noise (median over a minute of the path ahead).
-    Its initial state and covariance are the mean and covariance of the mode. From then on
-    `particles` is 0 and `n_eff` is NaN. If the conditions never hold on a line, all samples
-    come from `mpf`.
+    The Kalman filter takes over when two conditions hold for 60 s. The first is that one mode
+    has at least the weight `hand_over_weight`. The second is that the linearisation error of
+    the map within the covariance of this mode is below the white noise (median over the next
+    minute of the path). Its initial state and covariance are the mean and covariance of the
+    mode. From then on `particles` is 0 and `n_eff` is NaN. If the conditions never hold on a
+    line, all samples come from `mpf`.
 
     With `tuning = "auto"` and a wide start, the noise is estimated in three steps. Particles
     with an assumed slow error of 30 nT locate the aircraft. The INS is corrected by this
@@ -3829,10 +3837,10 @@ def mpf_then_ekf(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -3907,7 +3915,7 @@ def mpf_then_ekf(
         Seed of all random draws. The same seed gives the same bits on any number of threads.
         Default: `0`.
     smooth_over_m : float, optional
-        Distance over which the map is nearly linear; about its height above the sources. A
+        Distance over which the map is nearly linear; typically its height above the sources. A
         wider cloud has one kernel for each of its parts. Unit: m. Allowed: above 0. Default:
         `200.0`.
     hand_over_weight : float, optional
@@ -3930,7 +3938,7 @@ def mpf_then_ekf(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -3966,12 +3974,13 @@ def mpf_then_ekf(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
@@ -3990,8 +3999,8 @@ def mpf_then_ekf(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -4256,10 +4265,10 @@ def crlb(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -4345,7 +4354,7 @@ def crlb(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -4381,12 +4390,13 @@ def crlb(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
@@ -4405,8 +4415,8 @@ def crlb(
         anomaly does not determine. A typical value is the standard deviation of the anomaly.
         Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is

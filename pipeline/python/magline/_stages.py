@@ -78,7 +78,7 @@ class StageMethods:
             For tables of flights: Units of columns, by their names in the file. They override names
             and metadata. Default: `{}`.
         missing : ListLike, optional
-            For tables of flights: Texts and numbers that mark a missing value, in addition to
+            For tables of flights: Further texts and numbers that mark a missing value, besides
             `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an empty cell, -99999 and Geosoft's -1e32.
             Default: `[]`.
             For maps: Numbers that mark an unknown value, in addition to the markers in the file and
@@ -263,7 +263,7 @@ class StageMethods:
         stamped t was measured at t - 0.06 s. The resampled value at t is therefore the reading
         stamped t + 0.06 s. The stage `lag` estimates lags with this sign.
 
-        Entries of lists that are differences per sample, such as those of `tl`, are converted to
+        List entries that are differences per sample, such as some terms of `tl`, are converted to
         the new rate. A list with values of earlier samples is rejected: compute it after
         resampling. A lag cannot be removed twice.
 
@@ -577,7 +577,7 @@ class StageMethods:
         References
         ----------
         F. Gustafsson, Determining the initial states in forward-backward filtering, 1996. The
-        defaults are those of Gnadt 2022, section 3.1.2.
+        defaults are taken from Gnadt 2022, section 3.1.2.
         """
         return self._stage("bandpass", locals())
 
@@ -655,7 +655,7 @@ class StageMethods:
         carry: Sequence[str] | None = None,
         keep: bool | None = None,
     ) -> TableHandle:
-        """Removes a sinusoid and its harmonics, such as those of power lines, without lag and
+        """Removes a sinusoid and its harmonics, such as power-line interference, without lag, and
         appends `<column>_nt`.
 
         Each harmonic is removed at its alias in the samples, for example 10 Hz for 150 Hz sampled
@@ -796,8 +796,8 @@ class StageMethods:
 
         The noise is 1.4826 times the median absolute deviation, and at least one quantisation step.
         If more than half of the samples in a run are held or interpolated, the noise is estimated
-        from the remaining samples, so that steps and corners are not flagged as spikes. Spikes in
-        an otherwise constant run are kept.
+        from the remaining samples. Steps and corners are then not flagged as spikes. Spikes in an
+        otherwise constant run are kept.
 
         A spike becomes NaN, or is interpolated linearly in time between its neighbours. At the end
         of a run it always becomes NaN. A missing value or a gap in time ends a run. A column in
@@ -857,8 +857,8 @@ class StageMethods:
         mag_4_uc end`).
 
         Expressions may use the DataFusion functions that depend only on the row. Clocks, random
-        numbers and other rows are not available. A missing value (NaN) is NULL in an expression:
-        arithmetic with it gives a missing value, a comparison with it is unknown, and `coalesce`
+        numbers and other rows are not available. A missing value (NaN) is NULL in an expression.
+        Arithmetic with it gives a missing value, and a comparison with it is unknown. `coalesce`
         and `is null` detect it. An infinite result, such as 1/0, is missing. A line fails if SQL
         rejects a value, such as the square root of a negative number. Division is real, also
         between integers. `greatest` and `least` with a missing argument are missing.
@@ -1129,8 +1129,8 @@ class StageMethods:
 
         The level of each record is subtracted, so that a station contributes only its variation.
         `level` selects the mean of the whole record, or its mean over the time of the line.
-        `level_nt` sets the level explicitly, for example that of a quiet night. A variation record
-        (IAGA `Data Type variation`) has no absolute level.
+        `level_nt` sets the level explicitly, for example to the level of a quiet night. A variation
+        record (IAGA `Data Type variation`) has no absolute level.
 
         Parameters
         ----------
@@ -1686,8 +1686,8 @@ class StageMethods:
         null if the lines are shorter than 16 s.
 
         `warm_start` names the table of another fit of the same kind of network, in this pipeline or
-        published. Training starts from its weights instead of random weights, for example from
-        those of an aircraft with more flight data. Inputs, layers, activation, linear terms and
+        published. Training starts from its weights instead of random weights, for example from the
+        weights for an aircraft with more flight data. Inputs, layers, activation, linear terms and
         members must be the same. Inputs and target are scaled as in that network, because its
         weights depend on the scales. Its constant is replaced by the constant of the new lines.
         Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from the coefficients of that network.
@@ -1878,7 +1878,7 @@ class StageMethods:
             For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
             `tlnn`, `etlnn`: Terms of the linear model: entries of the features, by name or by a
             prefix that several names share before a `_`. Unset: the Tolles-Lawson terms among the
-            features, otherwise those of the core-field model; for `etlnn` all features. Other
+            features, otherwise the terms of the core-field model; for `etlnn` all features. Other
             terms, such as slopes or terms of the extended model, are inputs of the network only.
         linear_low_hz : float, optional
             For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
@@ -2222,9 +2222,9 @@ class StageMethods:
         the result to other lines, and `navigate` uses it for noise parameters that are `"auto"`. Do
         not select the lines that are navigated.
 
-        The noise has a white and a first-order Gauss-Markov part, the smallest that bound the Allan
-        variance of the lines. A constant has no effect. A time constant longer than the lines
-        cannot be resolved. Lines without a run of 16 s are rejected.
+        The noise has a white part and a first-order Gauss-Markov part. They are the smallest that
+        bound the Allan variance of the lines. A constant has no effect. A time constant longer than
+        the lines cannot be resolved. Lines without a run of 16 s are rejected.
 
         Parameters
         ----------
@@ -2317,10 +2317,10 @@ class StageMethods:
         `measurement_sigma_nt`. `assume_noise` reads the table.
 
         The residual is `column`, minus `truth` if that is set. Examples are a compensated signal
-        minus the true one, the variation of a base station, or the `residual` of a track over a
-        stretch where its filter used no measurements. `residual_noise` gives the smallest noise
-        that bounds a signal at every time span, for a cautious filter. `fogm_noise` gives the best
-        fit for noise with one time scale. It represents noise with several time scales only partly.
+        minus the true signal, the variation of a base station, or the `residual` of a track without
+        measurement updates. `residual_noise` gives the smallest noise that bounds a signal at every
+        time span, for a cautious filter. `fogm_noise` gives the best fit for noise with one time
+        scale. It represents noise with several time scales only partly.
 
         `autocorrelation` fits the variance minus the autocovariance at lags from one sample to a
         quarter of the longest run. `allan` fits the Allan variance. Neither depends on a constant.
@@ -2524,10 +2524,10 @@ class StageMethods:
             `alt`.
         fix_velocity : ListLike, optional
             Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-            `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-            if the flight has them; else the velocity of the INS.
+            `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+            without these columns, the velocity of the INS.
         fix_sigma_m : float, optional
-            Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+            Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
             above 0. Default: `3.0`.
         fix_alt_sigma_m : float, optional
             Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -2884,10 +2884,10 @@ class StageMethods:
             `alt`.
         fix_velocity : ListLike, optional
             Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-            `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-            if the flight has them; else the velocity of the INS.
+            `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+            without these columns, the velocity of the INS.
         fix_sigma_m : float, optional
-            Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+            Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
             above 0. Default: `3.0`.
         fix_alt_sigma_m : float, optional
             Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -2997,7 +2997,7 @@ class StageMethods:
         gnss_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
             `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Standard
-            deviation of the GNSS position in each of north and east. Unit: m. Allowed: above 0.
+            deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed: above 0.
             Default: `2.0`.
         gnss_alt_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
@@ -3046,12 +3046,12 @@ class StageMethods:
         gradient_slope_sigma : float | {"auto"}, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the error of the map's slope
-            along that line. Multiplied by the baseline, it is an error of the difference. Like the
-            map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
-            value from the innovations of the difference, which also detects maps made from sparse
-            lines. For a map without a vertical slope (one height, no `map_levels_m`), the error
-            increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or above.
-            Default: `auto`.
+            along the line between the magnetometers. Multiplied by the baseline, it is an error of
+            the difference. Like the map's anomalies, it is correlated along the track. `"auto"`
+            uses the maximum-likelihood value from the innovations of the difference. This value
+            also reveals maps made from sparse lines. For a map without a vertical slope (one
+            height, no `map_levels_m`), the error increases by the vertical baseline times the rms
+            slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
         use_scalar : bool, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Uses `mag` for the measurement update too. `false`
@@ -3080,8 +3080,9 @@ class StageMethods:
             `50.0`.
         vector_crustal_length_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Correlation length of that part; about the height
-            above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Correlation length of the part of the crustal
+            field in `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m.
+            Allowed: above 0. Default: `1000.0`.
         height : str, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Column of measured heights above the ellipsoid,
@@ -3237,9 +3238,9 @@ class StageMethods:
             For `ekf_online_tl`, `fixed_lag`: Factor on the prior standard deviations from `model`.
             With one calibration these are the standard deviations of its fit; with several they are
             the scatter between the calibrations. Coefficients of differences per sample are
-            converted from the rate of the fit to that of the line. At rates below about 5 Hz the
-            differences are inaccurate in manoeuvres: they underestimate a change at frequency f by
-            the fraction (2 pi f / rate)^2 / 6. Allowed: above 0. Default: `1.0`.
+            converted from the rate of the fit to the rate of the line. At rates below about 5 Hz
+            the differences are inaccurate in manoeuvres: they underestimate a change at frequency f
+            by the fraction (2 pi f / rate)^2 / 6. Allowed: above 0. Default: `1.0`.
         hidden : int, optional
             For `ekf_online_nn`: Number of units in the hidden layer. Allowed: 1 to 64. Default:
             `8`.
@@ -3307,13 +3308,13 @@ class StageMethods:
             no process noise, so without it only copies of a few particles remain. The covariance is
             then far too small. Default: `true`.
         smooth_over_m : float, optional
-            For `mpf`: Distance over which the map is nearly linear; about its height above the
+            For `mpf`: Distance over which the map is nearly linear; typically its height above the
             sources. A wider cloud has one kernel for each of its parts. The slope that `gradient`
             measures is linear over a third of this distance. Unit: m. Allowed: above 0. Default:
             `200.0`.
-            For `mpf_then_ekf`: Distance over which the map is nearly linear; about its height above
-            the sources. A wider cloud has one kernel for each of its parts. Unit: m. Allowed: above
-            0. Default: `200.0`.
+            For `mpf_then_ekf`: Distance over which the map is nearly linear; typically its height
+            above the sources. A wider cloud has one kernel for each of its parts. Unit: m. Allowed:
+            above 0. Default: `200.0`.
         roughening : float, optional
             For `mpf`: Standard deviation of the position noise of each resampled particle, per
             axis. It is in units of the range of the particles divided by the square root of their
@@ -3716,8 +3717,8 @@ class StageMethods:
         The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area
         of the lines. The size of the equations therefore does not depend on the length of the
         flight. Each line may have its own constant, each flight a temporal variation. The kernel is
-        that of `slam`, fitted by maximum likelihood to segments of the lines. The map is at the
-        mean height of the measurements; height differences are treated as noise.
+        the same as in `slam`, fitted by maximum likelihood to segments of the lines. The map is at
+        the mean height of the measurements; height differences are treated as noise.
 
         The covariance of the track's position (`sd_n`, `sd_e`, `cov_ne`) times the slope of the map
         counts as measurement noise and is included in `sd`. An error common to the whole track
@@ -3754,9 +3755,9 @@ class StageMethods:
             Source of the hyper-parameters of the kernel: maximum likelihood on the lines, or the
             spec. Default: `"fitted"`.
         position_sigma_m : float, optional
-            Standard deviation, north and east, that is added to that of the track. It describes an
-            error that the track's covariance omits, such as that of `slam` before its first
-            revisit. Unit: m. Allowed: 0 or above. Default: `0.0`.
+            Standard deviation, north and east, that is added to the standard deviation of the
+            track. It describes an error that the track's covariance omits, such as the error of
+            `slam` before its first revisit. Unit: m. Allowed: 0 or above. Default: `0.0`.
         covariance : {"matern_5_2", "matern_3_2", "squared_exponential"}, optional
             Covariance function of the anomaly over distance. Default: `"matern_5_2"`.
         sigma_se_nt : float, optional
@@ -4259,10 +4260,10 @@ class StageMethods:
 
         `train` lists the lines to which the model was fitted, and adds the metric
         `overfitting_ratio`. It is the pooled `std_error` of all other lines, in sample or not,
-        divided by that of the training lines. Without `std_error` it uses the root mean square of
-        `map_std_error`. The ratio is 1 for a model that is as accurate on new lines as on its
-        training lines, and larger for one that overfits. In its resamples, training lines are drawn
-        only from training lines, and other lines only from other lines.
+        divided by the pooled `std_error` of the training lines. Without `std_error` it uses the
+        root mean square of `map_std_error`. The ratio is 1 for a model that is as accurate on new
+        lines as on its training lines, and larger for one that overfits. In its resamples, training
+        lines are drawn only from training lines, and other lines only from other lines.
 
         Parameters
         ----------

@@ -25,7 +25,7 @@ params! {
         absent "`gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and `alt`";
     /// Time between two GNSS positions.
     gnss_interval_s: f64, unit "s", default 1.0, rule Rule::Positive;
-    /// Standard deviation of the GNSS position in each of north and east.
+    /// Standard deviation of the GNSS position, for each horizontal axis.
     gnss_sigma_m: f64, unit "m", default 2.0, rule Rule::Positive;
     /// Standard deviation of the GNSS height.
     gnss_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;

@@ -35,11 +35,11 @@ params! {
     gradient_bias_sigma_nt: f64, unit "nT", default 1.0, rule Rule::NotNegative;
     /// Time constant of the slow error of the difference.
     gradient_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Standard deviation of the error of the map's slope along that line. Multiplied by the baseline, it is an error
-    /// of the difference. Like the map's anomalies, it is correlated along the track. `"auto"` uses the
-    /// maximum-likelihood value from the innovations of the difference, which also detects maps made from sparse lines.
-    /// For a map without a vertical slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-    /// times the rms slope.
+    /// Standard deviation of the error of the map's slope along the line between the magnetometers. Multiplied by the
+    /// baseline, it is an error of the difference. Like the map's anomalies, it is correlated along the track. `"auto"`
+    /// uses the maximum-likelihood value from the innovations of the difference. This value also reveals maps made from
+    /// sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the error increases by the
+    /// vertical baseline times the rms slope.
     gradient_slope_sigma: NumberOrAuto, unit "nT/m", default NumberOrAuto::Auto, rule Rule::NotNegative;
     /// Uses `mag` for the measurement update too. `false` uses only the difference and the vector, for example in a
     /// magnetic storm.
@@ -55,7 +55,8 @@ params! {
     /// Standard deviation of the part of each crustal-field component that a map of the scalar anomaly does not
     /// determine. A typical value is the standard deviation of the anomaly.
     vector_crustal_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
-    /// Correlation length of that part; about the height above the sources.
+    /// Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`; typically the height above the
+    /// sources.
     vector_crustal_length_m: f64, unit "m", default 1000.0, rule Rule::Positive;
     /// Column of measured heights above the ellipsoid, such as `baro` of a barometer that does not already aid the INS.
     height: Option<String>, unit "m", absent "the height of the INS and its barometer is used";

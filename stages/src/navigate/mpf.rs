@@ -52,8 +52,8 @@ filter! {
     /// Resamples from a kernel density. The position error of a good INS has almost no process noise, so without it
     /// only copies of a few particles remain. The covariance is then far too small.
     regularise: bool, unit "", default true;
-    /// Distance over which the map is nearly linear; about its height above the sources. A wider cloud has one kernel
-    /// for each of its parts. The slope that `gradient` measures is linear over a third of this distance.
+    /// Distance over which the map is nearly linear; typically its height above the sources. A wider cloud has one
+    /// kernel for each of its parts. The slope that `gradient` measures is linear over a third of this distance.
     smooth_over_m: f64, unit "m", default 200.0, rule Rule::Positive;
     /// Standard deviation of the position noise of each resampled particle, per axis. It is in units of the range of
     /// the particles divided by the square root of their number. Gordon, Salmond & Smith 1993 use 0.2.

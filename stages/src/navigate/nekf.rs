@@ -22,12 +22,13 @@ filter! {
     /// noise of the temporal variation, or one on each.
     ///
     /// `model` is the table of a `noise_network` stage, which trains the network on other lines. The filter requires
-    /// the `features` of that training and its sample rate. Use the same keys for the noise there and here, because the
-    /// factor multiplies the assumed noise. With a network whose output is 0, the filter is bit-identical to `ekf`.
+    /// the `features` of that training and its sample rate. Use the same noise keys in both stages, because the factor
+    /// multiplies the assumed noise. With a network whose output is 0, the filter is bit-identical to `ekf`.
     ///
     /// The noise of a sample depends on earlier innovations only. `noise_factor` is the factor on the standard
     /// deviation of the measurement, and `fogm_factor` is the factor on the noise of the temporal variation. A network
-    /// is reliable for noise like that of its training. If there are no lines for training, use `ekf_adaptive`.
+    /// is reliable only for noise like the noise in its training. If there are no lines for training, use
+    /// `ekf_adaptive`.
     ///
     /// Source: Gnadt 2022, section 5.9.3; Hochreiter & Schmidhuber 1997.
     Nekf = "nekf", version 1, groups [aiding: Aiding], example "model = \"noise_network\"";

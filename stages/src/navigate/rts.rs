@@ -20,7 +20,7 @@ use crate::columns::{array, data};
 filter! {
     /// The most probable track of the whole line given all its measurements: a smoother for post-processing. Each
     /// iteration linearises the map along the track and passes forward and backward over the line, until the track
-    /// converges. It also returns the covariance. At the last sample its error equals that of a filter; at earlier
+    /// converges. It also returns the covariance. At the last sample its error equals the error of a filter; at earlier
     /// samples it is a few times smaller.
     ///
     /// The position of a sample uses all measurements. `residual` and `nis` use only earlier measurements, so the

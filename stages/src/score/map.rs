@@ -37,8 +37,7 @@ metric! {
 }
 
 metric! {
-    /// lower bound of the root mean square horizontal error of a constant position offset of the line, estimated from
-    /// the map
+    /// lower bound of the error (rms, horizontal) with which the map determines a constant position offset of the line
     MAP_POSITION_BOUND = "map_position_bound", unit "m", pool Rms, better Neither,
     shown MetricDisplay::column(150, 70), needs [Map, Position];
     |line| {
