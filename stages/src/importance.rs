@@ -101,7 +101,7 @@ stage! {
     /// | `pearson`, `spearman` | correlation with `target` | |
     /// | `hard_thresholding` | coefficient of the standardised entry, nT; 0 if it is not selected | |
     /// | `group_lasso` | norm of an input's weights times its standard deviation on the line, 1 | over the ensemble |
-    /// | `morris` | mean absolute change of the prediction per range of the input, nT | over the trajectories |
+    /// | `morris` | mean absolute change of the prediction over the range of the input, nT | over the trajectories |
     /// | `sobol_first` | share of the prediction's variance from the group alone, 1 | |
     /// | `sobol_total` | share from the group and all its interactions, 1 | |
     ///

@@ -127,7 +127,7 @@ impl Resample {
         for name in self.lag_s.keys() {
             let vector = |column: &str| schemas::flight::vector_part(column).is_some_and(|(vector, _)| vector == name);
             if KEPT.contains(&name.as_str()) {
-                let what = format!("`{name}` has no lag: it is not measured");
+                let what = format!("`{name}` is not a measured column, so it has no lag to remove");
                 faults.push(Fault::new(what).of_param("lag_s"));
             } else if !all().any(|column| column == name || vector(column)) {
                 let known: Vec<&str> = all().collect();

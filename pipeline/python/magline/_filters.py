@@ -341,9 +341,9 @@ def ekf(
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -768,9 +768,9 @@ def iekf(
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -1201,9 +1201,9 @@ def ukf(
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -1656,9 +1656,9 @@ def ekf_adaptive(
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -2149,9 +2149,9 @@ def ekf_online_tl(
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -2653,9 +2653,9 @@ def fixed_lag(
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -3091,9 +3091,9 @@ def rts(
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -3544,9 +3544,9 @@ def mpf(
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -3986,9 +3986,9 @@ def mpf_then_ekf(
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -4402,9 +4402,9 @@ def crlb(
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.

@@ -330,8 +330,8 @@ class StageMethods:
         replaced.
 
         The date of each sample is given by `year`, `doy` and `tt` of the flight, or by
-        `decimal_year` for all samples. Heights are above the WGS-84 ellipsoid. A sample without a
-        position is NaN. A body component is NaN if it depends on a missing angle.
+        `decimal_year` for all samples. Heights are above the WGS-84 ellipsoid. The result is NaN
+        for a sample without a position. A body component is NaN if it depends on a missing angle.
 
         A flight without a date is rejected unless `decimal_year` is set. A date outside the model's
         range is rejected. An impossible position is rejected too: latitude beyond 90 degrees,
@@ -1125,7 +1125,8 @@ class StageMethods:
         Values are interpolated between samples of the record. They are NaN outside the record and
         in gaps longer than `max_gap_s`. A line without any value is rejected, and so is a line
         without a date. Several stations, in one or more tables, are averaged at each sample with
-        weights 1/distance^`power`. A sample is NaN if one station has no value for it.
+        weights 1/distance^`power`. The result is NaN for a sample at which one station has no
+        value.
 
         The level of each record is subtracted, so that a station contributes only its variation.
         `level` selects the mean of the whole record, or its mean over the time of the line.
@@ -1270,7 +1271,8 @@ class StageMethods:
 
         It can then be compensated like a scalar magnetometer.
 
-        An existing column of that name is replaced. A sample with a missing component is NaN.
+        An existing column of that name is replaced. The result is NaN for a sample with a missing
+        component.
 
         Parameters
         ----------
@@ -1499,9 +1501,9 @@ class StageMethods:
         type `e`. Apply a model of the anomaly with `predicts = "anomaly"` of `compensate`. Types
         `b` and `c` require `map_anomaly`, which `map_value` computes.
 
-        The column has the role truth: it may be a target but not a feature. A sample is NaN if a
-        term is missing. The metadata `removed` list the corrections, so that no later stage repeats
-        them.
+        The column has the role truth: it may be a target but not a feature. The result is NaN for a
+        sample with a missing term. The metadata `removed` list the corrections, so that no later
+        stage repeats them.
 
         Parameters
         ----------
@@ -2097,7 +2099,7 @@ class StageMethods:
         | `pearson`, `spearman` | correlation with `target` | |
         | `hard_thresholding` | coefficient of the standardised entry, nT; 0 if it is not selected | |
         | `group_lasso` | norm of an input's weights times its standard deviation on the line, 1 | over the ensemble |
-        | `morris` | mean absolute change of the prediction per range of the input, nT | over the trajectories |
+        | `morris` | mean absolute change of the prediction over the range of the input, nT | over the trajectories |
         | `sobol_first` | share of the prediction's variance from the group alone, 1 | |
         | `sobol_total` | share from the group and all its interactions, 1 | |
 
@@ -3060,9 +3062,10 @@ class StageMethods:
         vector_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the white noise of each
-            component of `vector`. If set, the vector is a measurement of the attitude about the
-            field and of the scalar field. Requires `core_field` and a vector magnetometer with its
-            own calibration. Unit: nT. Allowed: above 0. Unset: the vector is not measured.
+            component of `vector`. If set, the vector measures the scalar field and the attitude,
+            except for the rotation about the field direction. Requires `core_field` and a vector
+            magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
+            not measured.
         vector_bias_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the bias of each component.

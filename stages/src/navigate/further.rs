@@ -44,9 +44,9 @@ params! {
     /// Uses `mag` for the measurement update too. `false` uses only the difference and the vector, for example in a
     /// magnetic storm.
     use_scalar: bool, unit "", default true;
-    /// Standard deviation of the white noise of each component of `vector`. If set, the vector is a measurement of the
-    /// attitude about the field and of the scalar field. Requires `core_field` and a vector magnetometer with its own
-    /// calibration.
+    /// Standard deviation of the white noise of each component of `vector`. If set, the vector measures the scalar
+    /// field and the attitude, except for the rotation about the field direction. Requires `core_field` and a vector
+    /// magnetometer with its own calibration.
     vector_sigma_nt: Option<f64>, unit "nT", absent "the vector is not measured", rule Rule::Positive;
     /// Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT correspond to 0.06°.
     vector_bias_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
