@@ -170,7 +170,7 @@ block_s = 1.0
     /// Number of rows of each of the two random matrices of a Sobol index. The model predicts (groups + 2) times as
     /// many rows. Errors are proportional to its inverse square root.
     points: usize, unit "1", default 2000usize, rule Rule::Between(2.0, 1e6);
-    /// Fraction of an input's values on the line below its range, and above its range. 0 uses the extremes.
+    /// Fraction of an input's values on the line that its range excludes at each end. 0 uses the extremes.
     tails: f64, unit "1", default 0.01, rule Rule::Between(0.0, 0.49);
     /// Seed of the random draws.
     seed: usize, unit "", default 0usize;

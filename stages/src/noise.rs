@@ -49,7 +49,7 @@ truth = "mag_1_c"
 
 stage! {
     /// Appends the noise estimated by `residual_noise`, `fogm_noise` or `fit`: `mag_sigma`, `mag_fogm_sigma` and
-    /// `mag_fogm_tau`, equal for all samples. These columns replace those of `compensate`.
+    /// `mag_fogm_tau`, equal for all samples. These columns replace the columns of `compensate`.
     AssumeNoise = "assume_noise", version 1, grain Line, inputs [input: Lines, noise: Model],
     example r#"
 [[stages]]

@@ -2174,7 +2174,7 @@ class StageMethods:
             (groups + 2) times as many rows. Errors are proportional to its inverse square root.
             Allowed: 2 to 1000000. Default: `2000`.
         tails : float, optional
-            Fraction of an input's values on the line below its range, and above its range. 0 uses
+            Fraction of an input's values on the line that its range excludes at each end. 0 uses
             the extremes. Allowed: 0 to 0.49. Default: `0.01`.
         seed : int, optional
             Seed of the random draws. Default: `0`.
@@ -2273,7 +2273,7 @@ class StageMethods:
         """Appends the noise estimated by `residual_noise`, `fogm_noise` or `fit`: `mag_sigma`,
         `mag_fogm_sigma` and `mag_fogm_tau`, equal for all samples.
 
-        These columns replace those of `compensate`.
+        These columns replace the columns of `compensate`.
 
         Parameters
         ----------
