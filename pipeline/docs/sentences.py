@@ -36,7 +36,8 @@ def sentences(paragraph: str) -> list[str]:
 
 
 def prose(text: str) -> list[str]:
-    """Returns the sentences of a page, without code, headings and pictures. A cell of a table is a paragraph."""
+    """Returns the sentences of a page, without code, equations, headings and pictures. A cell is a paragraph."""
+    text = re.sub(r"(?ms)^\$\$ .*?\$\$$", "\n\n", text)
     text = re.sub(r"(?ms)^ *(```+|~~~+).*?^ *\1 *$", "\n\n", text)
     text = re.sub(r"(?m)^(#|:|!\[).*$|<!--.*?-->", "\n", text)
     text = re.sub(r"(?m)^ *(?:[-*]|\d+\.) ", "\n\n", text)

@@ -108,9 +108,9 @@ stage! {
     /// `permutation` permutes blocks of `block_s`, because permuting single samples would turn a slow signal into
     /// noise. The mean of the model's error is ignored. `shapley` and `expected_gradients` explain `samples` samples of
     /// the line relative to `background` samples of the line, both evenly spaced. Shapley values of linear models and
-    /// of trees are exact. Those of other models are estimated by sampling, and `error` is the mean standard error of
-    /// these estimates. Samples that `where` omits, or that lack an input or the target, are ignored. A line that is
-    /// too short is rejected.
+    /// of trees are exact. Shapley values of other models are estimated by sampling, and `error` is the mean standard
+    /// error of these estimates. Samples that `where` omits, or that lack an input or the target, are ignored. A line
+    /// that is too short is rejected.
     ///
     /// For `shapley` and `expected_gradients`, up to `kept_samples` samples are stored. The list `sample_values` holds
     /// their contributions to the prediction, and `sample_inputs` holds the values of the input. They are NaN for a

@@ -59,8 +59,7 @@ impl FitModel for PartialLeastSquares {
 
     fn remark(&self, answer: &LinearFitResult, terms: usize) -> Option<String> {
         let all = answer.chosen >= terms as f64;
-        let what = "the number of components equals the number of terms, which gives ordinary least squares; reduce \
-            `components`";
+        let what = "components for the same number of terms give ordinary least squares; reduce `components`";
         all.then(|| format!("{} {what}", answer.chosen))
     }
 }
@@ -76,7 +75,7 @@ mod tests {
         assert!(found.value.iter().zip(truth).all(|(a, b)| (a - b).abs() < 1e-8 * b.abs()), "{:?}", found.value);
         assert_eq!(found.chosen, 3.0);
         assert!(
-            found.warning.contains("3 components are as many as terms, which gives ordinary least squares"),
+            found.warning.contains("3 components for the same number of terms give ordinary least squares"),
             "{}",
             found.warning
         );
