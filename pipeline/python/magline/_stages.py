@@ -2800,8 +2800,8 @@ class StageMethods:
         first sample with both `year` and `doy`. A flight without a date is rejected unless
         `core_field = false`.
 
-        `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. Their values are
-        then the noise of the calibration residual: the columns `mag_sigma`, `mag_fogm_sigma` and
+        `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. They are then set
+        to the noise of the calibration residual, from the columns `mag_sigma`, `mag_fogm_sigma` and
         `mag_fogm_tau`. `compensate` estimates these columns from the lines of its model's fit;
         `residual_noise` and `assume_noise` estimate them from lines over a known field. With
         `offset_window_s` the offset removes the slow error of the first seconds, and the variance
