@@ -133,8 +133,7 @@ fn in_order(what: &str, low: f64, high: f64, within: (f64, f64)) -> Result<(), F
     let help = if within.1 == 100.0 {
         "give two percentages from 0 to 100, the smaller one first"
     } else {
-        "give the \
-            smaller one first"
+        "give the smaller one first"
     };
     Err(Fault::new(format!("{low} and {high} are not valid {what}")).help(help))
 }
