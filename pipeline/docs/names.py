@@ -17,7 +17,9 @@ italics must be a title on their pages.
 
 A page NAME.md with a list NAME.txt must have each entry of the list once in the first column, as `name`, "Table 3.1",
 "Figures 4-5 to 4-9" or "(3.2) to (3.11)". It must state the number of entries. A link "[figures](PAGE)" claims that
-PAGE has own and published figures: PAGE must mention the table or figure. `test_names.py` tests these checks.
+PAGE has own and published figures: PAGE must mention the table or figure.
+
+The pages of equations in `explanation/` must name every filter, model and metric. `test_names.py` tests these checks.
 """
 
 import ast
@@ -238,16 +240,31 @@ def check(page: Path, text: str, names: Names) -> list[str]:
     faults += [f"{page}: {entry} occurs twice" for entry in known if first.count(entry) > 1]
     counts = f"Of {len(known)} entries, {len(known) - absent} are in magline and {absent} are not there."
     if with_figures:
-        counts += f" {with_figures} entries have own and published figures."
+        counts += f" {with_figures} entries have figures of both magline and the thesis."
     if known and counts not in " ".join(text.split()):
         faults.append(f'{page}: the counts are wrong, not "{counts}"')
     return faults
+
+
+def without_equation(kind: str, text: str) -> list[str]:
+    """Returns the filters, models or metrics that the text of their page of equations does not name."""
+    reference = output("stages", "--markdown")
+    if kind == "metric":
+        tables = re.findall(r"(?m)^\| metric \| unit \|.*\n\|[-|]+\n((?:\|.*\n)+)", reference)
+        declared = re.findall(r"(?m)^\| `(\w+)`", "".join(tables))
+    else:
+        declared = re.findall(rf"(?m)^### The {kind} `(\w+)`", reference)
+    return [name for name in declared if f"`{name}`" not in text]
 
 
 def main() -> int:
     names = Names()
     pages = [Path(page) for page in sys.argv[2:]]
     found = [fault for page in pages for fault in check(page, page.read_text(encoding="utf-8"), names)]
+    for kind in ("filter", "model", "metric"):
+        page = DOCS / "explanation" / f"{kind}-equations.md"
+        lacking = without_equation(kind, page.read_text(encoding="utf-8"))
+        found += [f"{page}: `{name}` has no equation" for name in lacking]
     print("\n".join(found) if found else f"{len(pages)} pages: all names are those of magline")
     return 1 if found else 0
 

@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Prints sentences of the repository at random, for a cold reading: sentences.py SET [SEED [COUNT]]
 
-SET is `tutorials`, `how-to`, `readme`, `reference`, `messages` or `comments`. A reader who has never seen the project
-marks each sentence that needs a second reading. `messages` are the strings of the Rust sources that contain a sentence,
-`comments` the comments of the Rust sources. The same seed gives the same sentences.
+SET is `readme`, `reference`, `pages`, `tutorials`, `how-to`, `messages` or `comments`. `pages` are the tutorials,
+how-tos, explanations, the gallery and the dictionaries. `messages` are the strings of the Rust sources that contain a
+sentence, `comments` the comments of the Rust sources. A reader who has never seen the project marks each sentence that
+needs a second reading. The same seed gives the same sentences.
 """
 
 import random
@@ -17,7 +18,8 @@ PAGES = {
     "tutorials": ["pipeline/docs/tutorials"],
     "how-to": ["pipeline/docs/how-to"],
     "readme": ["README.md", "pipeline/python/README.md"],
-    "reference": ["stages/REFERENCE.md"],
+    "reference": ["stages/REFERENCE.md", "pipeline/docs/reference"],
+    "pages": [f"pipeline/docs/{kind}" for kind in ("tutorials", "how-to", "explanation", "gallery", "coming-from")],
 }
 WORDS = 5
 
@@ -34,7 +36,8 @@ def sentences(paragraph: str) -> list[str]:
 
 
 def prose(text: str) -> list[str]:
-    """Returns the sentences of a page, without code, headings and pictures. A cell of a table is a paragraph."""
+    """Returns the sentences of a page, without code, equations, headings and pictures. A cell is a paragraph."""
+    text = re.sub(r"(?ms)^\$\$ .*?\$\$$", "\n\n", text)
     text = re.sub(r"(?ms)^ *(```+|~~~+).*?^ *\1 *$", "\n\n", text)
     text = re.sub(r"(?m)^(#|:|!\[).*$|<!--.*?-->", "\n", text)
     text = re.sub(r"(?m)^ *(?:[-*]|\d+\.) ", "\n\n", text)
@@ -54,8 +57,9 @@ def comments(text: str) -> list[str]:
 
 def messages(text: str) -> list[str]:
     text = re.sub(r"(?m)^ *//.*$", "", text.split("#[cfg(test)]")[0])
+    text = re.sub(r"""b?'(?:[^'\\]|\\.)'""", " ", text)
     found = [re.sub(r"\\\n\s*", "", s) for s in re.findall(r'"((?:[^"\\]|\\.)*)"', text, re.S)]
-    return [s for string in found if not re.search(r"(?i)select |\\n|[<>{}]{2}", string) for s in sentences(string)]
+    return [s for string in found if not re.search(r"(?i)select |\\n|\n|[<>{}]{2}", string) for s in sentences(string)]
 
 
 def collected(kind: str) -> list[tuple[str, str]]:

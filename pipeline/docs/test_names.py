@@ -97,6 +97,12 @@ class Faults(unittest.TestCase):
                             "[figures](../../../datasets/examples/UAV.md)")
         self.assert_fault(faults, "Table 4.10 is not mentioned")
 
+    def test_a_filter_a_model_or_a_metric_without_an_equation(self) -> None:
+        for kind, name in (("filter", "crlb"), ("model", "m2d"), ("metric", "cep")):
+            text = (names.DOCS / "explanation" / f"{kind}-equations.md").read_text(encoding="utf-8")
+            self.assertEqual(names.without_equation(kind, text), [])
+            self.assertEqual(names.without_equation(kind, text.replace(f"`{name}`", "")), [name])
+
 
 if __name__ == "__main__":
     if len(sys.argv) != 2:

@@ -64,7 +64,12 @@ pub const COLUMNS: &[(&str, ColumnDescription)] = &[
     ("ins_aligned", d("s", Role::Aux, "time of the last alignment of the INS, seconds past midnight UTC")),
     (
         "ins_grade",
-        d("", Role::Aux, "grade of the INS and differing error sources, such as `tactical, init_position_sigma_m = 3`"),
+        d(
+            "",
+            Role::Aux,
+            "grade of the INS, and error sources that differ from it, such as `tactical, \
+            init_position_sigma_m = 3`",
+        ),
     ),
     ("gnss_lat", d("deg", Role::Sensor, "latitude by a GNSS receiver with its noise, WGS-84")),
     ("gnss_lon", d("deg", Role::Sensor, "longitude by a GNSS receiver with its noise, WGS-84")),

@@ -21,7 +21,7 @@ stage! {
     /// spaced.
     ///
     /// Source: F. Gustafsson, Determining the initial states in forward-backward filtering, 1996. The defaults are
-    /// those of Gnadt 2022, section 3.1.2.
+    /// taken from Gnadt 2022, section 3.1.2.
     Bandpass = "bandpass", version 2, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]

@@ -22,8 +22,8 @@ stage! {
     /// right wing, down). `column` changes these names. An existing column of the same name is replaced.
     ///
     /// The date of each sample is given by `year`, `doy` and `tt` of the flight, or by `decimal_year` for all samples.
-    /// Heights are above the WGS-84 ellipsoid. A sample without a position is NaN. A body component is NaN if it
-    /// depends on a missing angle.
+    /// Heights are above the WGS-84 ellipsoid. The result is NaN for a sample without a position. A body component is
+    /// NaN if it depends on a missing angle.
     ///
     /// A flight without a date is rejected unless `decimal_year` is set. A date outside the model's range is rejected.
     /// An impossible position is rejected too: latitude beyond 90 degrees, longitude outside -180 to 360 degrees,

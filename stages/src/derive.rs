@@ -19,8 +19,8 @@ stage! {
     /// (`greatest(-5, least(5, x))`), choices (`case when radar < 50 then NULL else mag_4_uc end`).
     ///
     /// Expressions may use the DataFusion functions that depend only on the row. Clocks, random numbers and other rows
-    /// are not available. A missing value (NaN) is NULL in an expression: arithmetic with it gives a missing value, a
-    /// comparison with it is unknown, and `coalesce` and `is null` detect it. An infinite result, such as 1/0, is
+    /// are not available. A missing value (NaN) is NULL in an expression. Arithmetic with it gives a missing value, and
+    /// a comparison with it is unknown. `coalesce` and `is null` detect it. An infinite result, such as 1/0, is
     /// missing. A line fails if SQL rejects a value, such as the square root of a negative number. Division is real,
     /// also between integers. `greatest` and `least` with a missing argument are missing.
     ///

@@ -24,8 +24,8 @@ stage! {
     /// requires evenly spaced samples.
     ///
     /// The noise is 1.4826 times the median absolute deviation, and at least one quantisation step. If more than half
-    /// of the samples in a run are held or interpolated, the noise is estimated from the remaining samples, so that
-    /// steps and corners are not flagged as spikes. Spikes in an otherwise constant run are kept.
+    /// of the samples in a run are held or interpolated, the noise is estimated from the remaining samples. Steps and
+    /// corners are then not flagged as spikes. Spikes in an otherwise constant run are kept.
     ///
     /// A spike becomes NaN, or is interpolated linearly in time between its neighbours. At the end of a run it always
     /// becomes NaN. A missing value or a gap in time ends a run. A column in which more than a tenth of the samples are

@@ -30,12 +30,12 @@ stage! {
     ///
     /// Values are interpolated between samples of the record. They are NaN outside the record and in gaps longer than
     /// `max_gap_s`. A line without any value is rejected, and so is a line without a date. Several stations, in one or
-    /// more tables, are averaged at each sample with weights 1/distance^`power`. A sample is NaN if one station has no
-    /// value for it.
+    /// more tables, are averaged at each sample with weights 1/distance^`power`. The result is NaN for a sample at
+    /// which one station has no value.
     ///
     /// The level of each record is subtracted, so that a station contributes only its variation. `level` selects the
     /// mean of the whole record, or its mean over the time of the line. `level_nt` sets the level explicitly, for
-    /// example that of a quiet night. A variation record (IAGA `Data Type variation`) has no absolute level.
+    /// example to the level of a quiet night. A variation record (IAGA `Data Type variation`) has no absolute level.
     Diurnal = "diurnal", version 2, grain Line, inputs [input: Lines, record: ManyRecords],
     example r#"
 [[stages]]

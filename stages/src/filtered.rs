@@ -16,7 +16,7 @@ use crate::columns::{array, data, even_rate_hz, floats, is_angle};
 /// Treatment of angles (unit deg).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AngleTreatment {
-    /// Unchanged: a crossing of north is a step of 360 degrees.
+    /// Values are unchanged: a crossing of north is a step of 360 degrees.
     AsNumbers,
     /// Unwrapped, filtered, and wrapped back into their original range.
     Unwrapped,

@@ -136,11 +136,11 @@ stage! {
     /// constant longer than the lines cannot be resolved. The columns are null if the lines are shorter than 16 s.
     ///
     /// `warm_start` names the table of another fit of the same kind of network, in this pipeline or published. Training
-    /// starts from its weights instead of random weights, for example from those of an aircraft with more flight data.
-    /// Inputs, layers, activation, linear terms and members must be the same. Inputs and target are scaled as in that
-    /// network, because its weights depend on the scales. Its constant is replaced by the constant of the new lines.
-    /// Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from those of that network. Coefficients that are not trained
-    /// (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines.
+    /// starts from its weights instead of random weights, for example from the weights for an aircraft with more flight
+    /// data. Inputs, layers, activation, linear terms and members must be the same. Inputs and target are scaled as in
+    /// that network, because its weights depend on the scales. Its constant is replaced by the constant of the new
+    /// lines. Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from the coefficients of that network. Coefficients
+    /// that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines.
     ///
     /// Source: Gnadt 2022, (3.19) to (3.43), Figure 5-6 of `warm_start`; van der Meer 2025, sections 2.2 to 2.4, 4.1
     /// and 4.2.1.

@@ -23,11 +23,10 @@ stage! {
     /// `fogm_tau_s` of `navigate`. The white noise can be used as `measurement_sigma_nt`. `assume_noise` reads the
     /// table.
     ///
-    /// The residual is `column`, minus `truth` if that is set. Examples are a compensated signal minus the true one,
-    /// the variation of a base station, or the `residual` of a track over a stretch where its filter used no
-    /// measurements. `residual_noise` gives the smallest noise that bounds a signal at every time span, for a cautious
-    /// filter. `fogm_noise` gives the best fit for noise with one time scale. It represents noise with several time
-    /// scales only partly.
+    /// The residual is `column`, minus `truth` if that is set. Examples are a compensated signal minus the true signal,
+    /// the variation of a base station, or the `residual` of a track without measurement updates. `residual_noise`
+    /// gives the smallest noise that bounds a signal at every time span, for a cautious filter. `fogm_noise` gives the
+    /// best fit for noise with one time scale. It represents noise with several time scales only partly.
     ///
     /// `autocorrelation` fits the variance minus the autocovariance at lags from one sample to a quarter of the longest
     /// run. `allan` fits the Allan variance. Neither depends on a constant. A gap ends a run. If the Gauss-Markov noise

@@ -101,16 +101,16 @@ stage! {
     /// | `pearson`, `spearman` | correlation with `target` | |
     /// | `hard_thresholding` | coefficient of the standardised entry, nT; 0 if it is not selected | |
     /// | `group_lasso` | norm of an input's weights times its standard deviation on the line, 1 | over the ensemble |
-    /// | `morris` | mean absolute change of the prediction per range of the input, nT | over the trajectories |
+    /// | `morris` | mean absolute change of the prediction over the range of the input, nT | over the trajectories |
     /// | `sobol_first` | share of the prediction's variance from the group alone, 1 | |
     /// | `sobol_total` | share from the group and all its interactions, 1 | |
     ///
     /// `permutation` permutes blocks of `block_s`, because permuting single samples would turn a slow signal into
     /// noise. The mean of the model's error is ignored. `shapley` and `expected_gradients` explain `samples` samples of
     /// the line relative to `background` samples of the line, both evenly spaced. Shapley values of linear models and
-    /// of trees are exact. Those of other models are estimated by sampling, and `error` is the mean standard error of
-    /// these estimates. Samples that `where` omits, or that lack an input or the target, are ignored. A line that is
-    /// too short is rejected.
+    /// of trees are exact. Shapley values of other models are estimated by sampling, and `error` is the mean standard
+    /// error of these estimates. Samples that `where` omits, or that lack an input or the target, are ignored. A line
+    /// that is too short is rejected.
     ///
     /// For `shapley` and `expected_gradients`, up to `kept_samples` samples are stored. The list `sample_values` holds
     /// their contributions to the prediction, and `sample_inputs` holds the values of the input. They are NaN for a
@@ -163,14 +163,14 @@ block_s = 1.0
     kept_samples: usize, unit "samples", default 100usize, rule Rule::Between(0.0, 10_000.0);
     /// Number of entries of the linear model of `hard_thresholding`.
     terms: usize, unit "1", default 10usize, rule Rule::Between(1.0, 10_000.0);
-    /// Number of trajectories of `morris`. Each needs one prediction more than there are groups.
+    /// Number of trajectories of `morris`. Each requires (groups + 1) predictions.
     trajectories: usize, unit "1", default 200usize, rule Rule::Between(2.0, 1e6);
     /// Even number of levels of each input in `morris`.
     levels: usize, unit "1", default 4usize, rule Rule::Between(2.0, 1000.0);
     /// Number of rows of each of the two random matrices of a Sobol index. The model predicts (groups + 2) times as
     /// many rows. Errors are proportional to its inverse square root.
     points: usize, unit "1", default 2000usize, rule Rule::Between(2.0, 1e6);
-    /// Fraction of an input's values on the line below its range, and above its range. 0 uses the extremes.
+    /// Fraction of an input's values on the line that its range excludes at each end. 0 uses the extremes.
     tails: f64, unit "1", default 0.01, rule Rule::Between(0.0, 0.49);
     /// Seed of the random draws.
     seed: usize, unit "", default 0usize;

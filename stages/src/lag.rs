@@ -131,7 +131,7 @@ impl Stage for LagStage {
             Column::float("lag_s", "s", "lag of the column against the reference, positive when the column is late"),
             Column::float("sd_s", "s", "standard error of the lag for white noise"),
             Column::float("correlation", "1", "correlation coefficient at the peak"),
-            Column::float("next_peak", "1", "height of the next highest peak divided by that of the peak"),
+            Column::float("next_peak", "1", "height of the second highest peak, divided by the height of the highest"),
             Column::integer("n", "", "number of pairs of samples used"),
         ];
         let columns = columns.into_iter().map(|c| c.from(0, &reads)).collect();

@@ -14,7 +14,7 @@ use crate::{
 stage! {
     /// Removes frequencies above a corner without lag and appends `<column>_lp`.
     ///
-    /// The filter is that of `bandpass` without a lower corner. With `for_rate_hz` instead of `corner_hz` it is an
+    /// It is the filter of `bandpass` without a lower corner. With `for_rate_hz` instead of `corner_hz` it is an
     /// anti-alias filter before a `resample` to that rate. It then has order 8 and its corner at 0.8 of the new Nyquist
     /// frequency, where it attenuates by 31 dB.
     ///

@@ -8,7 +8,7 @@ stage! {
     /// Appends the magnitude of a vector magnetometer, `flux_a_t` for `flux_a`. It can then be compensated like a
     /// scalar magnetometer.
     ///
-    /// An existing column of that name is replaced. A sample with a missing component is NaN.
+    /// An existing column of that name is replaced. The result is NaN for a sample with a missing component.
     ///
     /// Source: van der Meer 2025, section 4.2.2 (its Tables 4.3 and 4.5).
     Magnitude = "magnitude", version 1, grain Line, inputs [input: Lines],

@@ -35,7 +35,7 @@ trim    = true
     to_epsg: Option<usize>, unit "", absent "the map's own coordinate system", rule Rule::Between(1.0, 65535.0);
     /// Distance between nodes, in the unit of the coordinate system: metres, feet or degrees.
     spacing: Option<f64>, unit "", absent "at most the spacing of the map", rule Rule::Positive;
-    /// West, south, east and north bound of the kept part, in coordinates of that system.
+    /// Bounds of the part to keep: west, south, east and north, in coordinates of that system.
     bounds: Option<Vec<f64>>, unit "", absent "the whole map";
     /// Removes rows and columns without values at the edges.
     trim: bool, unit "", default false;

@@ -72,7 +72,7 @@ method = "minimum_curvature"
     power: Option<f64>, unit "1", absent "equal weights", rule Rule::Positive;
     /// Distance from the nearest known node beyond which nodes remain unknown.
     within_m: Option<f64>, unit "m", absent "all nodes are filled", rule Rule::Positive;
-    /// Width of the transition between a map and the next at its edge.
+    /// Width of the transition at the edge between two maps.
     feather_m: f64, unit "m", default 1000.0, rule Rule::NotNegative;
     /// Difference to the map that is estimated in the overlap and removed from the other maps.
     bias: MapOverlapBias, unit "", default MapOverlapBias::Constant;

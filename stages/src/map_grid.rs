@@ -93,7 +93,7 @@ level_m   = 300.0
     level_order: Option<usize>, unit "", absent "no levelling", rule Rule::Between(0.0, 8.0);
     /// Largest height difference of two lines at a crossing.
     crossing_height_m: f64, unit "m", default 50.0, rule Rule::NotNegative;
-    /// Method that makes the surface between the points.
+    /// Gridding method.
     method: GridSurfaceMethod, unit "", default GridSurfaceMethod::EquivalentSources;
     /// Distance between nodes.
     spacing_m: Option<f64>, unit "m", absent "half the distance between lines", rule Rule::Positive;

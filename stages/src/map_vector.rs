@@ -43,8 +43,9 @@ stage! {
     ///
     /// B_e = i k_e A/d, B_n = i k_n A/d, B_u = -\|k\| A/d, with d = i (f_e k_e + f_n k_n) - f_u \|k\|
     ///
-    /// of the spectrum A of the anomaly. The direction is that at the middle of the map, from `decimal_year`, or from
-    /// `inclination_deg` and `declination_deg`. On a projected map, grid north is corrected to true north.
+    /// of the spectrum A of the anomaly. The direction applies to the centre of the map. It follows from
+    /// `decimal_year`, or from `inclination_deg` and `declination_deg`. On a projected map, grid north is corrected to
+    /// true north.
     ///
     /// \|d\| is at least \|k\| sin \|I\| at the inclination I, so errors of the map are amplified by up to
     /// 1/sin \|I\|. Near the magnetic equator a map does not contain waves across the core field. Below 15 degrees of

@@ -88,15 +88,15 @@ stage! {
     /// is NaN where the map's height is unknown. A map in eastings and northings is interpolated on its native grid.
     ///
     /// Filters that linearise the map require an initial position within the distance over which the map is linear.
-    /// `start_sigma` is the initial standard deviation of the position. `start_sigma_limit` is the largest one at which
-    /// the linearisation error is below the white noise, or below a third of the linear change of the map (median over
-    /// a minute). A larger start is flagged (`wide_start` in the table of warnings), because these filters may then
-    /// diverge unnoticed. Use `filter = "mpf_then_ekf"`.
+    /// `start_sigma` is the initial standard deviation of the position. `start_sigma_limit` is the largest standard
+    /// deviation at which the linearisation error is below the white noise, or below a third of the linear change of
+    /// the map (median over a minute). A larger start is flagged (`wide_start` in the table of warnings), because these
+    /// filters may then diverge unnoticed. Use `filter = "mpf_then_ekf"`.
     ///
     /// The core field (IGRF-14) is computed at one date per line: `decimal_year`, or the flight's first sample with
     /// both `year` and `doy`. A flight without a date is rejected unless `core_field = false`.
     ///
-    /// `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. Their values are then those of the
+    /// `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. They are then set to the noise of the
     /// calibration residual, from the columns `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau`. `compensate` estimates
     /// these columns from the lines of its model's fit; `residual_noise` and `assume_noise` estimate them from lines
     /// over a known field. With `offset_window_s` the offset removes the slow error of the first seconds, and the
@@ -141,8 +141,8 @@ core_field      = false
     /// spacing of its survey lines. The equivalent white noise is added to the measurement noise of each sample. An
     /// extended Kalman filter predicts the position at which the map error is looked up.
     map_error_length_m: Option<f64>, unit "m",
-        absent "with `tuning = \"auto\"` the likelihood gives the weight of the column `error`, or of the error \
-            between the nodes that follows from the map; else the map is assumed exact", rule Rule::Positive;
+        absent "the map is assumed exact; `tuning = \"auto\"` estimates a factor on the column `error`, or on the \
+            interpolation error that the map implies", rule Rule::Positive;
     /// Length of the window from the start of a line over which the mean of measurement minus prediction is computed.
     /// This offset is subtracted before filtering, because compensation leaves a constant undetermined. 0 subtracts
     /// nothing.

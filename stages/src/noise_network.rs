@@ -34,16 +34,16 @@ stage! {
     /// Trains the network that sets the noise of the filter `nekf`, on the lines that `where` selects. Do not select
     /// the lines that are navigated.
     ///
-    /// The network minimises the negative log-likelihood of the innovations, which requires no truth. With
-    /// `loss = "position"` it minimises that of the true position, `lat` and `lon`. Its derivatives are propagated back
-    /// through the network and through the covariance and state of the filter. Each line is prepared as by `navigate`
-    /// with the same keys: use equal values there. With `tuning = "auto"` the noise of each line is estimated first,
-    /// and the network learns how the noise changes along the line.
+    /// The network minimises the negative log-likelihood of the innovations, which requires no truth. With `loss =
+    /// "position"` it minimises the negative log-likelihood of the true position, `lat` and `lon`. Its derivatives are
+    /// propagated back through the network and through the covariance and state of the filter. Lines are prepared as in
+    /// `navigate`, which has the same keys: use equal values there. With `tuning = "auto"` the noise of each line is
+    /// estimated first, and the network learns how the noise changes along the line.
     ///
     /// The table holds the weights, the scaling of the inputs, and the mean loss of each epoch (`epoch_loss`;
-    /// `initial_loss` is that of `ekf`). A loss that does not fall means that the inputs do not predict the noise; the
-    /// filter then equals `ekf`. Rows that `where` does not select have no measurement. Lines of different sample rates
-    /// are rejected.
+    /// `initial_loss` is the loss of `ekf`). A loss that does not fall means that the inputs do not predict the noise;
+    /// the filter then equals `ekf`. Rows that `where` does not select have no measurement. Lines of different sample
+    /// rates are rejected.
     ///
     /// Source: Gnadt 2022, section 5.9.3; Kingma & Ba 2015.
     NoiseNetworkStage = "noise_network", version 1, grain Survey, inputs [input: Lines, map: Map],
@@ -59,7 +59,7 @@ epochs          = 2
 "#;
     /// Noise that the network sets: of the measurement (`"r"`), of the temporal variation (`"q"`), or both.
     network_noise: NetworkNoise, unit "", default NetworkNoise::R;
-    /// Loss: of the innovations, or of the true position.
+    /// Quantity whose negative log-likelihood is the loss: the innovations or the true position.
     loss: NoiseLoss, unit "", default NoiseLoss::Likelihood;
     /// Columns that are further inputs of the network, such as currents. A value that is not finite is rejected.
     features: Option<Vec<String>>, unit "", absent "none";
@@ -94,8 +94,8 @@ epochs          = 2
         absent "continued to the flight heights with `tuning = \"auto\"`, else used at its own height";
     /// Correlation length of the map error, for a map with the column `error`.
     map_error_length_m: Option<f64>, unit "m",
-        absent "with `tuning = \"auto\"` the likelihood gives the weight of the column `error`, or of the error \
-            between the nodes that follows from the map; else the map is assumed exact", rule Rule::Positive;
+        absent "the map is assumed exact; `tuning = \"auto\"` estimates a factor on the column `error`, or on the \
+            interpolation error that the map implies", rule Rule::Positive;
     /// Length of the window from the start of a line over which the mean of measurement minus prediction is computed
     /// and subtracted. 0 subtracts nothing.
     offset_window_s: f64, unit "s", default 0.0, rule Rule::NotNegative;

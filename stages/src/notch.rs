@@ -9,7 +9,7 @@ use crate::{
 };
 
 stage! {
-    /// Removes a sinusoid and its harmonics, such as those of power lines, without lag and appends `<column>_nt`.
+    /// Removes a sinusoid and its harmonics, such as power-line interference, without lag, and appends `<column>_nt`.
     ///
     /// Each harmonic is removed at its alias in the samples, for example 10 Hz for 150 Hz sampled at 160 Hz. If the
     /// sensor sampled at another rate than the line and no filter was applied in between, set `sampled_hz` to that

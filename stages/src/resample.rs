@@ -42,7 +42,7 @@ stage! {
     /// t - 0.06 s. The resampled value at t is therefore the reading stamped t + 0.06 s. The stage `lag` estimates lags
     /// with this sign.
     ///
-    /// Entries of lists that are differences per sample, such as those of `tl`, are converted to the new rate. A list
+    /// List entries that are differences per sample, such as some terms of `tl`, are converted to the new rate. A list
     /// with values of earlier samples is rejected: compute it after resampling. A lag cannot be removed twice.
     ///
     /// The stage does not filter: at a lower rate, frequencies above half of the new rate are aliased. Apply `lowpass`
@@ -127,7 +127,7 @@ impl Resample {
         for name in self.lag_s.keys() {
             let vector = |column: &str| schemas::flight::vector_part(column).is_some_and(|(vector, _)| vector == name);
             if KEPT.contains(&name.as_str()) {
-                let what = format!("`{name}` has no lag: it is not measured");
+                let what = format!("`{name}` is not a measured column, so it has no lag to remove");
                 faults.push(Fault::new(what).of_param("lag_s"));
             } else if !all().any(|column| column == name || vector(column)) {
                 let known: Vec<&str> = all().collect();

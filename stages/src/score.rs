@@ -78,8 +78,8 @@ stage! {
     /// not in sample (all lines if every line is in sample), and `value_in_sample` pools the others. For a radius,
     /// `spread` holds the quantiles of its samples, from which the pooled radius is computed.
     ///
-    /// With `truth`, errors are against the truth. Without it, `std_uncompensated` and the ratios are those of the
-    /// signals themselves and include the anomaly. The run lists the metrics that would require only a truth.
+    /// With `truth`, errors are against the truth. Without it, `std_uncompensated` and the ratios are computed from the
+    /// signals alone and include the anomaly. The run lists the metrics that a truth would add.
     ///
     /// A table computed by `map_value` adds scores of the map: the agreement of the signal with the map, the slope of
     /// the map along the track, and the expected accuracy of navigation. `igrf` and, if available, `diurnal` are first

@@ -22,10 +22,10 @@ stage! {
     /// and `segment_kind`: `straight`, `turn`, `manoeuvre`, or `none` if the heading is missing.
     ///
     /// In a turn the heading changes faster than `turn_dps` and by at least `turn_deg` in total, so the yaws of a
-    /// calibration are not turns. A part shorter than `least_s` between two turns belongs to the turns. A manoeuvre is
-    /// part of a straight part. In it, the band-passed columns of `attitude` (angles, or components of a vector
-    /// magnetometer) have a root mean square above `manoeuvre` over `window_s`. Examples are the pitches, rolls and
-    /// yaws of a calibration box. Boundaries are accurate to the length of the window.
+    /// calibration are not turns. A part shorter than `least_s` between two turns belongs to the turns. Manoeuvres are
+    /// detected within straight parts. In a manoeuvre, the band-passed columns of `attitude` (angles, or components of
+    /// a vector magnetometer) have a root mean square above `manoeuvre` over `window_s`. Examples are the pitches,
+    /// rolls and yaws of a calibration box. Boundaries are accurate to the length of the window.
     ///
     /// `select` with `rows = "segment_kind = 'straight'"` keeps the straight parts and does not divide the line.
     /// Samples must be evenly spaced. A gap in time or a missing heading ends a segment. A run shorter than the window

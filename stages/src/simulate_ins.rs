@@ -30,11 +30,12 @@ stage! {
     /// `ins_vd`, `ins_fn`, `ins_fe`, `ins_fd`, `ins_roll`, `ins_pitch`, `ins_yaw`, `ins_aligned` and `ins_grade`, which
     /// `navigate` reads like measured ones.
     ///
-    /// The truth is `lat`, `lon` and `alt`, with `vn`, `ve`, `vd` and `roll`, `pitch`, `yaw` if the flight has all
-    /// three. Missing velocities are derived from the positions, and specific forces from the velocities. A missing
-    /// attitude is level, with the yaw along the course. Derivatives amplify the noise of a GNSS receiver, and the
-    /// specific force is a second derivative. Positions and velocities are therefore first smoothed over `smooth_s`.
-    /// Apart from the effect of smoothing, the INS then has only its own errors and no jitter of the receiver.
+    /// The truth is `lat`, `lon` and `alt`. The velocity (`vn`, `ve`, `vd`) and the attitude (`roll`, `pitch`, `yaw`)
+    /// are used if all three columns exist. Missing velocities are derived from the positions, and specific forces from
+    /// the velocities. A missing attitude is level, with the yaw along the course. Derivatives amplify the noise of a
+    /// GNSS receiver, and the specific force is a second derivative. Positions and velocities are therefore first
+    /// smoothed over `smooth_s`. Apart from the effect of smoothing, the INS then has only its own errors and no jitter
+    /// of the receiver.
     ///
     /// Each line begins with a new alignment. Its errors are random, with the standard deviations of the `init_*` keys.
     /// They depend only on `seed` and the names of flight and line. Lines with the same seed and names have the same

@@ -35,10 +35,10 @@ stage! {
     /// lines exist.
     ///
     /// `train` lists the lines to which the model was fitted, and adds the metric `overfitting_ratio`. It is the pooled
-    /// `std_error` of all other lines, in sample or not, divided by that of the training lines. Without `std_error` it
-    /// uses the root mean square of `map_std_error`. The ratio is 1 for a model that is as accurate on new lines as on
-    /// its training lines, and larger for one that overfits. In its resamples, training lines are drawn only from
-    /// training lines, and other lines only from other lines.
+    /// `std_error` of all other lines, in sample or not, divided by the pooled `std_error` of the training lines.
+    /// Without `std_error` it uses the root mean square of `map_std_error`. The ratio is 1 for a model that is as
+    /// accurate on new lines as on its training lines, and larger for one that overfits. In its resamples, training
+    /// lines are drawn only from training lines, and other lines only from other lines.
     ///
     /// Source: van der Meer 2025, (4.9); Efron & Tibshirani 1993, chapter 13.
     Summary = "summary", version 4, grain Survey, inputs [input: Scores],
@@ -73,7 +73,7 @@ const METRICS: [Metric; 1] = [OVERFITTING_RATIO];
 const OVERFITTING_RATIO: Metric = Metric {
     name: "overfitting_ratio",
     unit: "1",
-    meaning: "pooled error of all other lines divided by that of the training lines",
+    meaning: "pooled error of all other lines divided by the pooled error of the training lines",
     pool: PoolingRule::Mean,
     better: MetricPreference::Lower,
     shown: MetricDisplay::NOWHERE,

@@ -42,8 +42,8 @@ stage! {
     /// of the anomaly with `predicts = "anomaly"` of `compensate`. Types `b` and `c` require `map_anomaly`, which
     /// `map_value` computes.
     ///
-    /// The column has the role truth: it may be a target but not a feature. A sample is NaN if a term is missing. The
-    /// metadata `removed` list the corrections, so that no later stage repeats them.
+    /// The column has the role truth: it may be a target but not a feature. The result is NaN for a sample with a
+    /// missing term. The metadata `removed` list the corrections, so that no later stage repeats them.
     ///
     /// Source: Gnadt 2022, section 3.7.
     Target = "target", version 2, grain Line, inputs [input: Lines],
@@ -158,7 +158,8 @@ impl Stage for Target {
                     "`{}` and `{}` have had different corrections, so their difference is not an aircraft field",
                     own[0], self.truth
                 );
-                let help = "name readings that both include core field and diurnal variation, or neither";
+                let help = "set `mag` and `truth` to columns that both include core field and diurnal variation, or \
+                    both exclude them";
                 faults.push(Fault::new(what).help(help).of_param("truth"));
             }
         }

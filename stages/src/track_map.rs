@@ -37,7 +37,7 @@ stage! {
     ///
     /// The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area of the lines. The
     /// size of the equations therefore does not depend on the length of the flight. Each line may have its own
-    /// constant, each flight a temporal variation. The kernel is that of `slam`, fitted by maximum likelihood to
+    /// constant, each flight a temporal variation. The kernel is the same as in `slam`, fitted by maximum likelihood to
     /// segments of the lines. The map is at the mean height of the measurements; height differences are treated as
     /// noise.
     ///
@@ -78,8 +78,8 @@ spacing_m       = 500.0
     interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
     /// Source of the hyper-parameters of the kernel: maximum likelihood on the lines, or the spec.
     hyperparameters: HyperparameterSource, unit "", default HyperparameterSource::Fitted;
-    /// Standard deviation, north and east, that is added to that of the track. It describes an error that the track's
-    /// covariance omits, such as that of `slam` before its first revisit.
+    /// Standard deviation, north and east, that is added to the standard deviation of the track. It describes an error
+    /// that the track's covariance omits, such as the error of `slam` before its first revisit.
     position_sigma_m: f64, unit "m", default 0.0, rule Rule::NotNegative;
     /// Covariance function of the anomaly over distance.
     covariance: CovarianceFunction, unit "", default CovarianceFunction::Matern52;

@@ -8,7 +8,7 @@ use numerics::navigation::ins_error::InsErrorModel;
 params! {
     /// The table `gnss`: a receiver whose positions and velocities have white noise.
     pub struct GnssReceiver, all default;
-    /// Standard deviation of the position north and east, each.
+    /// Standard deviation of the position, for each horizontal axis.
     sigma_m: f64, unit "m", default 2.0, rule Rule::Positive;
     /// Standard deviation of the height.
     alt_sigma_m: f64, unit "m", default 4.0, rule Rule::Positive;

@@ -16,11 +16,11 @@ params! {
     /// root of a MATLAB file).
     topic: Option<String>, unit "", default None, absent "the only topic of the file";
     /// Canonical names of columns, by their names in the file. If the name in the file contains a unit (`GPS Lat
-    /// (rad)`, `Alt ft`, `Mag_mgauss`), this is the unit of the column. A unit that does not convert is an error.
+    /// (rad)`, `Alt ft`, `Mag_mgauss`), this is the unit of the column. A unit that cannot be converted is an error.
     rename: BTreeMap<String, String>, unit "", default BTreeMap::new();
     /// Units of columns, by their names in the file. They override names and metadata.
     units: BTreeMap<String, String>, unit "", default BTreeMap::new();
-    /// Texts and numbers that mark a missing value, in addition to `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an
+    /// Further texts and numbers that mark a missing value, besides `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an
     /// empty cell, -99999 and Geosoft's -1e32.
     missing: Vec<VerbatimText>, unit "", default Vec::<VerbatimText>::new();
     /// Flight identifier, for files without one.

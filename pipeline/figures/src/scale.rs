@@ -130,8 +130,11 @@ fn in_order(what: &str, low: f64, high: f64, within: (f64, f64)) -> Result<(), F
     if low < high && low >= within.0 && high <= within.1 {
         return Ok(());
     }
-    let help =
-        if within.1 == 100.0 { "give two of 0 to 100, the smaller one first" } else { "give the smaller one first" };
+    let help = if within.1 == 100.0 {
+        "give two percentages from 0 to 100, the smaller one first"
+    } else {
+        "give the smaller one first"
+    };
     Err(Fault::new(format!("{low} and {high} are not valid {what}")).help(help))
 }
 

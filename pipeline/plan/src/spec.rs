@@ -130,7 +130,7 @@ pub const STAGE_KEYS: [(&str, &str); 6] = [
     ("publish", "`false`: the table is not published, but later stages can read it (default: `true`)"),
     (
         "carry",
-        "columns that pass through the stage unchanged and that its published table also has, such as \
+        "columns that pass through the stage unchanged into its published table, such as \
          `[\"lat\", \"lon\"]`; for tables of flight lines (default: none)",
     ),
     (

@@ -243,8 +243,8 @@ impl PlanBuilder<'_> {
     }
 }
 
-/// Parameters set directly in the spec without effect at any point so far. A value from an axis without effect is no
-/// fault: the axis may affect other points or another model.
+/// Parameters set directly in the spec without effect at any point so far. A value from an axis may have no effect: the
+/// axis may affect other points or another model.
 struct UnusedParameters<'a> {
     keys: Vec<(&'a str, &'a SpecEntry, Option<Fault>)>,
     /// Whether a point was rejected, so that the effect of its parameters is unknown.

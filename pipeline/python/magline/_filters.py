@@ -165,9 +165,9 @@ def ekf(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -176,15 +176,15 @@ def ekf(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -201,10 +201,10 @@ def ekf(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -293,21 +293,22 @@ def ekf(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -328,20 +329,21 @@ def ekf(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -349,11 +351,11 @@ def ekf(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -368,8 +370,8 @@ def ekf(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -378,24 +380,24 @@ def ekf(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -519,10 +521,10 @@ def iekf(
 ) -> Track:
     """The 18-state iterated extended Kalman filter.
 
-    At each sample it linearises the map again at each new estimate until it finds the most
-    probable state. If the position error is not small compared with the wavelengths of the map,
-    the single linearisation of `ekf` is inaccurate and overconfident. This filter tolerates
-    errors several times as large and takes little more time.
+    At each sample it repeats the linearisation of the map at each new estimate until it finds
+    the most probable state. If the position error is not small compared with the wavelengths of
+    the map, the single linearisation of `ekf` is inaccurate and overconfident. This filter
+    tolerates errors several times as large and takes little more time.
 
     A step that would make the state less probable is halved. With `iterations = 1` the filter
     is `ekf`.
@@ -584,9 +586,9 @@ def iekf(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -595,15 +597,15 @@ def iekf(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -620,10 +622,10 @@ def iekf(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -718,21 +720,22 @@ def iekf(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -753,20 +756,21 @@ def iekf(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -774,11 +778,11 @@ def iekf(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -793,8 +797,8 @@ def iekf(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -803,24 +807,24 @@ def iekf(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -1010,9 +1014,9 @@ def ukf(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -1021,15 +1025,15 @@ def ukf(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -1046,10 +1050,10 @@ def ukf(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -1149,21 +1153,22 @@ def ukf(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -1184,20 +1189,21 @@ def ukf(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -1205,11 +1211,11 @@ def ukf(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -1224,8 +1230,8 @@ def ukf(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -1234,24 +1240,24 @@ def ukf(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -1386,14 +1392,14 @@ def ekf_adaptive(
 
     `sigma_adapted` is the assumed noise of the sample's measurement. It starts at
     `measurement_sigma_nt` and is estimated from the window before the sample. With several
-    magnetometers each has a column `sigma_adapted_<mag>`, and a magnetometer whose noise
-    increases loses weight.
+    magnetometers, each has its column `sigma_adapted_<mag>`, and a magnetometer loses weight
+    when its noise increases.
 
     `noise_column` holds the noise that a network or an ensemble predicts for each sample. With
     it the filter estimates one scale factor and keeps the predicted variation over time. If the
-    position is less accurate than the measurement, as after an inaccurate start or a noisy
-    period, innovations contain little information on the noise. The default `form` then changes
-    the noise little; the other forms drive it to one of the bounds.
+    position error dominates the innovations, as after an inaccurate start or a noisy period,
+    they contain little information on the noise. The default `form` then changes the noise
+    little; the other forms drive it to one of the bounds.
 
     Parameters
     ----------
@@ -1452,9 +1458,9 @@ def ekf_adaptive(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -1463,15 +1469,15 @@ def ekf_adaptive(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -1488,10 +1494,10 @@ def ekf_adaptive(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -1563,10 +1569,11 @@ def ekf_adaptive(
         Estimated noise: of the measurement (`"r"`), of the process (`"q"`), or both. Default:
         `"r"`.
     window : int, optional
-        Number of past innovations in the estimate. With 50 the noise is accurate to 10 %, with
-        10, as in MagNav.jl, to 20 %. With 10 the forms `"matched"` and `"compatible"`
-        occasionally estimate a noise near 0. The filter is then far overconfident unless
-        `sigma_min_nt` is near the true noise. Allowed: 2 to 1000000. Default: `50`.
+        Number of past innovations in the estimate. With 50 innovations the noise is accurate to
+        10 %; with 10, as in MagNav.jl, to 20 %. With 10 the forms `"matched"` and
+        `"compatible"` occasionally estimate a noise near 0. The filter is then far
+        overconfident unless `sigma_min_nt` is near the true noise. Allowed: 2 to 1000000.
+        Default: `50`.
     sigma_min_nt : float, optional
         Lower bound of the estimated noise. Unit: nT. Allowed: above 0. Unset: half of the noise
         that `tuning = "auto"` estimates, else a twentieth of `measurement_sigma_nt`; with
@@ -1577,8 +1584,8 @@ def ekf_adaptive(
     form : {"residual", "matched", "compatible"}, optional
         Estimator of the noise. `"residual"` uses the a posteriori residual of each measurement.
         `"matched"`, the default of version 1, subtracts from each squared innovation the
-        predicted covariance of its time. `"compatible"`, as in MagNav.jl, starts at the mean of
-        the bounds and subtracts the present covariance from all. Default: `"residual"`.
+        covariance predicted at that time. `"compatible"`, as in MagNav.jl, starts at the mean
+        of the bounds and subtracts the present covariance from all. Default: `"residual"`.
     gate_nis : float, optional
         Largest accepted NIS (squared innovation divided by its variance) of a measurement.
         Rejected measurements are used only to estimate the noise. Allowed: above 0. Unset: no
@@ -1601,21 +1608,22 @@ def ekf_adaptive(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -1636,20 +1644,21 @@ def ekf_adaptive(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -1657,11 +1666,11 @@ def ekf_adaptive(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -1676,8 +1685,8 @@ def ekf_adaptive(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -1686,24 +1695,24 @@ def ekf_adaptive(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -1850,8 +1859,9 @@ def ekf_online_tl(
     to the rate of the line. Without `model` the filter starts cold. A scalar magnetometer among
     the terms is rejected: the filter would subtract its own measurement. `aircraft` is the
     aircraft field computed with the coefficients estimated at the sample. With several
-    magnetometers each has a column `aircraft_<mag>`. `residual` is the innovation of the first
-    magnetometer used at a sample. `nis` is the mean over all magnetometers used at it.
+    magnetometers, each has its column `aircraft_<mag>`. `residual` is the innovation of the
+    first magnetometer used at a sample. `nis` is the mean over all magnetometers used at the
+    sample.
 
     Parameters
     ----------
@@ -1917,9 +1927,9 @@ def ekf_online_tl(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -1928,15 +1938,15 @@ def ekf_online_tl(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -1953,10 +1963,10 @@ def ekf_online_tl(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -2027,7 +2037,7 @@ def ekf_online_tl(
     walk_per_hour : float, optional
         Random walk of a coefficient: its standard deviation after one hour, divided by its
         prior standard deviation. With 0 the coefficients are constants. The wide prior of a
-        cold start is no measure of the changes in flight. Allowed: 0 or above. Unset: 0.1 with
+        cold start does not describe changes in flight. Allowed: 0 or above. Unset: 0.1 with
         `model`, else 0.0.
     flux_bias_sigma_nt : float, optional
         Standard deviation of a bias of each axis of `vector`, from which the terms are
@@ -2060,21 +2070,22 @@ def ekf_online_tl(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     terms : str, optional
         List column of the terms, as made by `a_matrix`. Default: `"tl"`.
     permanent_sigma_nt : float, optional
@@ -2101,9 +2112,9 @@ def ekf_online_tl(
         Unset: the heading error is not estimated.
     prior_factor : float, optional
         Factor on the prior standard deviations from `model`. With one calibration these are the
-        standard deviations of its fit, with several they are the scatter between the
+        standard deviations of its fit; with several they are the scatter between the
         calibrations. Coefficients of differences per sample are converted from the rate of the
-        fit to that of the line. At rates below about 5 Hz the differences are inaccurate in
+        fit to the rate of the line. At rates below about 5 Hz the differences are inaccurate in
         manoeuvres: they underestimate a change at frequency f by the fraction (2 pi f / rate)^2
         / 6. Allowed: above 0. Default: `1.0`.
     gradient : ListLike, optional
@@ -2126,20 +2137,21 @@ def ekf_online_tl(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -2147,11 +2159,11 @@ def ekf_online_tl(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -2166,8 +2178,8 @@ def ekf_online_tl(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -2176,24 +2188,24 @@ def ekf_online_tl(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -2412,9 +2424,9 @@ def fixed_lag(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -2423,15 +2435,15 @@ def fixed_lag(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -2448,10 +2460,10 @@ def fixed_lag(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -2575,9 +2587,9 @@ def fixed_lag(
         Unset: the heading error is not estimated.
     prior_factor : float, optional
         Factor on the prior standard deviations from `model`. With one calibration these are the
-        standard deviations of its fit, with several they are the scatter between the
+        standard deviations of its fit; with several they are the scatter between the
         calibrations. Coefficients of differences per sample are converted from the rate of the
-        fit to that of the line. At rates below about 5 Hz the differences are inaccurate in
+        fit to the rate of the line. At rates below about 5 Hz the differences are inaccurate in
         manoeuvres: they underestimate a change at frequency f by the fraction (2 pi f / rate)^2
         / 6. Allowed: above 0. Default: `1.0`.
     gnss_lost_s : ListLike, optional
@@ -2593,21 +2605,22 @@ def fixed_lag(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -2628,20 +2641,21 @@ def fixed_lag(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -2649,11 +2663,11 @@ def fixed_lag(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -2668,8 +2682,8 @@ def fixed_lag(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -2678,24 +2692,24 @@ def fixed_lag(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -2824,7 +2838,7 @@ def rts(
 
     Each iteration linearises the map along the track and passes forward and backward over the
     line, until the track converges. It also returns the covariance. At the last sample its
-    error equals that of a filter; at earlier samples it is a few times smaller.
+    error equals the error of a filter; at earlier samples it is a few times smaller.
 
     The position of a sample uses all measurements. `residual` and `nis` use only earlier
     measurements, so the expected value of `nis` is 1, as for a filter. A robust loss limits the
@@ -2893,9 +2907,9 @@ def rts(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -2904,15 +2918,15 @@ def rts(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -2929,10 +2943,10 @@ def rts(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -3029,21 +3043,22 @@ def rts(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -3064,20 +3079,21 @@ def rts(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -3085,11 +3101,11 @@ def rts(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -3104,8 +3120,8 @@ def rts(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -3114,24 +3130,24 @@ def rts(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -3330,9 +3346,9 @@ def mpf(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -3341,15 +3357,15 @@ def mpf(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -3366,10 +3382,10 @@ def mpf(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -3450,11 +3466,11 @@ def mpf(
         is usual; more frequent resampling (MagNav.jl: 0.8) only adds noise. Allowed: 0 to 1.
         Default: `0.5`.
     regularise : bool, optional
-        Resamples from a kernel density. Without it, only copies of a few particles remain with
-        a good INS, whose position error has almost no driving noise. The covariance is then far
+        Resamples from a kernel density. The position error of a good INS has almost no process
+        noise, so without it only copies of a few particles remain. The covariance is then far
         too small. Default: `true`.
     smooth_over_m : float, optional
-        Distance over which the map is nearly linear; about its height above the sources. A
+        Distance over which the map is nearly linear; typically its height above the sources. A
         wider cloud has one kernel for each of its parts. The slope that `gradient` measures is
         linear over a third of this distance. Unit: m. Allowed: above 0. Default: `200.0`.
     roughening : float, optional
@@ -3480,21 +3496,22 @@ def mpf(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -3515,20 +3532,21 @@ def mpf(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -3536,11 +3554,11 @@ def mpf(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -3555,8 +3573,8 @@ def mpf(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -3565,24 +3583,24 @@ def mpf(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -3708,15 +3726,15 @@ def mpf_then_ekf(
     """The marginalised particle filter `mpf` until a single position remains, then the extended
     Kalman filter `ekf`.
 
-    Use it for a start that is known to kilometres: a Kalman filter may then diverge unnoticed,
-    and particles along the whole line take seventy times as long.
+    Use it for a start that is known only to kilometres. A Kalman filter may then diverge
+    unnoticed, and particles along the whole line take seventy times as long.
 
-    The Kalman filter takes over when two conditions hold for 60 s. One mode has at least the
-    weight `hand_over_weight`, and the linearisation error of the map over the position's
-    covariance in this mode is below the white noise (median over a minute of the path ahead).
-    Its first state and covariance are the mean and covariance of the mode. From then on
-    `particles` is 0 and `n_eff` is NaN. On a line where the conditions never hold, all samples
-    are those of `mpf`.
+    The Kalman filter takes over when two conditions hold for 60 s. The first is that one mode
+    has at least the weight `hand_over_weight`. The second is that the linearisation error of
+    the map within the covariance of this mode is below the white noise (median over the next
+    minute of the path). Its initial state and covariance are the mean and covariance of the
+    mode. From then on `particles` is 0 and `n_eff` is NaN. If the conditions never hold on a
+    line, all samples come from `mpf`.
 
     With `tuning = "auto"` and a wide start, the noise is estimated in three steps. Particles
     with an assumed slow error of 30 nT locate the aircraft. The INS is corrected by this
@@ -3783,9 +3801,9 @@ def mpf_then_ekf(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -3794,15 +3812,15 @@ def mpf_then_ekf(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -3819,10 +3837,10 @@ def mpf_then_ekf(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -3897,7 +3915,7 @@ def mpf_then_ekf(
         Seed of all random draws. The same seed gives the same bits on any number of threads.
         Default: `0`.
     smooth_over_m : float, optional
-        Distance over which the map is nearly linear; about its height above the sources. A
+        Distance over which the map is nearly linear; typically its height above the sources. A
         wider cloud has one kernel for each of its parts. Unit: m. Allowed: above 0. Default:
         `200.0`.
     hand_over_weight : float, optional
@@ -3920,21 +3938,22 @@ def mpf_then_ekf(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -3955,20 +3974,21 @@ def mpf_then_ekf(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -3976,11 +3996,11 @@ def mpf_then_ekf(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -3995,8 +4015,8 @@ def mpf_then_ekf(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -4005,24 +4025,24 @@ def mpf_then_ekf(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------
@@ -4146,11 +4166,11 @@ def crlb(
     Compared with the track of a filter, it shows whether an error is due to the filter or to
     the flight.
 
-    It makes no estimate. Its positions are the truth, `score` gives no error for them, and its
+    It makes no estimate. Its positions are the truth, so `score` gives no error for them. Its
     `sd_n`, `sd_e` and `drms_bound` are the bound. The metric `drms_bound` is the bound over the
     line; a search never selects a point by it. `residual` is the measurement minus the field at
     the true position. `nis` is its square divided by its variance under the assumed noise; a
-    mean of 1 confirms the assumed noise. `vn`, `ve` and `vd` are those of the INS.
+    mean of 1 confirms the assumed noise. `vn`, `ve` and `vd` are the velocity of the INS.
 
     Parameters
     ----------
@@ -4209,9 +4229,9 @@ def crlb(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-        between the nodes that follows from the map; else the map is assumed exact.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+        interpolation error that the map implies.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -4220,15 +4240,15 @@ def crlb(
     measurement_sigma_nt : float | {"auto"}, optional
         Standard deviation of the white noise of a measurement: sensor, map and residual of the
         compensation. `"auto"` uses the residual of the calibration, from the column
-        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-        "auto"`, else 5.0.
+        `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+        "auto"`, otherwise 5.0.
     fogm_sigma_nt : float | {"auto"}, optional
         Standard deviation of the first-order Gauss-Markov process for the temporal variation
         and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-        0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+        0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
     fogm_tau_s : float | {"auto"}, optional
         Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-        s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+        s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
     noise_column : str, optional
         Column with the standard deviation of an additional error of each sample:
         `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -4245,10 +4265,10 @@ def crlb(
         `alt`.
     fix_velocity : ListLike, optional
         Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-        `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-        if the flight has them; else the velocity of the INS.
+        `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+        without these columns, the velocity of the INS.
     fix_sigma_m : float, optional
-        Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `3.0`.
     fix_alt_sigma_m : float, optional
         Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -4334,21 +4354,22 @@ def crlb(
     gnss_interval_s : float, optional
         Time between two GNSS positions. Unit: s. Allowed: above 0. Default: `1.0`.
     gnss_sigma_m : float, optional
-        Standard deviation of the GNSS position in each of north and east. Unit: m. Allowed:
+        Standard deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed:
         above 0. Default: `2.0`.
     gnss_alt_sigma_m : float, optional
         Standard deviation of the GNSS height. Unit: m. Allowed: above 0. Default: `5.0`.
     gnss_noise : bool, optional
         Adds white noise with these standard deviations to the positions. It is reproducible for
-        each line. The truth of a simulation is free of noise; a filter that assumes noise where
-        there is none appears better than it is. Unset: true if `gnss` names columns of the role
-        truth.
+        each line. Without it, simulated positions are exact, and the filter appears more
+        accurate than it would be with real GNSS. Unset: true if `gnss` names columns of the
+        role truth.
     gnss_test : bool, optional
-        Tests each position against the INS, alone (chi-square) and together with earlier
-        positions (cumulative sum). Rejected positions are not used. The test detects a jump at
-        once and a drift of 1 m/s after about 10 s; a drift is then rejected from its start.
-        Positions are accepted again after ten consecutive positions agree with the INS.
-        `gnss_update` is appended with and without the test. Default: `true`.
+        Compares each position with the INS, by a chi-square test of this position and by a
+        cumulative sum over earlier positions. Rejected positions are not used. A jump is
+        detected at once. A drift of 1 m/s is detected after about 10 s; all positions since its
+        start are then rejected. Positions are accepted again after ten consecutive positions
+        agree with the INS. `gnss_update` is appended even if this key is false. Default:
+        `true`.
     gradient : ListLike, optional
         Two compensated scalar magnetometers. Their difference, first minus second, measures the
         slope of the map along the line between them. The temporal variation and all other
@@ -4369,20 +4390,21 @@ def crlb(
         Time constant of the slow error of the difference. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     gradient_slope_sigma : float | {"auto"}, optional
-        Standard deviation of the error of the map's slope along that line. Multiplied by the
-        baseline, it is an error of the difference. Like the map's anomalies, it is correlated
-        along the track. `"auto"` uses the maximum-likelihood value from the innovations of the
-        difference, which also detects maps made from sparse lines. For a map without a vertical
-        slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-        times the rms slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
+        Standard deviation of the error of the map's slope along the line between the
+        magnetometers. Multiplied by the baseline, it is an error of the difference. Like the
+        map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
+        value from the innovations of the difference. This value also reveals maps made from
+        sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the
+        error increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or
+        above. Default: `auto`.
     use_scalar : bool, optional
         Uses `mag` for the measurement update too. `false` uses only the difference and the
         vector, for example in a magnetic storm. Default: `true`.
     vector_sigma_nt : float, optional
         Standard deviation of the white noise of each component of `vector`. If set, the vector
-        is a measurement of the attitude about the field and of the scalar field. Requires
-        `core_field` and a vector magnetometer with its own calibration. Unit: nT. Allowed:
-        above 0. Unset: the vector is not measured.
+        measures the scalar field and the attitude, except for the rotation about the field
+        direction. Requires `core_field` and a vector magnetometer with its own calibration.
+        Unit: nT. Allowed: above 0. Unset: the vector is not measured.
     vector_bias_sigma_nt : float, optional
         Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT
         correspond to 0.06°. Unit: nT. Allowed: 0 or above. Default: `50.0`.
@@ -4390,11 +4412,11 @@ def crlb(
         Time constant of the bias. Unit: s. Allowed: above 0. Default: `3600.0`.
     vector_crustal_sigma_nt : float, optional
         Standard deviation of the part of each crustal-field component that a map of the scalar
-        anomaly does not determine. It is about the standard deviation of the anomaly. Unit: nT.
-        Allowed: 0 or above. Default: `50.0`.
+        anomaly does not determine. A typical value is the standard deviation of the anomaly.
+        Unit: nT. Allowed: 0 or above. Default: `50.0`.
     vector_crustal_length_m : float, optional
-        Correlation length of that part; about the height above the sources. Unit: m. Allowed:
-        above 0. Default: `1000.0`.
+        Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`;
+        typically the height above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
     height : str, optional
         Column of measured heights above the ellipsoid, such as `baro` of a barometer that does
         not already aid the INS. Unit: m. Unset: the height of the INS and its barometer is
@@ -4409,8 +4431,8 @@ def crlb(
         Time constant of the slow error of the height. Unit: s. Allowed: above 0. Default:
         `3600.0`.
     map_sigma_nt : float, optional
-        Standard deviation of the map error as a state that is correlated along the track. Unit:
-        nT. Allowed: 0 or above. Unset: the map error is not estimated.
+        Standard deviation of the map error, which becomes a state correlated along the track.
+        Unit: nT. Allowed: 0 or above. Unset: the map error is not estimated.
     map_sigma_length_m : float, optional
         Distance over which the autocorrelation of the map error falls to 1/e. Unit: m. Allowed:
         above 0. Default: `500.0`.
@@ -4419,24 +4441,24 @@ def crlb(
         is a state of the filter, constant along the line. A sample stamped `t` was measured at
         `t` minus the lag, which may be negative. 0 omits this state. Appends `mag_latency` and
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
-        Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
-        stamps are exact.
+        Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
+        likelihood.
     permanent_change_sigma_nt : float, optional
-        Standard deviation of each component (nose, right, down) of the change of the aircraft's
-        permanent field since its calibration. The change is three further states. Their effect
-        on the scalar field follows from the attitude and the core field. A constant offset of
-        100 nT (standard deviation) is a fourth state. Requires `core_field`. 0 omits these
-        states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or above. Unset: from
-        the likelihood with `tuning = "auto"`: 0 unless these states increase it clearly; else
-        0.
+        Standard deviation of the change of the aircraft's permanent field since its
+        calibration, for each component (nose, right, down). The three components are further
+        states. Their effect on the scalar field follows from the attitude and the core field. A
+        constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`.
+        0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit: nT. Allowed: 0 or
+        above. Unset: 0; `tuning = "auto"` estimates it by maximum likelihood if these states
+        clearly increase the likelihood.
     permanent_change_tau_s : float, optional
-        Time constant of this change. Unit: s. Allowed: above 0. Unset: from the likelihood with
-        `tuning = "auto"`, else the change is constant along the line.
+        Time constant of this change. Unit: s. Allowed: above 0. Unset: maximum likelihood with
+        `tuning = "auto"`, otherwise the change is constant along the line.
     flat_over_m : float, optional
-        Largest ratio of a measurement's standard deviation to the map's horizontal slope at
-        which the sample observes the position. Above it the sample is `flat` and corrects only
-        the temporal variation and the map error. Appends `map_slope`. Unit: m. Allowed: above
-        0. Unset: all samples observe the position.
+        Limit of the measurement's standard deviation divided by the map's horizontal slope.
+        Above this distance the map is too flat for a position. The sample is then `flat`: it
+        corrects only the temporal variation and the map error. Appends `map_slope`. Unit: m.
+        Allowed: above 0. Unset: all samples correct the position.
 
     Returns
     -------

@@ -73,12 +73,12 @@ class StageMethods:
         rename : Mapping[str, Any], optional
             For tables of flights: Canonical names of columns, by their names in the file. If the
             name in the file contains a unit (`GPS Lat (rad)`, `Alt ft`, `Mag_mgauss`), this is the
-            unit of the column. A unit that does not convert is an error. Default: `{}`.
+            unit of the column. A unit that cannot be converted is an error. Default: `{}`.
         units : Mapping[str, Any], optional
             For tables of flights: Units of columns, by their names in the file. They override names
             and metadata. Default: `{}`.
         missing : ListLike, optional
-            For tables of flights: Texts and numbers that mark a missing value, in addition to
+            For tables of flights: Further texts and numbers that mark a missing value, besides
             `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an empty cell, -99999 and Geosoft's -1e32.
             Default: `[]`.
             For maps: Numbers that mark an unknown value, in addition to the markers in the file and
@@ -263,7 +263,7 @@ class StageMethods:
         stamped t was measured at t - 0.06 s. The resampled value at t is therefore the reading
         stamped t + 0.06 s. The stage `lag` estimates lags with this sign.
 
-        Entries of lists that are differences per sample, such as those of `tl`, are converted to
+        List entries that are differences per sample, such as some terms of `tl`, are converted to
         the new rate. A list with values of earlier samples is rejected: compute it after
         resampling. A lag cannot be removed twice.
 
@@ -299,8 +299,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -330,8 +330,8 @@ class StageMethods:
         replaced.
 
         The date of each sample is given by `year`, `doy` and `tt` of the flight, or by
-        `decimal_year` for all samples. Heights are above the WGS-84 ellipsoid. A sample without a
-        position is NaN. A body component is NaN if it depends on a missing angle.
+        `decimal_year` for all samples. Heights are above the WGS-84 ellipsoid. The result is NaN
+        for a sample without a position. A body component is NaN if it depends on a missing angle.
 
         A flight without a date is rejected unless `decimal_year` is set. A date outside the model's
         range is rejected. An impossible position is rejected too: latitude beyond 90 degrees,
@@ -365,8 +365,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -414,12 +414,13 @@ class StageMethods:
         `ins_roll`, `ins_pitch`, `ins_yaw`, `ins_aligned` and `ins_grade`, which `navigate` reads
         like measured ones.
 
-        The truth is `lat`, `lon` and `alt`, with `vn`, `ve`, `vd` and `roll`, `pitch`, `yaw` if the
-        flight has all three. Missing velocities are derived from the positions, and specific forces
-        from the velocities. A missing attitude is level, with the yaw along the course. Derivatives
-        amplify the noise of a GNSS receiver, and the specific force is a second derivative.
-        Positions and velocities are therefore first smoothed over `smooth_s`. Apart from the effect
-        of smoothing, the INS then has only its own errors and no jitter of the receiver.
+        The truth is `lat`, `lon` and `alt`. The velocity (`vn`, `ve`, `vd`) and the attitude
+        (`roll`, `pitch`, `yaw`) are used if all three columns exist. Missing velocities are derived
+        from the positions, and specific forces from the velocities. A missing attitude is level,
+        with the yaw along the course. Derivatives amplify the noise of a GNSS receiver, and the
+        specific force is a second derivative. Positions and velocities are therefore first smoothed
+        over `smooth_s`. Apart from the effect of smoothing, the INS then has only its own errors
+        and no jitter of the receiver.
 
         Each line begins with a new alignment. Its errors are random, with the standard deviations
         of the `init_*` keys. They depend only on `seed` and the names of flight and line. Lines
@@ -505,8 +506,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -567,8 +568,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -576,7 +577,7 @@ class StageMethods:
         References
         ----------
         F. Gustafsson, Determining the initial states in forward-backward filtering, 1996. The
-        defaults are those of Gnadt 2022, section 3.1.2.
+        defaults are taken from Gnadt 2022, section 3.1.2.
         """
         return self._stage("bandpass", locals())
 
@@ -596,7 +597,7 @@ class StageMethods:
     ) -> TableHandle:
         """Removes frequencies above a corner without lag and appends `<column>_lp`.
 
-        The filter is that of `bandpass` without a lower corner. With `for_rate_hz` instead of
+        It is the filter of `bandpass` without a lower corner. With `for_rate_hz` instead of
         `corner_hz` it is an anti-alias filter before a `resample` to that rate. It then has order 8
         and its corner at 0.8 of the new Nyquist frequency, where it attenuates by 31 dB.
 
@@ -627,8 +628,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -654,7 +655,7 @@ class StageMethods:
         carry: Sequence[str] | None = None,
         keep: bool | None = None,
     ) -> TableHandle:
-        """Removes a sinusoid and its harmonics, such as those of power lines, without lag and
+        """Removes a sinusoid and its harmonics, such as power-line interference, without lag, and
         appends `<column>_nt`.
 
         Each harmonic is removed at its alias in the samples, for example 10 Hz for 150 Hz sampled
@@ -696,8 +697,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -754,8 +755,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -795,8 +796,8 @@ class StageMethods:
 
         The noise is 1.4826 times the median absolute deviation, and at least one quantisation step.
         If more than half of the samples in a run are held or interpolated, the noise is estimated
-        from the remaining samples, so that steps and corners are not flagged as spikes. Spikes in
-        an otherwise constant run are kept.
+        from the remaining samples. Steps and corners are then not flagged as spikes. Spikes in an
+        otherwise constant run are kept.
 
         A spike becomes NaN, or is interpolated linearly in time between its neighbours. At the end
         of a run it always becomes NaN. A missing value or a gap in time ends a run. A column in
@@ -826,8 +827,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -856,8 +857,8 @@ class StageMethods:
         mag_4_uc end`).
 
         Expressions may use the DataFusion functions that depend only on the row. Clocks, random
-        numbers and other rows are not available. A missing value (NaN) is NULL in an expression:
-        arithmetic with it gives a missing value, a comparison with it is unknown, and `coalesce`
+        numbers and other rows are not available. A missing value (NaN) is NULL in an expression.
+        Arithmetic with it gives a missing value, and a comparison with it is unknown. `coalesce`
         and `is null` detect it. An infinite result, such as 1/0, is missing. A line fails if SQL
         rejects a value, such as the square root of a negative number. Division is real, also
         between integers. `greatest` and `least` with a missing argument are missing.
@@ -890,8 +891,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -941,8 +942,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -1005,8 +1006,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -1079,8 +1080,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -1124,12 +1125,13 @@ class StageMethods:
         Values are interpolated between samples of the record. They are NaN outside the record and
         in gaps longer than `max_gap_s`. A line without any value is rejected, and so is a line
         without a date. Several stations, in one or more tables, are averaged at each sample with
-        weights 1/distance^`power`. A sample is NaN if one station has no value for it.
+        weights 1/distance^`power`. The result is NaN for a sample at which one station has no
+        value.
 
         The level of each record is subtracted, so that a station contributes only its variation.
         `level` selects the mean of the whole record, or its mean over the time of the line.
-        `level_nt` sets the level explicitly, for example that of a quiet night. A variation record
-        (IAGA `Data Type variation`) has no absolute level.
+        `level_nt` sets the level explicitly, for example to the level of a quiet night. A variation
+        record (IAGA `Data Type variation`) has no absolute level.
 
         Parameters
         ----------
@@ -1166,8 +1168,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -1200,10 +1202,10 @@ class StageMethods:
 
         In a turn the heading changes faster than `turn_dps` and by at least `turn_deg` in total, so
         the yaws of a calibration are not turns. A part shorter than `least_s` between two turns
-        belongs to the turns. A manoeuvre is part of a straight part. In it, the band-passed columns
-        of `attitude` (angles, or components of a vector magnetometer) have a root mean square above
-        `manoeuvre` over `window_s`. Examples are the pitches, rolls and yaws of a calibration box.
-        Boundaries are accurate to the length of the window.
+        belongs to the turns. Manoeuvres are detected within straight parts. In a manoeuvre, the
+        band-passed columns of `attitude` (angles, or components of a vector magnetometer) have a
+        root mean square above `manoeuvre` over `window_s`. Examples are the pitches, rolls and yaws
+        of a calibration box. Boundaries are accurate to the length of the window.
 
         `select` with `rows = "segment_kind = 'straight'"` keeps the straight parts and does not
         divide the line. Samples must be evenly spaced. A gap in time or a missing heading ends a
@@ -1245,8 +1247,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -1269,7 +1271,8 @@ class StageMethods:
 
         It can then be compensated like a scalar magnetometer.
 
-        An existing column of that name is replaced. A sample with a missing component is NaN.
+        An existing column of that name is replaced. The result is NaN for a sample with a missing
+        component.
 
         Parameters
         ----------
@@ -1289,8 +1292,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -1359,8 +1362,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -1456,8 +1459,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -1498,9 +1501,9 @@ class StageMethods:
         type `e`. Apply a model of the anomaly with `predicts = "anomaly"` of `compensate`. Types
         `b` and `c` require `map_anomaly`, which `map_value` computes.
 
-        The column has the role truth: it may be a target but not a feature. A sample is NaN if a
-        term is missing. The metadata `removed` list the corrections, so that no later stage repeats
-        them.
+        The column has the role truth: it may be a target but not a feature. The result is NaN for a
+        sample with a missing term. The metadata `removed` list the corrections, so that no later
+        stage repeats them.
 
         Parameters
         ----------
@@ -1528,8 +1531,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -1685,11 +1688,11 @@ class StageMethods:
         null if the lines are shorter than 16 s.
 
         `warm_start` names the table of another fit of the same kind of network, in this pipeline or
-        published. Training starts from its weights instead of random weights, for example from
-        those of an aircraft with more flight data. Inputs, layers, activation, linear terms and
+        published. Training starts from its weights instead of random weights, for example from the
+        weights for an aircraft with more flight data. Inputs, layers, activation, linear terms and
         members must be the same. Inputs and target are scaled as in that network, because its
         weights depend on the scales. Its constant is replaced by the constant of the new lines.
-        Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from those of that network.
+        Trained coefficients (`m2c`, `m3tl` to `m3tf`) start from the coefficients of that network.
         Coefficients that are not trained (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new
         lines.
 
@@ -1760,9 +1763,9 @@ class StageMethods:
             For `elastic_net`: Fraction of the penalty on absolute values. Allowed: 0 to 1. Default:
             `0.99`.
         components : int, optional
-            For `pls`: Number of components, or the maximum number if `choose` selects it. As many
-            components as terms give ordinary least squares, which causes a warning. Allowed: 1 to
-            10000. Default: `18`.
+            For `pls`: Number of components, or the maximum number if `choose` selects it. If the
+            number of components equals the number of terms, the result is ordinary least squares,
+            and a warning is reported. Allowed: 1 to 10000. Default: `18`.
             For `truncated_svd`: Number of components, or the maximum number if `choose` selects it.
             Allowed: 1 to 10000. Default: `18`.
         with_targets : ListLike, optional
@@ -1877,7 +1880,7 @@ class StageMethods:
             For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
             `tlnn`, `etlnn`: Terms of the linear model: entries of the features, by name or by a
             prefix that several names share before a `_`. Unset: the Tolles-Lawson terms among the
-            features, otherwise those of the core-field model; for `etlnn` all features. Other
+            features, otherwise the terms of the core-field model; for `etlnn` all features. Other
             terms, such as slopes or terms of the extended model, are inputs of the network only.
         linear_low_hz : float, optional
             For `m2a`, `m2b`, `m2c`, `m2d`, `m3tl`, `m3s`, `m3v`, `m3sc`, `m3vc`, `m3w`, `m3tf`,
@@ -1904,8 +1907,8 @@ class StageMethods:
             For `gru`, `lstm`, `tcn`: Number of samples in a window, ending at the predicted sample.
             Future samples are not used. Unit: samples. Allowed: 2 to 4096. Default: `16`.
         units : int, optional
-            For `m3tf`: Number of units of a sample in the transformer. Allowed: 1 to 1000. Default:
-            `8`.
+            For `m3tf`: Number of units that represent a sample in the transformer. Allowed: 1 to
+            1000. Default: `8`.
             For `gru`, `lstm`, `tcn`: Number of features computed from the window. Allowed: 1 to
             1000. Default: `8`.
         heads : int, optional
@@ -1960,8 +1963,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -2043,8 +2046,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -2096,7 +2099,7 @@ class StageMethods:
         | `pearson`, `spearman` | correlation with `target` | |
         | `hard_thresholding` | coefficient of the standardised entry, nT; 0 if it is not selected | |
         | `group_lasso` | norm of an input's weights times its standard deviation on the line, 1 | over the ensemble |
-        | `morris` | mean absolute change of the prediction per range of the input, nT | over the trajectories |
+        | `morris` | mean absolute change of the prediction over the range of the input, nT | over the trajectories |
         | `sobol_first` | share of the prediction's variance from the group alone, 1 | |
         | `sobol_total` | share from the group and all its interactions, 1 | |
 
@@ -2104,9 +2107,9 @@ class StageMethods:
         slow signal into noise. The mean of the model's error is ignored. `shapley` and
         `expected_gradients` explain `samples` samples of the line relative to `background` samples
         of the line, both evenly spaced. Shapley values of linear models and of trees are exact.
-        Those of other models are estimated by sampling, and `error` is the mean standard error of
-        these estimates. Samples that `where` omits, or that lack an input or the target, are
-        ignored. A line that is too short is rejected.
+        Shapley values of other models are estimated by sampling, and `error` is the mean standard
+        error of these estimates. Samples that `where` omits, or that lack an input or the target,
+        are ignored. A line that is too short is rejected.
 
         For `shapley` and `expected_gradients`, up to `kept_samples` samples are stored. The list
         `sample_values` holds their contributions to the prediction, and `sample_inputs` holds the
@@ -2162,8 +2165,8 @@ class StageMethods:
             Number of entries of the linear model of `hard_thresholding`. Allowed: 1 to 10000.
             Default: `10`.
         trajectories : int, optional
-            Number of trajectories of `morris`. Each needs one prediction more than there are
-            groups. Allowed: 2 to 1000000. Default: `200`.
+            Number of trajectories of `morris`. Each requires (groups + 1) predictions. Allowed: 2
+            to 1000000. Default: `200`.
         levels : int, optional
             Even number of levels of each input in `morris`. Allowed: 2 to 1000. Default: `4`.
         points : int, optional
@@ -2171,7 +2174,7 @@ class StageMethods:
             (groups + 2) times as many rows. Errors are proportional to its inverse square root.
             Allowed: 2 to 1000000. Default: `2000`.
         tails : float, optional
-            Fraction of an input's values on the line below its range, and above its range. 0 uses
+            Fraction of an input's values on the line that its range excludes at each end. 0 uses
             the extremes. Allowed: 0 to 0.49. Default: `0.01`.
         seed : int, optional
             Seed of the random draws. Default: `0`.
@@ -2184,8 +2187,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -2215,15 +2218,15 @@ class StageMethods:
         The true field comes from another magnetometer (`truth`) or, if that is unset, from a map,
         the core field and the diurnal variation.
 
-        The noise that `fit` reports is the residual on its own calibration lines, in manoeuvres and
-        including the anomaly. `residual_noise` is more realistic: it uses lines flown over a map as
-        in navigation, and includes the error of the map. `assume_noise` assigns the result to other
-        lines, and `navigate` uses it for noise parameters that are `"auto"`. Do not select the
-        lines that are navigated.
+        The noise that `fit` reports is the residual on its calibration lines. It therefore includes
+        the anomaly and the effect of manoeuvres. `residual_noise` is more realistic: it uses lines
+        flown over a map as in navigation, and includes the error of the map. `assume_noise` assigns
+        the result to other lines, and `navigate` uses it for noise parameters that are `"auto"`. Do
+        not select the lines that are navigated.
 
-        The noise has a white and a first-order Gauss-Markov part, the smallest that bound the Allan
-        variance of the lines. A constant has no effect. A time constant longer than the lines
-        cannot be resolved. Lines without a run of 16 s are rejected.
+        The noise has a white part and a first-order Gauss-Markov part. They are the smallest that
+        bound the Allan variance of the lines. A constant has no effect. A time constant longer than
+        the lines cannot be resolved. Lines without a run of 16 s are rejected.
 
         Parameters
         ----------
@@ -2244,8 +2247,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -2270,7 +2273,7 @@ class StageMethods:
         """Appends the noise estimated by `residual_noise`, `fogm_noise` or `fit`: `mag_sigma`,
         `mag_fogm_sigma` and `mag_fogm_tau`, equal for all samples.
 
-        These columns replace those of `compensate`.
+        These columns replace the columns of `compensate`.
 
         Parameters
         ----------
@@ -2287,8 +2290,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -2316,10 +2319,10 @@ class StageMethods:
         `measurement_sigma_nt`. `assume_noise` reads the table.
 
         The residual is `column`, minus `truth` if that is set. Examples are a compensated signal
-        minus the true one, the variation of a base station, or the `residual` of a track over a
-        stretch where its filter used no measurements. `residual_noise` gives the smallest noise
-        that bounds a signal at every time span, for a cautious filter. `fogm_noise` gives the best
-        fit for noise with one time scale. It represents noise with several time scales only partly.
+        minus the true signal, the variation of a base station, or the `residual` of a track without
+        measurement updates. `residual_noise` gives the smallest noise that bounds a signal at every
+        time span, for a cautious filter. `fogm_noise` gives the best fit for noise with one time
+        scale. It represents noise with several time scales only partly.
 
         `autocorrelation` fits the variance minus the autocovariance at lags from one sample to a
         quarter of the longest run. `allan` fits the Allan variance. Neither depends on a constant.
@@ -2350,8 +2353,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -2426,16 +2429,16 @@ class StageMethods:
         Do not select the lines that are navigated.
 
         The network minimises the negative log-likelihood of the innovations, which requires no
-        truth. With `loss = "position"` it minimises that of the true position, `lat` and `lon`. Its
-        derivatives are propagated back through the network and through the covariance and state of
-        the filter. Each line is prepared as by `navigate` with the same keys: use equal values
-        there. With `tuning = "auto"` the noise of each line is estimated first, and the network
-        learns how the noise changes along the line.
+        truth. With `loss = "position"` it minimises the negative log-likelihood of the true
+        position, `lat` and `lon`. Its derivatives are propagated back through the network and
+        through the covariance and state of the filter. Lines are prepared as in `navigate`, which
+        has the same keys: use equal values there. With `tuning = "auto"` the noise of each line is
+        estimated first, and the network learns how the noise changes along the line.
 
         The table holds the weights, the scaling of the inputs, and the mean loss of each epoch
-        (`epoch_loss`; `initial_loss` is that of `ekf`). A loss that does not fall means that the
-        inputs do not predict the noise; the filter then equals `ekf`. Rows that `where` does not
-        select have no measurement. Lines of different sample rates are rejected.
+        (`epoch_loss`; `initial_loss` is the loss of `ekf`). A loss that does not fall means that
+        the inputs do not predict the noise; the filter then equals `ekf`. Rows that `where` does
+        not select have no measurement. Lines of different sample rates are rejected.
 
         Parameters
         ----------
@@ -2447,7 +2450,8 @@ class StageMethods:
             Noise that the network sets: of the measurement (`"r"`), of the temporal variation
             (`"q"`), or both. Default: `"r"`.
         loss : {"likelihood", "position"}, optional
-            Loss: of the innovations, or of the true position. Default: `"likelihood"`.
+            Quantity whose negative log-likelihood is the loss: the innovations or the true
+            position. Default: `"likelihood"`.
         features : ListLike, optional
             Columns that are further inputs of the network, such as currents. A value that is not
             finite is rejected. Unset: none.
@@ -2488,9 +2492,8 @@ class StageMethods:
             continued to the flight heights with `tuning = "auto"`, else used at its own height.
         map_error_length_m : float, optional
             Correlation length of the map error, for a map with the column `error`. Unit: m.
-            Allowed: above 0. Unset: with `tuning = "auto"` the likelihood gives the weight of the
-            column `error`, or of the error between the nodes that follows from the map; else the
-            map is assumed exact.
+            Allowed: above 0. Unset: the map is assumed exact; `tuning = "auto"` estimates a factor
+            on the column `error`, or on the interpolation error that the map implies.
         offset_window_s : float, optional
             Length of the window from the start of a line over which the mean of measurement minus
             prediction is computed and subtracted. 0 subtracts nothing. Unit: s. Allowed: 0 or
@@ -2498,15 +2501,15 @@ class StageMethods:
         measurement_sigma_nt : float | {"auto"}, optional
             Standard deviation of the white noise of a measurement: sensor, map and residual of the
             compensation. `"auto"` uses the residual of the calibration, from the column
-            `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-            "auto"`, else 5.0.
+            `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+            "auto"`, otherwise 5.0.
         fogm_sigma_nt : float | {"auto"}, optional
             Standard deviation of the first-order Gauss-Markov process for the temporal variation
             and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-            0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+            0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
         fogm_tau_s : float | {"auto"}, optional
             Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-            s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+            s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
         noise_column : str, optional
             Column with the standard deviation of an additional error of each sample:
             `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -2523,10 +2526,10 @@ class StageMethods:
             `alt`.
         fix_velocity : ListLike, optional
             Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-            `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-            if the flight has them; else the velocity of the INS.
+            `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+            without these columns, the velocity of the INS.
         fix_sigma_m : float, optional
-            Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+            Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
             above 0. Default: `3.0`.
         fix_alt_sigma_m : float, optional
             Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -2603,8 +2606,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -2788,17 +2791,17 @@ class StageMethods:
 
         Filters that linearise the map require an initial position within the distance over which
         the map is linear. `start_sigma` is the initial standard deviation of the position.
-        `start_sigma_limit` is the largest one at which the linearisation error is below the white
-        noise, or below a third of the linear change of the map (median over a minute). A larger
-        start is flagged (`wide_start` in the table of warnings), because these filters may then
-        diverge unnoticed. Use `filter = "mpf_then_ekf"`.
+        `start_sigma_limit` is the largest standard deviation at which the linearisation error is
+        below the white noise, or below a third of the linear change of the map (median over a
+        minute). A larger start is flagged (`wide_start` in the table of warnings), because these
+        filters may then diverge unnoticed. Use `filter = "mpf_then_ekf"`.
 
         The core field (IGRF-14) is computed at one date per line: `decimal_year`, or the flight's
         first sample with both `year` and `doy`. A flight without a date is rejected unless
         `core_field = false`.
 
-        `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. Their values are
-        then those of the calibration residual, from the columns `mag_sigma`, `mag_fogm_sigma` and
+        `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. They are then set
+        to the noise of the calibration residual, from the columns `mag_sigma`, `mag_fogm_sigma` and
         `mag_fogm_tau`. `compensate` estimates these columns from the lines of its model's fit;
         `residual_noise` and `assume_noise` estimate them from lines over a known field. With
         `offset_window_s` the offset removes the slow error of the first seconds, and the variance
@@ -2847,9 +2850,9 @@ class StageMethods:
             Correlation length of the map error, for a map with the column `error` (`map_grid`,
             `track_map`); typically the spacing of its survey lines. The equivalent white noise is
             added to the measurement noise of each sample. An extended Kalman filter predicts the
-            position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
-            `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
-            between the nodes that follows from the map; else the map is assumed exact.
+            position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
+            is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
+            interpolation error that the map implies.
         offset_window_s : float, optional
             Length of the window from the start of a line over which the mean of measurement minus
             prediction is computed. This offset is subtracted before filtering, because compensation
@@ -2858,15 +2861,15 @@ class StageMethods:
         measurement_sigma_nt : float | {"auto"}, optional
             Standard deviation of the white noise of a measurement: sensor, map and residual of the
             compensation. `"auto"` uses the residual of the calibration, from the column
-            `mag_sigma`. Unit: nT. Allowed: above 0. Unset: from the likelihood with `tuning =
-            "auto"`, else 5.0.
+            `mag_sigma`. Unit: nT. Allowed: above 0. Unset: maximum likelihood with `tuning =
+            "auto"`, otherwise 5.0.
         fogm_sigma_nt : float | {"auto"}, optional
             Standard deviation of the first-order Gauss-Markov process for the temporal variation
             and all other slow errors. `"auto"` uses the column `mag_fogm_sigma`. Unit: nT. Allowed:
-            0 or above. Unset: from the likelihood with `tuning = "auto"`, else 3.0.
+            0 or above. Unset: maximum likelihood with `tuning = "auto"`, otherwise 3.0.
         fogm_tau_s : float | {"auto"}, optional
             Time constant of the temporal variation. `"auto"` uses the column `mag_fogm_tau`. Unit:
-            s. Allowed: above 0. Unset: from the likelihood with `tuning = "auto"`, else 600.0.
+            s. Allowed: above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise 600.0.
         noise_column : str, optional
             Column with the standard deviation of an additional error of each sample:
             `mag_aircraft_sigma` of an ensemble, or the predicted error of a network. Its square is
@@ -2883,10 +2886,10 @@ class StageMethods:
             `alt`.
         fix_velocity : ListLike, optional
             Columns of the fix's velocity north, east and down. Unit: m/s. Unset: `gnss_vn`,
-            `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`,
-            if the flight has them; else the velocity of the INS.
+            `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`;
+            without these columns, the velocity of the INS.
         fix_sigma_m : float, optional
-            Standard deviation of the fix's position in each of north and east. Unit: m. Allowed:
+            Standard deviation of the fix's position, for each horizontal axis. Unit: m. Allowed:
             above 0. Default: `3.0`.
         fix_alt_sigma_m : float, optional
             Standard deviation of the fix's height. Unit: m. Allowed: above 0. Default: `5.0`.
@@ -2996,7 +2999,7 @@ class StageMethods:
         gnss_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
             `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Standard
-            deviation of the GNSS position in each of north and east. Unit: m. Allowed: above 0.
+            deviation of the GNSS position, for each horizontal axis. Unit: m. Allowed: above 0.
             Default: `2.0`.
         gnss_alt_sigma_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
@@ -3005,17 +3008,17 @@ class StageMethods:
         gnss_noise : bool, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
             `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Adds white noise
-            with these standard deviations to the positions. It is reproducible for each line. The
-            truth of a simulation is free of noise; a filter that assumes noise where there is none
-            appears better than it is. Unset: true if `gnss` names columns of the role truth.
+            with these standard deviations to the positions. It is reproducible for each line.
+            Without it, simulated positions are exact, and the filter appears more accurate than it
+            would be with real GNSS. Unset: true if `gnss` names columns of the role truth.
         gnss_test : bool, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `nekf`, `ekf_online_tl`, `ekf_online_nn`,
-            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Tests each
-            position against the INS, alone (chi-square) and together with earlier positions
-            (cumulative sum). Rejected positions are not used. The test detects a jump at once and a
-            drift of 1 m/s after about 10 s; a drift is then rejected from its start. Positions are
-            accepted again after ten consecutive positions agree with the INS. `gnss_update` is
-            appended with and without the test. Default: `true`.
+            `fixed_lag`, `rts`, `mpf`, `mpf_then_ekf`, `slam`, `crlb`, `ins_only`: Compares each
+            position with the INS, by a chi-square test of this position and by a cumulative sum
+            over earlier positions. Rejected positions are not used. A jump is detected at once. A
+            drift of 1 m/s is detected after about 10 s; all positions since its start are then
+            rejected. Positions are accepted again after ten consecutive positions agree with the
+            INS. `gnss_update` is appended even if this key is false. Default: `true`.
         gradient : ListLike, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Two compensated scalar magnetometers. Their
@@ -3045,12 +3048,12 @@ class StageMethods:
         gradient_slope_sigma : float | {"auto"}, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the error of the map's slope
-            along that line. Multiplied by the baseline, it is an error of the difference. Like the
-            map's anomalies, it is correlated along the track. `"auto"` uses the maximum-likelihood
-            value from the innovations of the difference, which also detects maps made from sparse
-            lines. For a map without a vertical slope (one height, no `map_levels_m`), the error
-            increases by the vertical baseline times the rms slope. Unit: nT/m. Allowed: 0 or above.
-            Default: `auto`.
+            along the line between the magnetometers. Multiplied by the baseline, it is an error of
+            the difference. Like the map's anomalies, it is correlated along the track. `"auto"`
+            uses the maximum-likelihood value from the innovations of the difference. This value
+            also reveals maps made from sparse lines. For a map without a vertical slope (one
+            height, no `map_levels_m`), the error increases by the vertical baseline times the rms
+            slope. Unit: nT/m. Allowed: 0 or above. Default: `auto`.
         use_scalar : bool, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Uses `mag` for the measurement update too. `false`
@@ -3059,9 +3062,10 @@ class StageMethods:
         vector_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the white noise of each
-            component of `vector`. If set, the vector is a measurement of the attitude about the
-            field and of the scalar field. Requires `core_field` and a vector magnetometer with its
-            own calibration. Unit: nT. Allowed: above 0. Unset: the vector is not measured.
+            component of `vector`. If set, the vector measures the scalar field and the attitude,
+            except for the rotation about the field direction. Requires `core_field` and a vector
+            magnetometer with its own calibration. Unit: nT. Allowed: above 0. Unset: the vector is
+            not measured.
         vector_bias_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the bias of each component.
@@ -3074,12 +3078,14 @@ class StageMethods:
         vector_crustal_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the part of each
-            crustal-field component that a map of the scalar anomaly does not determine. It is about
-            the standard deviation of the anomaly. Unit: nT. Allowed: 0 or above. Default: `50.0`.
+            crustal-field component that a map of the scalar anomaly does not determine. A typical
+            value is the standard deviation of the anomaly. Unit: nT. Allowed: 0 or above. Default:
+            `50.0`.
         vector_crustal_length_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Correlation length of that part; about the height
-            above the sources. Unit: m. Allowed: above 0. Default: `1000.0`.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Correlation length of the part of the crustal
+            field in `vector_crustal_sigma_nt`; typically the height above the sources. Unit: m.
+            Allowed: above 0. Default: `1000.0`.
         height : str, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Column of measured heights above the ellipsoid,
@@ -3099,8 +3105,8 @@ class StageMethods:
             Unit: s. Allowed: above 0. Default: `3600.0`.
         map_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the map error as a state
-            that is correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the map error, which becomes
+            a state correlated along the track. Unit: nT. Allowed: 0 or above. Unset: the map error
             is not estimated.
         map_sigma_length_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
@@ -3112,28 +3118,29 @@ class StageMethods:
             magnetometer's time stamps. If set, the lag is a state of the filter, constant along the
             line. A sample stamped `t` was measured at `t` minus the lag, which may be negative. 0
             omits this state. Appends `mag_latency` and `mag_latency_sigma`. Available in `ekf`,
-            `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: with `tuning = "auto"` 1.0 if the
-            lag increases the likelihood clearly; else time stamps are exact.
+            `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps are exact; with
+            `tuning = "auto"` 1.0 if a lag clearly increases the likelihood.
         permanent_change_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of each component (nose, right,
-            down) of the change of the aircraft's permanent field since its calibration. The change
-            is three further states. Their effect on the scalar field follows from the attitude and
-            the core field. A constant offset of 100 nT (standard deviation) is a fourth state.
-            Requires `core_field`. 0 omits these states. Available in `ekf`, `iekf` and `ukf`. Unit:
-            nT. Allowed: 0 or above. Unset: from the likelihood with `tuning = "auto"`: 0 unless
-            these states increase it clearly; else 0.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the change of the aircraft's
+            permanent field since its calibration, for each component (nose, right, down). The three
+            components are further states. Their effect on the scalar field follows from the
+            attitude and the core field. A constant offset of 100 nT (standard deviation) is a
+            fourth state. Requires `core_field`. 0 omits these states. Available in `ekf`, `iekf`
+            and `ukf`. Unit: nT. Allowed: 0 or above. Unset: 0; `tuning = "auto"` estimates it by
+            maximum likelihood if these states clearly increase the likelihood.
         permanent_change_tau_s : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Time constant of this change. Unit: s. Allowed:
-            above 0. Unset: from the likelihood with `tuning = "auto"`, else the change is constant
-            along the line.
+            above 0. Unset: maximum likelihood with `tuning = "auto"`, otherwise the change is
+            constant along the line.
         flat_over_m : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
-            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Largest ratio of a measurement's standard
-            deviation to the map's horizontal slope at which the sample observes the position. Above
-            it the sample is `flat` and corrects only the temporal variation and the map error.
-            Appends `map_slope`. Unit: m. Allowed: above 0. Unset: all samples observe the position.
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Limit of the measurement's standard deviation
+            divided by the map's horizontal slope. Above this distance the map is too flat for a
+            position. The sample is then `flat`: it corrects only the temporal variation and the map
+            error. Appends `map_slope`. Unit: m. Allowed: above 0. Unset: all samples correct the
+            position.
         iterations : int, optional
             For `iekf`: Maximum number of linearisations of the map per sample. Allowed: 1 to 1000.
             Default: `5`.
@@ -3160,10 +3167,10 @@ class StageMethods:
             For `ekf_adaptive`: Estimated noise: of the measurement (`"r"`), of the process (`"q"`),
             or both. Default: `"r"`.
         window : int, optional
-            For `ekf_adaptive`: Number of past innovations in the estimate. With 50 the noise is
-            accurate to 10 %, with 10, as in MagNav.jl, to 20 %. With 10 the forms `"matched"` and
-            `"compatible"` occasionally estimate a noise near 0. The filter is then far
-            overconfident unless `sigma_min_nt` is near the true noise. Allowed: 2 to 1000000.
+            For `ekf_adaptive`: Number of past innovations in the estimate. With 50 innovations the
+            noise is accurate to 10 %; with 10, as in MagNav.jl, to 20 %. With 10 the forms
+            `"matched"` and `"compatible"` occasionally estimate a noise near 0. The filter is then
+            far overconfident unless `sigma_min_nt` is near the true noise. Allowed: 2 to 1000000.
             Default: `50`.
         sigma_min_nt : float, optional
             For `ekf_adaptive`: Lower bound of the estimated noise. Unit: nT. Allowed: above 0.
@@ -3176,8 +3183,8 @@ class StageMethods:
         form : {"residual", "matched", "compatible"}, optional
             For `ekf_adaptive`: Estimator of the noise. `"residual"` uses the a posteriori residual
             of each measurement. `"matched"`, the default of version 1, subtracts from each squared
-            innovation the predicted covariance of its time. `"compatible"`, as in MagNav.jl, starts
-            at the mean of the bounds and subtracts the present covariance from all. Default:
+            innovation the covariance predicted at that time. `"compatible"`, as in MagNav.jl,
+            starts at the mean of the bounds and subtracts the present covariance from all. Default:
             `"residual"`.
         features : ListLike | str, optional
             For `nekf`: Columns that are further inputs of the network, such as currents. A value
@@ -3189,8 +3196,8 @@ class StageMethods:
         walk_per_hour : float, optional
             For `ekf_online_tl`: Random walk of a coefficient: its standard deviation after one
             hour, divided by its prior standard deviation. With 0 the coefficients are constants.
-            The wide prior of a cold start is no measure of the changes in flight. Allowed: 0 or
-            above. Unset: 0.1 with `model`, else 0.0.
+            The wide prior of a cold start does not describe changes in flight. Allowed: 0 or above.
+            Unset: 0.1 with `model`, else 0.0.
             For `fixed_lag`: Random walk of every coefficient in one hour, as a fraction of its
             prior standard deviation; 0 for constants. Allowed: 0 or above. Default: `0.0`.
         flux_bias_sigma_nt : float, optional
@@ -3232,11 +3239,11 @@ class StageMethods:
             Unit: nT. Allowed: above 0. Unset: the heading error is not estimated.
         prior_factor : float, optional
             For `ekf_online_tl`, `fixed_lag`: Factor on the prior standard deviations from `model`.
-            With one calibration these are the standard deviations of its fit, with several they are
+            With one calibration these are the standard deviations of its fit; with several they are
             the scatter between the calibrations. Coefficients of differences per sample are
-            converted from the rate of the fit to that of the line. At rates below about 5 Hz the
-            differences are inaccurate in manoeuvres: they underestimate a change at frequency f by
-            the fraction (2 pi f / rate)^2 / 6. Allowed: above 0. Default: `1.0`.
+            converted from the rate of the fit to the rate of the line. At rates below about 5 Hz
+            the differences are inaccurate in manoeuvres: they underestimate a change at frequency f
+            by the fraction (2 pi f / rate)^2 / 6. Allowed: above 0. Default: `1.0`.
         hidden : int, optional
             For `ekf_online_nn`: Number of units in the hidden layer. Allowed: 1 to 64. Default:
             `8`.
@@ -3300,17 +3307,17 @@ class StageMethods:
             resampled. 0.5 is usual; more frequent resampling (MagNav.jl: 0.8) only adds noise.
             Allowed: 0 to 1. Default: `0.5`.
         regularise : bool, optional
-            For `mpf`: Resamples from a kernel density. Without it, only copies of a few particles
-            remain with a good INS, whose position error has almost no driving noise. The covariance
-            is then far too small. Default: `true`.
+            For `mpf`: Resamples from a kernel density. The position error of a good INS has almost
+            no process noise, so without it only copies of a few particles remain. The covariance is
+            then far too small. Default: `true`.
         smooth_over_m : float, optional
-            For `mpf`: Distance over which the map is nearly linear; about its height above the
+            For `mpf`: Distance over which the map is nearly linear; typically its height above the
             sources. A wider cloud has one kernel for each of its parts. The slope that `gradient`
             measures is linear over a third of this distance. Unit: m. Allowed: above 0. Default:
             `200.0`.
-            For `mpf_then_ekf`: Distance over which the map is nearly linear; about its height above
-            the sources. A wider cloud has one kernel for each of its parts. Unit: m. Allowed: above
-            0. Default: `200.0`.
+            For `mpf_then_ekf`: Distance over which the map is nearly linear; typically its height
+            above the sources. A wider cloud has one kernel for each of its parts. Unit: m. Allowed:
+            above 0. Default: `200.0`.
         roughening : float, optional
             For `mpf`: Standard deviation of the position noise of each resampled particle, per
             axis. It is in units of the range of the particles divided by the square root of their
@@ -3378,9 +3385,9 @@ class StageMethods:
             the mean of a few neighbours, and others are omitted. Computing time is proportional to
             the third power of this number. Allowed: 2 to 5000. Default: `1000`.
         smooth_sigma_nt : float, optional
-            For `slam`: Standard deviation of the white noise of a measurement in the smoother,
-            where the particles assume more because they are few. Unit: nT. Allowed: above 0. Unset:
-            the assumed noise of the particles.
+            For `slam`: Standard deviation of the white noise of a measurement in the smoother. The
+            particles assume more noise because there are few of them. Unit: nT. Allowed: above 0.
+            Unset: the assumed noise of the particles.
         name : str, optional
             The name of the table that the stage makes. Default: the kind of the stage, with a
             number if that name is taken.
@@ -3390,8 +3397,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -3451,8 +3458,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -3537,8 +3544,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -3617,7 +3624,7 @@ class StageMethods:
             Largest height difference of two lines at a crossing. Unit: m. Allowed: 0 or above.
             Default: `50.0`.
         method : {"equivalent_sources", "minimum_curvature"}, optional
-            Method that makes the surface between the points. Default: `"equivalent_sources"`.
+            Gridding method. Default: `"equivalent_sources"`.
         spacing_m : float, optional
             Distance between nodes. Unit: m. Allowed: above 0. Unset: half the distance between
             lines.
@@ -3655,8 +3662,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -3713,8 +3720,8 @@ class StageMethods:
         The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area
         of the lines. The size of the equations therefore does not depend on the length of the
         flight. Each line may have its own constant, each flight a temporal variation. The kernel is
-        that of `slam`, fitted by maximum likelihood to segments of the lines. The map is at the
-        mean height of the measurements; height differences are treated as noise.
+        the same as in `slam`, fitted by maximum likelihood to segments of the lines. The map is at
+        the mean height of the measurements; height differences are treated as noise.
 
         The covariance of the track's position (`sd_n`, `sd_e`, `cov_ne`) times the slope of the map
         counts as measurement noise and is included in `sd`. An error common to the whole track
@@ -3751,9 +3758,9 @@ class StageMethods:
             Source of the hyper-parameters of the kernel: maximum likelihood on the lines, or the
             spec. Default: `"fitted"`.
         position_sigma_m : float, optional
-            Standard deviation, north and east, that is added to that of the track. It describes an
-            error that the track's covariance omits, such as that of `slam` before its first
-            revisit. Unit: m. Allowed: 0 or above. Default: `0.0`.
+            Standard deviation, north and east, that is added to the standard deviation of the
+            track. It describes an error that the track's covariance omits, such as the error of
+            `slam` before its first revisit. Unit: m. Allowed: 0 or above. Default: `0.0`.
         covariance : {"matern_5_2", "matern_3_2", "squared_exponential"}, optional
             Covariance function of the anomaly over distance. Default: `"matern_5_2"`.
         sigma_se_nt : float, optional
@@ -3796,8 +3803,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -3859,8 +3866,8 @@ class StageMethods:
             Distance from the nearest known node beyond which nodes remain unknown. Unit: m.
             Allowed: above 0. Unset: all nodes are filled.
         feather_m : float, optional
-            Width of the transition between a map and the next at its edge. Unit: m. Allowed: 0 or
-            above. Default: `1000.0`.
+            Width of the transition at the edge between two maps. Unit: m. Allowed: 0 or above.
+            Default: `1000.0`.
         bias : {"nothing", "constant", "plane"}, optional
             Difference to the map that is estimated in the overlap and removed from the other maps.
             Default: `"constant"`.
@@ -3875,8 +3882,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -3943,8 +3950,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -3994,7 +4001,7 @@ class StageMethods:
             Distance between nodes, in the unit of the coordinate system: metres, feet or degrees.
             Allowed: above 0. Unset: at most the spacing of the map.
         bounds : ListLike, optional
-            West, south, east and north bound of the kept part, in coordinates of that system.
+            Bounds of the part to keep: west, south, east and north, in coordinates of that system.
             Unset: the whole map.
         trim : bool, optional
             Removes rows and columns without values at the edges. Default: `false`.
@@ -4010,8 +4017,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -4044,9 +4051,9 @@ class StageMethods:
 
         B_e = i k_e A/d, B_n = i k_n A/d, B_u = -|k| A/d, with d = i (f_e k_e + f_n k_n) - f_u |k|
 
-        of the spectrum A of the anomaly. The direction is that at the middle of the map, from
-        `decimal_year`, or from `inclination_deg` and `declination_deg`. On a projected map, grid
-        north is corrected to true north.
+        of the spectrum A of the anomaly. The direction applies to the centre of the map. It follows
+        from `decimal_year`, or from `inclination_deg` and `declination_deg`. On a projected map,
+        grid north is corrected to true north.
 
         |d| is at least |k| sin |I| at the inclination I, so errors of the map are amplified by up
         to 1/sin |I|. Near the magnetic equator a map does not contain waves across the core field.
@@ -4087,8 +4094,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -4149,8 +4156,8 @@ class StageMethods:
         samples, from which the pooled radius is computed.
 
         With `truth`, errors are against the truth. Without it, `std_uncompensated` and the ratios
-        are those of the signals themselves and include the anomaly. The run lists the metrics that
-        would require only a truth.
+        are computed from the signals alone and include the anomaly. The run lists the metrics that
+        a truth would add.
 
         A table computed by `map_value` adds scores of the map: the agreement of the signal with the
         map, the slope of the map along the track, and the expected accuracy of navigation. `igrf`
@@ -4205,8 +4212,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
@@ -4256,10 +4263,10 @@ class StageMethods:
 
         `train` lists the lines to which the model was fitted, and adds the metric
         `overfitting_ratio`. It is the pooled `std_error` of all other lines, in sample or not,
-        divided by that of the training lines. Without `std_error` it uses the root mean square of
-        `map_std_error`. The ratio is 1 for a model that is as accurate on new lines as on its
-        training lines, and larger for one that overfits. In its resamples, training lines are drawn
-        only from training lines, and other lines only from other lines.
+        divided by the pooled `std_error` of the training lines. Without `std_error` it uses the
+        root mean square of `map_std_error`. The ratio is 1 for a model that is as accurate on new
+        lines as on its training lines, and larger for one that overfits. In its resamples, training
+        lines are drawn only from training lines, and other lines only from other lines.
 
         Parameters
         ----------
@@ -4292,8 +4299,8 @@ class StageMethods:
         publish : bool, optional
             `false`: the table is not published, but later stages can read it (default: `true`).
         carry : Sequence[str], optional
-            Columns that pass through the stage unchanged and that its published table also has,
-            such as `["lat", "lon"]`; for tables of flight lines (default: none).
+            Columns that pass through the stage unchanged into its published table, such as `["lat",
+            "lon"]`; for tables of flight lines (default: none).
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).

@@ -1,4 +1,4 @@
-"""Exceptions of magline, with one class for each party that corrects the error.
+"""Exceptions of magline, with one class for each place of the error.
 
 The functions on arrays raise `ValueError` for wrong arguments.
 """

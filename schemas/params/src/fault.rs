@@ -60,7 +60,7 @@ pub struct Fault {
     pub param: Option<String>,
     /// Location in the data.
     pub place: DataLocation,
-    /// Party that has to act. A serialised fault without `owner` is one of the data.
+    /// Party that has to act. A serialised fault without `owner` is a fault of the data.
     pub owner: FaultOwner,
 }
 

@@ -153,7 +153,7 @@ pub struct ChoiceSelection<K: ChoiceKind> {
 }
 
 impl<K: ChoiceKind> ChoiceSelection<K> {
-    /// Selection of a choice with these keys, outside a spec: it has no spelt keys, and no other choice owns any.
+    /// Selection of a choice with these keys, outside a spec, so that no key is spelt and no other choice has keys.
     pub fn new(kind: &'static K, keys: Arc<K::Keys>) -> Self {
         Self { kind, keys, spelt: vec![], kinds: Arc::new(ChoiceList::new(vec![kind])) }
     }

@@ -18,9 +18,9 @@ model! {
     /// | 0.3 to 0.6 | network | f(v) + N(x) | all |
     /// | 0.6 to 1 | coefficients and network | f(v) + N(x) | all |
     ///
-    /// The error of the ridge fit differs from its mean by at most `curriculum_sigma` standard deviations for samples
-    /// near the mean. The constant is trained in every phase. Adam starts again in each phase. `validation` selects an
-    /// epoch after the first 30 %. `whiten` applies to the inputs only.
+    /// A sample is near the mean if the error of the ridge fit differs from its mean by at most `curriculum_sigma`
+    /// standard deviations. The constant is trained in every phase. Adam starts again in each phase. `validation`
+    /// selects an epoch after the first 30 %. `whiten` applies to the inputs only.
     ///
     /// MagNav.jl compares validation losses of all phases. If the smallest is in the first 30 %, its result contains
     /// the untrained network.

@@ -13,8 +13,8 @@ model! {
     /// With d = `units` and x the inputs of a sample, the samples are embedded as e = sqrt(d) (W x + b) + P, with a
     /// trained position P of each sample in the window. Each head computes softmax(Q K' / sqrt(d / `heads`)) V from the
     /// queries Q, keys K and values V of its part of e. One layer follows: n = LN(e + Wo A) with the results A of all
-    /// heads, and z = LN(n + activation(Wf n + bf)), with layer normalisations LN. The dense layers of `hidden`, none
-    /// by default, and a linear output have z of all samples as inputs.
+    /// heads, and z = LN(n + activation(Wf n + bf)), with layer normalisations LN. The vectors z of all samples enter
+    /// the dense layers of `hidden` (none by default), followed by a linear output.
     ///
     /// The window has no samples after the predicted one, so the model is causal. `dropout` applies to z. MagNav.jl's
     /// default is a batch normalisation that it creates anew in every call; it is not offered here. `:prelayer` is not
@@ -25,7 +25,7 @@ model! {
     groups [network: NetworkKeys, part: LinearPart, vector: VectorModelKeys], example "epochs = 2\nwindow = 4";
     /// Number of samples in the window.
     window: usize, unit "samples", default 5usize, rule Rule::Between(2.0, 4096.0);
-    /// Number of units of a sample in the transformer.
+    /// Number of units that represent a sample in the transformer.
     units: usize, unit "1", default 8usize, rule Rule::Between(1.0, 1000.0);
     /// Number of heads of the attention, a divisor of `units`.
     heads: usize, unit "1", default 8usize, rule Rule::Between(1.0, 1000.0);

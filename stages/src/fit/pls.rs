@@ -20,8 +20,8 @@ model! {
     /// Source: Wold, Sjöström and Eriksson 2001; Gnadt 2022, (3.19) to (3.43).
     PartialLeastSquares = "pls", version 2, scaling Standardise, intercept true, made of Moments,
     choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], example "components = 6";
-    /// Number of components, or the maximum number if `choose` selects it. As many components as terms give ordinary
-    /// least squares, which causes a warning.
+    /// Number of components, or the maximum number if `choose` selects it. If the number of components equals the
+    /// number of terms, the result is ordinary least squares, and a warning is reported.
     components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
     /// Further columns that are fitted together with `target`, with common components. The table holds the coefficients
     /// of `target`.
@@ -59,7 +59,7 @@ impl FitModel for PartialLeastSquares {
 
     fn remark(&self, answer: &LinearFitResult, terms: usize) -> Option<String> {
         let all = answer.chosen >= terms as f64;
-        let what = "components are as many as terms, which gives ordinary least squares; reduce `components`";
+        let what = "components for the same number of terms give ordinary least squares; reduce `components`";
         all.then(|| format!("{} {what}", answer.chosen))
     }
 }
@@ -75,7 +75,7 @@ mod tests {
         assert!(found.value.iter().zip(truth).all(|(a, b)| (a - b).abs() < 1e-8 * b.abs()), "{:?}", found.value);
         assert_eq!(found.chosen, 3.0);
         assert!(
-            found.warning.contains("3 components are as many as terms, which gives ordinary least squares"),
+            found.warning.contains("3 components for the same number of terms give ordinary least squares"),
             "{}",
             found.warning
         );

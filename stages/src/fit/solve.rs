@@ -43,7 +43,7 @@ pub struct FitSolution {
     pub table: Vec<ModelTableRow>,
     /// Source of the residual noise.
     pub left: ResidualSource,
-    /// Number of rows used, and number of rows of the selected lines that were not.
+    /// Numbers of used and of unused rows of the selected lines.
     pub rows: (usize, usize),
     /// Condition number of the scaled matrix. NaN for a nonlinear model.
     pub condition: f64,

@@ -25,17 +25,17 @@ params! {
         absent "`gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and `alt`";
     /// Time between two GNSS positions.
     gnss_interval_s: f64, unit "s", default 1.0, rule Rule::Positive;
-    /// Standard deviation of the GNSS position in each of north and east.
+    /// Standard deviation of the GNSS position, for each horizontal axis.
     gnss_sigma_m: f64, unit "m", default 2.0, rule Rule::Positive;
     /// Standard deviation of the GNSS height.
     gnss_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;
-    /// Adds white noise with these standard deviations to the positions. It is reproducible for each line. The truth of
-    /// a simulation is free of noise; a filter that assumes noise where there is none appears better than it is.
+    /// Adds white noise with these standard deviations to the positions. It is reproducible for each line. Without it,
+    /// simulated positions are exact, and the filter appears more accurate than it would be with real GNSS.
     gnss_noise: Option<bool>, unit "", absent "true if `gnss` names columns of the role truth";
-    /// Tests each position against the INS, alone (chi-square) and together with earlier positions (cumulative sum).
-    /// Rejected positions are not used. The test detects a jump at once and a drift of 1 m/s after about 10 s; a drift
-    /// is then rejected from its start. Positions are accepted again after ten consecutive positions agree with the
-    /// INS. `gnss_update` is appended with and without the test.
+    /// Compares each position with the INS, by a chi-square test of this position and by a cumulative sum over earlier
+    /// positions. Rejected positions are not used. A jump is detected at once. A drift of 1 m/s is detected after about
+    /// 10 s; all positions since its start are then rejected. Positions are accepted again after ten consecutive
+    /// positions agree with the INS. `gnss_update` is appended even if this key is false.
     gnss_test: bool, unit "", default true;
 }
 

@@ -39,9 +39,9 @@ params! {
     /// `vector`.
     heading_error_sigma_nt: Option<f64>, unit "nT", absent "the heading error is not estimated", rule Rule::Positive;
     /// Factor on the prior standard deviations from `model`. With one calibration these are the standard deviations of
-    /// its fit, with several they are the scatter between the calibrations. Coefficients of differences per sample are
-    /// converted from the rate of the fit to that of the line. At rates below about 5 Hz the differences are inaccurate
-    /// in manoeuvres: they underestimate a change at frequency f by the fraction (2 pi f / rate)^2 / 6.
+    /// its fit; with several they are the scatter between the calibrations. Coefficients of differences per sample are
+    /// converted from the rate of the fit to the rate of the line. At rates below about 5 Hz the differences are
+    /// inaccurate in manoeuvres: they underestimate a change at frequency f by the fraction (2 pi f / rate)^2 / 6.
     prior_factor: f64, unit "1", default 1.0, rule Rule::Positive;
 }
 

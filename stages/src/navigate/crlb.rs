@@ -26,11 +26,11 @@ filter! {
     /// (`lat`, `lon`, `alt`) and evaluates the filter's covariance there. Compared with the track of a filter, it shows
     /// whether an error is due to the filter or to the flight.
     ///
-    /// It makes no estimate. Its positions are the truth, `score` gives no error for them, and its `sd_n`, `sd_e` and
+    /// It makes no estimate. Its positions are the truth, so `score` gives no error for them. Its `sd_n`, `sd_e` and
     /// `drms_bound` are the bound. The metric `drms_bound` is the bound over the line; a search never selects a point
     /// by it. `residual` is the measurement minus the field at the true position. `nis` is its square divided by its
-    /// variance under the assumed noise; a mean of 1 confirms the assumed noise. `vn`, `ve` and `vd` are those of the
-    /// INS.
+    /// variance under the assumed noise; a mean of 1 confirms the assumed noise. `vn`, `ve` and `vd` are the velocity
+    /// of the INS.
     ///
     /// Source: Tichavský, Muravchik & Nehorai 1998; MagNav.jl's `crlb`, which agrees to 8 digits.
     Crlb = "crlb", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "discretisation = \"trapezoidal\"";

@@ -33,21 +33,21 @@ filter! {
     /// simpler and as accurate. The filter distinguishes noise from map errors only within the bounds.
     ///
     /// `sigma_adapted` is the assumed noise of the sample's measurement. It starts at `measurement_sigma_nt` and is
-    /// estimated from the window before the sample. With several magnetometers each has a column `sigma_adapted_<mag>`,
-    /// and a magnetometer whose noise increases loses weight.
+    /// estimated from the window before the sample. With several magnetometers, each has its column
+    /// `sigma_adapted_<mag>`, and a magnetometer loses weight when its noise increases.
     ///
     /// `noise_column` holds the noise that a network or an ensemble predicts for each sample. With it the filter
-    /// estimates one scale factor and keeps the predicted variation over time. If the position is less accurate than
-    /// the measurement, as after an inaccurate start or a noisy period, innovations contain little information on the
-    /// noise. The default `form` then changes the noise little; the other forms drive it to one of the bounds.
+    /// estimates one scale factor and keeps the predicted variation over time. If the position error dominates the
+    /// innovations, as after an inaccurate start or a noisy period, they contain little information on the noise. The
+    /// default `form` then changes the noise little; the other forms drive it to one of the bounds.
     ///
     /// Source: Gnadt 2022, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
     EkfAdaptive = "ekf_adaptive", version 3, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "window = 50";
     /// Estimated noise: of the measurement (`"r"`), of the process (`"q"`), or both.
     adapt: AdaptiveNoise, unit "", default AdaptiveNoise::R;
-    /// Number of past innovations in the estimate. With 50 the noise is accurate to 10 %, with 10, as in MagNav.jl, to
-    /// 20 %. With 10 the forms `"matched"` and `"compatible"` occasionally estimate a noise near 0. The filter is then
-    /// far overconfident unless `sigma_min_nt` is near the true noise.
+    /// Number of past innovations in the estimate. With 50 innovations the noise is accurate to 10 %; with 10, as in
+    /// MagNav.jl, to 20 %. With 10 the forms `"matched"` and `"compatible"` occasionally estimate a noise near 0. The
+    /// filter is then far overconfident unless `sigma_min_nt` is near the true noise.
     window: usize, unit "1", default 50usize, rule Rule::Between(2.0, 1e6);
     /// Lower bound of the estimated noise.
     sigma_min_nt: Option<f64>, unit "nT",
@@ -56,7 +56,7 @@ filter! {
     sigma_max_nt: Option<f64>, unit "nT",
         absent "20 times `measurement_sigma_nt`, or with `noise_column` 20 times the largest assumed noise", rule Rule::Positive;
     /// Estimator of the noise. `"residual"` uses the a posteriori residual of each measurement. `"matched"`, the
-    /// default of version 1, subtracts from each squared innovation the predicted covariance of its time.
+    /// default of version 1, subtracts from each squared innovation the covariance predicted at that time.
     /// `"compatible"`, as in MagNav.jl, starts at the mean of the bounds and subtracts the present covariance from all.
     form: AdaptiveForm, unit "", default AdaptiveForm::Residual;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement. Rejected measurements are

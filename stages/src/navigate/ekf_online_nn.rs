@@ -24,7 +24,7 @@ use crate::{
 filter! {
     /// The 18-state extended Kalman filter with the weights of a network as further states. The network has one hidden
     /// layer; its output is the aircraft field at the magnetometer. The measurement is uncompensated. Use it for
-    /// aircraft fields that are nonlinear in the features, such as those of switched currents. For linear aircraft
+    /// aircraft fields that are nonlinear in the features, such as the fields of switched currents. For linear aircraft
     /// fields `ekf_online_tl` is more accurate.
     ///
     /// The weights are first trained on the part of the line before GNSS is lost; `gnss_lost_s` is required. In this
@@ -33,10 +33,10 @@ filter! {
     /// used twice. Afterwards the measurement noise is the residual of the training, if it exceeds
     /// `measurement_sigma_nt`. The network also estimates a constant, so `offset_window_s` is ignored.
     ///
-    /// `model` is the table of a fit of `m1` with one hidden layer to the aircraft field (targets `c` and `d`). With it
-    /// the weights start from that network, and `hidden` and `activation` must equal those of that network. The
-    /// recursion then estimates the covariance of the weights and their later changes. Features that are differences
-    /// per sample are converted to the rate of that fit.
+    /// `model` is the table of a fit of `m1` with one hidden layer to the aircraft field (targets `c` and `d`). The
+    /// weights then start from this network, and `hidden` and `activation` must be equal to its values. The recursion
+    /// then estimates the covariance of the weights and their later changes. Features that are differences per sample
+    /// are converted to the rate of that fit.
     ///
     /// A scalar magnetometer among the features is rejected: the filter would subtract its own measurement. `aircraft`
     /// is the aircraft field computed with the weights estimated at the sample. The covariance of the weights excludes

@@ -29,13 +29,13 @@ filter! {
     /// The prior comes from the calibrations in `model` (one or several tables of `fit`), converted to the rate of the
     /// line. Without `model` the filter starts cold. A scalar magnetometer among the terms is rejected: the filter
     /// would subtract its own measurement. `aircraft` is the aircraft field computed with the coefficients estimated at
-    /// the sample. With several magnetometers each has a column `aircraft_<mag>`. `residual` is the innovation of the
-    /// first magnetometer used at a sample. `nis` is the mean over all magnetometers used at it.
+    /// the sample. With several magnetometers, each has its column `aircraft_<mag>`. `residual` is the innovation of
+    /// the first magnetometer used at a sample. `nis` is the mean over all magnetometers used at the sample.
     ///
     /// Source: Gnadt 2022, section 5.5, without (5.39).
     EkfOnlineTl = "ekf_online_tl", version 2, groups [aiding: Aiding, aircraft: AircraftModelKeys, further: AuxiliaryMeasurements], example "walk_per_hour = 0.1";
     /// Random walk of a coefficient: its standard deviation after one hour, divided by its prior standard deviation.
-    /// With 0 the coefficients are constants. The wide prior of a cold start is no measure of the changes in flight.
+    /// With 0 the coefficients are constants. The wide prior of a cold start does not describe changes in flight.
     walk_per_hour: Option<f64>, unit "1", absent "0.1 with `model`, else 0.0", rule Rule::NotNegative;
     /// Standard deviation of a bias of each axis of `vector`, from which the terms are computed. If set, the bias is
     /// estimated.

@@ -35,27 +35,28 @@ params! {
     gradient_bias_sigma_nt: f64, unit "nT", default 1.0, rule Rule::NotNegative;
     /// Time constant of the slow error of the difference.
     gradient_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Standard deviation of the error of the map's slope along that line. Multiplied by the baseline, it is an error
-    /// of the difference. Like the map's anomalies, it is correlated along the track. `"auto"` uses the
-    /// maximum-likelihood value from the innovations of the difference, which also detects maps made from sparse lines.
-    /// For a map without a vertical slope (one height, no `map_levels_m`), the error increases by the vertical baseline
-    /// times the rms slope.
+    /// Standard deviation of the error of the map's slope along the line between the magnetometers. Multiplied by the
+    /// baseline, it is an error of the difference. Like the map's anomalies, it is correlated along the track. `"auto"`
+    /// uses the maximum-likelihood value from the innovations of the difference. This value also reveals maps made from
+    /// sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the error increases by the
+    /// vertical baseline times the rms slope.
     gradient_slope_sigma: NumberOrAuto, unit "nT/m", default NumberOrAuto::Auto, rule Rule::NotNegative;
     /// Uses `mag` for the measurement update too. `false` uses only the difference and the vector, for example in a
     /// magnetic storm.
     use_scalar: bool, unit "", default true;
-    /// Standard deviation of the white noise of each component of `vector`. If set, the vector is a measurement of the
-    /// attitude about the field and of the scalar field. Requires `core_field` and a vector magnetometer with its own
-    /// calibration.
+    /// Standard deviation of the white noise of each component of `vector`. If set, the vector measures the scalar
+    /// field and the attitude, except for the rotation about the field direction. Requires `core_field` and a vector
+    /// magnetometer with its own calibration.
     vector_sigma_nt: Option<f64>, unit "nT", absent "the vector is not measured", rule Rule::Positive;
     /// Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT correspond to 0.06°.
     vector_bias_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
     /// Time constant of the bias.
     vector_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
     /// Standard deviation of the part of each crustal-field component that a map of the scalar anomaly does not
-    /// determine. It is about the standard deviation of the anomaly.
+    /// determine. A typical value is the standard deviation of the anomaly.
     vector_crustal_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
-    /// Correlation length of that part; about the height above the sources.
+    /// Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`; typically the height above the
+    /// sources.
     vector_crustal_length_m: f64, unit "m", default 1000.0, rule Rule::Positive;
     /// Column of measured heights above the ellipsoid, such as `baro` of a barometer that does not already aid the INS.
     height: Option<String>, unit "m", absent "the height of the INS and its barometer is used";
@@ -65,7 +66,7 @@ params! {
     height_bias_sigma_m: f64, unit "m", default 30.0, rule Rule::NotNegative;
     /// Time constant of the slow error of the height.
     height_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Standard deviation of the map error as a state that is correlated along the track.
+    /// Standard deviation of the map error, which becomes a state correlated along the track.
     map_sigma_nt: Option<f64>, unit "nT", absent "the map error is not estimated", rule Rule::NotNegative;
     /// Distance over which the autocorrelation of the map error falls to 1/e.
     map_sigma_length_m: f64, unit "m", default 500.0, rule Rule::Positive;
@@ -73,23 +74,24 @@ params! {
     /// constant along the line. A sample stamped `t` was measured at `t` minus the lag, which may be negative. 0 omits
     /// this state. Appends `mag_latency` and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`.
     mag_latency_sigma_s: Option<f64>, unit "s",
-        absent "with `tuning = \"auto\"` 1.0 if the lag increases the likelihood clearly; else time stamps are exact",
+        absent "time stamps are exact; with `tuning = \"auto\"` 1.0 if a lag clearly increases the likelihood",
         rule Rule::NotNegative;
-    /// Standard deviation of each component (nose, right, down) of the change of the aircraft's permanent field since
-    /// its calibration. The change is three further states. Their effect on the scalar field follows from the attitude
-    /// and the core field. A constant offset of 100 nT (standard deviation) is a fourth state. Requires `core_field`. 0
-    /// omits these states. Available in `ekf`, `iekf` and `ukf`.
+    /// Standard deviation of the change of the aircraft's permanent field since its calibration, for each component
+    /// (nose, right, down). The three components are further states. Their effect on the scalar field follows from the
+    /// attitude and the core field. A constant offset of 100 nT (standard deviation) is a fourth state. Requires
+    /// `core_field`. 0 omits these states. Available in `ekf`, `iekf` and `ukf`.
     permanent_change_sigma_nt: Option<f64>, unit "nT",
-        absent "from the likelihood with `tuning = \"auto\"`: 0 unless these states increase it clearly; else 0",
+        absent "0; `tuning = \"auto\"` estimates it by maximum likelihood if these states clearly increase the \
+            likelihood",
         rule Rule::NotNegative;
     /// Time constant of this change.
     permanent_change_tau_s: Option<f64>, unit "s",
-        absent "from the likelihood with `tuning = \"auto\"`, else the change is constant along the line",
+        absent "maximum likelihood with `tuning = \"auto\"`, otherwise the change is constant along the line",
         rule Rule::Positive;
-    /// Largest ratio of a measurement's standard deviation to the map's horizontal slope at which the sample observes
-    /// the position. Above it the sample is `flat` and corrects only the temporal variation and the map error. Appends
-    /// `map_slope`.
-    flat_over_m: Option<f64>, unit "m", absent "all samples observe the position", rule Rule::Positive;
+    /// Limit of the measurement's standard deviation divided by the map's horizontal slope. Above this distance the map
+    /// is too flat for a position. The sample is then `flat`: it corrects only the temporal variation and the map
+    /// error. Appends `map_slope`.
+    flat_over_m: Option<f64>, unit "m", absent "all samples correct the position", rule Rule::Positive;
 }
 
 /// Column with the slope of the predicted field.

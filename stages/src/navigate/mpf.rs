@@ -49,11 +49,11 @@ filter! {
     /// Effective number of particles, as a fraction of all, below which they are resampled. 0.5 is usual; more frequent
     /// resampling (MagNav.jl: 0.8) only adds noise.
     resample_threshold: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
-    /// Resamples from a kernel density. Without it, only copies of a few particles remain with a good INS, whose
-    /// position error has almost no driving noise. The covariance is then far too small.
+    /// Resamples from a kernel density. The position error of a good INS has almost no process noise, so without it
+    /// only copies of a few particles remain. The covariance is then far too small.
     regularise: bool, unit "", default true;
-    /// Distance over which the map is nearly linear; about its height above the sources. A wider cloud has one kernel
-    /// for each of its parts. The slope that `gradient` measures is linear over a third of this distance.
+    /// Distance over which the map is nearly linear; typically its height above the sources. A wider cloud has one
+    /// kernel for each of its parts. The slope that `gradient` measures is linear over a third of this distance.
     smooth_over_m: f64, unit "m", default 200.0, rule Rule::Positive;
     /// Standard deviation of the position noise of each resampled particle, per axis. It is in units of the range of
     /// the particles divided by the square root of their number. Gordon, Salmond & Smith 1993 use 0.2.

@@ -14,14 +14,14 @@ use crate::columns::{array, data};
 
 filter! {
     /// The marginalised particle filter `mpf` until a single position remains, then the extended Kalman filter `ekf`.
-    /// Use it for a start that is known to kilometres: a Kalman filter may then diverge unnoticed, and particles along
-    /// the whole line take seventy times as long.
+    /// Use it for a start that is known only to kilometres. A Kalman filter may then diverge unnoticed, and particles
+    /// along the whole line take seventy times as long.
     ///
-    /// The Kalman filter takes over when two conditions hold for 60 s. One mode has at least the weight
-    /// `hand_over_weight`, and the linearisation error of the map over the position's covariance in this mode is below
-    /// the white noise (median over a minute of the path ahead). Its first state and covariance are the mean and
-    /// covariance of the mode. From then on `particles` is 0 and `n_eff` is NaN. On a line where the conditions never
-    /// hold, all samples are those of `mpf`.
+    /// The Kalman filter takes over when two conditions hold for 60 s. The first is that one mode has at least the
+    /// weight `hand_over_weight`. The second is that the linearisation error of the map within the covariance of this
+    /// mode is below the white noise (median over the next minute of the path). Its initial state and covariance are
+    /// the mean and covariance of the mode. From then on `particles` is 0 and `n_eff` is NaN. If the conditions never
+    /// hold on a line, all samples come from `mpf`.
     ///
     /// With `tuning = "auto"` and a wide start, the noise is estimated in three steps. Particles with an assumed slow
     /// error of 30 nT locate the aircraft. The INS is corrected by this position and velocity. The likelihood of the
@@ -40,8 +40,8 @@ filter! {
         rule Rule::Between(1.0, 1000000.0);
     /// Seed of all random draws. The same seed gives the same bits on any number of threads.
     seed: usize, unit "", default 0usize;
-    /// Distance over which the map is nearly linear; about its height above the sources. A wider cloud has one kernel
-    /// for each of its parts.
+    /// Distance over which the map is nearly linear; typically its height above the sources. A wider cloud has one
+    /// kernel for each of its parts.
     smooth_over_m: f64, unit "m", default 200.0, rule Rule::Positive;
     /// Smallest weight of the most probable mode at the hand-over.
     hand_over_weight: f64, unit "1", default 0.99, rule Rule::Between(0.5, 1.0);

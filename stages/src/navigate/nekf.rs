@@ -18,16 +18,17 @@ use crate::{
 filter! {
     /// The extended Kalman filter of `ekf` whose noise a network sets at each sample: neural covariance. The network is
     /// a long short-term memory layer. Its inputs are the innovation of the sample before, the slope of the map, the
-    /// motion of the aircraft and the columns in `features`. Its output is a factor on the measurement noise and, if it
-    /// was trained so, on the noise of the temporal variation.
+    /// motion of the aircraft and the columns in `features`. Its output is a factor on the measurement noise, a factor
+    /// on the noise of the temporal variation, or both.
     ///
     /// `model` is the table of a `noise_network` stage, which trains the network on other lines. The filter requires
-    /// the `features` of that training and its sample rate. Use the same keys for the noise there and here, because the
-    /// factor multiplies the assumed noise. With a network whose output is 0, the filter is bit-identical to `ekf`.
+    /// the `features` of that training and its sample rate. Use the same noise keys in both stages, because the factor
+    /// multiplies the assumed noise. With a network whose output is 0, the filter is bit-identical to `ekf`.
     ///
     /// The noise of a sample depends on earlier innovations only. `noise_factor` is the factor on the standard
-    /// deviation of the measurement, `fogm_factor` that on the noise of the temporal variation. A network is reliable
-    /// for noise like that of its training. If there are no lines for training, use `ekf_adaptive`.
+    /// deviation of the measurement, and `fogm_factor` is the factor on the noise of the temporal variation. A network
+    /// is reliable only for noise like the noise in its training. If there are no lines for training, use
+    /// `ekf_adaptive`.
     ///
     /// Source: Gnadt 2022, section 5.9.3; Hochreiter & Schmidhuber 1997.
     Nekf = "nekf", version 1, groups [aiding: Aiding], example "model = \"noise_network\"";

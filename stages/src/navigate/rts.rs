@@ -20,7 +20,7 @@ use crate::columns::{array, data};
 filter! {
     /// The most probable track of the whole line given all its measurements: a smoother for post-processing. Each
     /// iteration linearises the map along the track and passes forward and backward over the line, until the track
-    /// converges. It also returns the covariance. At the last sample its error equals that of a filter; at earlier
+    /// converges. It also returns the covariance. At the last sample its error equals the error of a filter; at earlier
     /// samples it is a few times smaller.
     ///
     /// The position of a sample uses all measurements. `residual` and `nis` use only earlier measurements, so the
@@ -60,7 +60,7 @@ impl NavigationFilter for Rts {
     fn columns(&self, _: &FilterFlight) -> Vec<Column> {
         let mut columns = vec![
             Column::text("smoothing", "outcome of the iteration: converged or stopped"),
-            Column::float("smoothing_step", "m", "largest change of a position of the line in the last iteration"),
+            Column::float("smoothing_step", "m", "largest position change along the line in the last iteration"),
         ];
         if self.save_state {
             columns.extend(state_columns());

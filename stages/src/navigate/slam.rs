@@ -23,7 +23,7 @@ filter! {
     /// ones. The filter bounds the drift of an INS on flights with revisits: loiters, or surveys with tie lines.
     ///
     /// Only the position relative to the earlier path is observed. The error of the INS before the first revisit
-    /// therefore remains. Without a revisit the track is that of the INS. The map of the stage and `offset_window_s`
+    /// therefore remains. Without a revisit the track equals the INS track. The map of the stage and `offset_window_s`
     /// are ignored: a constant in the measurement is part of the unknown map. `unused` in the column `update` means
     /// that no particle has an earlier position nearby.
     ///
@@ -31,21 +31,21 @@ filter! {
     ///
     /// With `gnss_lost_s`, GNSS positions aid the filter. A map that begins under GNSS has the absolute position of
     /// GNSS. A later fix weights particles by their whole path, so it also corrects the map. Initial GNSS does not
-    /// reduce the number of particles: with 400 particles all of ten surveys succeeded; with 150 two of six diverged,
-    /// with a covariance far too small.
+    /// reduce the required number of particles. With 400 particles, all of ten surveys succeeded. With 150, two of six
+    /// diverged, with a covariance far too small.
     ///
     /// With `smooth` the track is the most probable track of the whole flight given all its measurements, for
     /// post-processing. The smoother starts from the track of the particles and reduces errors of tens of metres to
     /// metres. It represents the error of the INS by a few smooth functions of time that every crossing constrains, so
-    /// few particles are enough. `residual`, `nis`, `revisiting` and `effective` remain those of the particles.
+    /// few particles are enough. `residual`, `nis`, `revisiting` and `effective` still describe the particles.
     ///
-    /// `smoothing` is `converged`; `stopped` where path and hyper-parameters still changed at the last iteration; or
-    /// `none` where the track is that of the particles: fewer than two measurements, or a singular covariance.
-    /// `smoothing_misfit` is far above 1 where the assumed noise is too small for the track. `smoothing_agreement` is
-    /// the information that revisits of places give about each other, divided by its expected value for the assumed
-    /// noise: about 1 on a correct track, near 0 on a track in error by hundreds of metres. A line below 0.5 is
-    /// rejected. The column is NaN where almost nothing is revisited. 1000 measurements take about 20 s on one core and
-    /// 70 MB. Twice as many take eight times the time and four times the memory.
+    /// `smoothing` is `converged`, or `stopped` if path or hyper-parameters still changed at the last iteration. It is
+    /// `none` if the track of the particles is returned: with fewer than two measurements, or with a singular
+    /// covariance. `smoothing_misfit` is far above 1 where the assumed noise is too small for the track.
+    /// `smoothing_agreement` is the information that revisits give about each other, divided by its expected value for
+    /// the assumed noise. It is about 1 on a correct track, and near 0 on a track with errors of hundreds of metres. A
+    /// line below 0.5 is rejected. The column is NaN where almost nothing is revisited. 1000 measurements take about 20
+    /// s on one core and 70 MB. Twice as many take eight times the time and four times the memory.
     ///
     /// Source: Lee 2019, chapters III and V and appendix A, with four changes. Every prediction includes the last
     /// measurements, so that the product of the weights is the likelihood of the flight [Vecchia 1988]. The covariance
@@ -103,8 +103,8 @@ filter! {
     /// Maximum number of measurements in the smoother. If there are more, each is the mean of a few neighbours, and
     /// others are omitted. Computing time is proportional to the third power of this number.
     smooth_measurements: usize, unit "1", default 1000usize, rule Rule::Between(2.0, 5000.0);
-    /// Standard deviation of the white noise of a measurement in the smoother, where the particles assume more because
-    /// they are few.
+    /// Standard deviation of the white noise of a measurement in the smoother. The particles assume more noise because
+    /// there are few of them.
     smooth_sigma_nt: Option<f64>, unit "nT", absent "the assumed noise of the particles", rule Rule::Positive;
     /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
@@ -129,10 +129,11 @@ impl NavigationFilter for Slam {
             Column::float("effective", "1", "effective number of particles after weighting"),
         ];
         if self.smooth {
-            let misfit = "mean squared residual of the model over its variance; NaN without smoothing";
+            let misfit = "mean squared residual of the model, divided by its variance; NaN without smoothing";
             columns.push(Column::text("smoothing", "outcome of the smoother: converged, stopped or none"));
             columns.push(Column::float("smoothing_misfit", "1", misfit));
-            let agreement = "information of revisits about each other over its expected value; NaN without revisits";
+            let agreement = "information that revisits give about each other, divided by its expected value; NaN \
+                without revisits";
             columns.push(Column::float("smoothing_agreement", "1", agreement));
         }
         columns

@@ -52,8 +52,9 @@ params! {
         absent "`gnss_lat`, `gnss_lon` and `gnss_alt` if the flight has them, else `lat`, `lon` and `alt`";
     /// Columns of the fix's velocity north, east and down.
     fix_velocity: Option<[String; 3]>, unit "m/s",
-        absent "`gnss_vn`, `gnss_ve` and `gnss_vd` for a fix by these `gnss_*` columns, else `vn`, `ve` and `vd`, if the flight has them; else the velocity of the INS";
-    /// Standard deviation of the fix's position in each of north and east.
+        absent "`gnss_vn`, `gnss_ve` and `gnss_vd` for a fix from `gnss_*` columns, otherwise `vn`, `ve` and `vd`; \
+            without these columns, the velocity of the INS";
+    /// Standard deviation of the fix's position, for each horizontal axis.
     fix_sigma_m: f64, unit "m", default 3.0, rule Rule::Positive;
     /// Standard deviation of the fix's height.
     fix_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;

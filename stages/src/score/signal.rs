@@ -65,7 +65,7 @@ metric! {
 
 metric! {
     /// standard deviation of the true anomaly (truth minus `igrf` and `diurnal`; without `igrf`, truth minus its
-    /// straight line over time) divided by that of compensated minus truth
+    /// straight line over time) divided by the standard deviation of compensated minus truth
     SNR = "snr", unit "1", pool Mean, better Higher,
     shown MetricDisplay::column(50, 30), needs [Signal, Truth], uses [Core, Diurnal];
     |line| {
@@ -75,9 +75,9 @@ metric! {
 }
 
 metric! {
-    /// slope of the compensated signal, minus core field and diurnal variation, as a function of the true anomaly; 1 if
-    /// compensation keeps the whole anomaly; n is the energy of the anomaly about its mean, nT^2, and weights the
-    /// lines; null where a line has at most two independent samples
+    /// slope of a straight line fitted to the compensated signal, minus core field and diurnal variation, against the
+    /// true anomaly; 1 if compensation keeps the whole anomaly; `n` is the sum of squares of the anomaly about its
+    /// mean, nT^2, and weights the lines; null for a line with at most two independent samples
     ANOMALY_RETENTION = "anomaly_retention", unit "1", pool Mean, better Near(1.0),
     shown MetricDisplay::column(60, 80), needs [Signal, Anomaly, Core], uses [Diurnal];
     |line| Ok(retention(line)?.0)
@@ -92,8 +92,8 @@ metric! {
 }
 
 metric! {
-    /// Noriega's index of a calibration box: sum over its twelve manoeuvres (pitch, roll and yaw on four headings) of
-    /// the mean peak-to-peak amplitude of the band-passed compensated signal; null unless all twelve are present
+    /// Noriega's index of a calibration box: mean peak-to-peak amplitude of the band-passed compensated signal, summed
+    /// over the twelve manoeuvres (pitch, roll and yaw on four headings); null unless all twelve are present
     FIGURE_OF_MERIT = "figure_of_merit", unit "nT", pool Rms, better Lower,
     shown MetricDisplay::column(70, 40), needs [Signal, Attitude];
     of_manoeuvres

@@ -124,8 +124,8 @@ metric! {
 }
 
 metric! {
-    /// whether the mean `nees` is within its 95 % chi-square band, 1 or 0 per line, for the number of independent
-    /// samples from its autocorrelation; 0.95 on average for a consistent filter. The band is too narrow for a line of
+    /// 1 for a line whose mean `nees` is within its 95 % chi-square band, else 0; the band is computed for the number
+    /// of independent samples; 0.95 on average for a consistent filter. The band is too narrow for a line that lasts
     /// only a few correlation times of the error
     NEES_CONSISTENT = "nees_consistent", unit "1", pool Mean, better Higher,
     needs [Track, Position], uses [Bound];
@@ -133,8 +133,8 @@ metric! {
 }
 
 metric! {
-    /// whether the mean `nis` is within its 95 % chi-square band, 1 or 0 per line, for the number of independent
-    /// samples from its autocorrelation; 0.95 on average for a consistent filter
+    /// 1 for a line whose mean `nis` is within its 95 % chi-square band, else 0; the band is computed for the number of
+    /// independent samples; 0.95 on average for a consistent filter
     NIS_CONSISTENT = "nis_consistent", unit "1", pool Mean, better Higher, needs [Track];
     |line| {
         Ok(consistency::within_chi_square_band(&ungated(line, line.named(ScoreSource::Track, "nis")?)?, 1.0))

@@ -211,7 +211,7 @@ mod tests {
             let fault = values("mags", &value).unwrap_err().remove(0);
             assert!(fault.what.contains(expected_text) && fault.help.unwrap().contains("`up_to`"), "{}", fault.what);
         }
-        // Few subsets, although all subsets of half the entries would be hundreds of millions.
+        // The axis has few subsets; all subsets of half of the entries would be hundreds of millions.
         assert_eq!(texts(&format!("{{ subsets_of = [{}], at_least = 28 }}", names(30))).len(), 435 + 30 + 1);
     }
 

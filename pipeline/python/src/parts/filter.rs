@@ -122,7 +122,7 @@ const COLUMNS: [&str; 11] = ["lat", "lon", "alt", "vn", "ve", "vd", "sd_n", "sd_
 
 type Found = (Vec<Option<Vec<f64>>>, Option<Vec<String>>);
 
-/// The track of the returned columns. Columns that are not returned are those of the INS, or NaN.
+/// The track of the returned columns. Columns that are not returned are taken from the INS, or are NaN.
 fn track(name: &str, input: &FilterInput, (columns, update): Found) -> Result<FilterTrack, Fault> {
     let (ins, rows) = (&input.ins, input.ins.len());
     let mut columns = columns.into_iter();

@@ -230,7 +230,7 @@ fn by_choice(axis: &SearchAxis, at: usize, trials: &[TrialTableRow]) -> Option<M
                 thead { tr { th scope="col" { (axis.name) } th.n scope="col" { "trials" } th.n scope="col" { "best" } th.n scope="col" { "mean" } } }
                 tbody { @for (word, n, best, mean) in &rows { tr { td { (word) } td.n { (n) } td.n { (number(*best)) } td.n { (number(*mean)) } } } }
             } }
-            figcaption { "Only trials with a goal." }
+            figcaption { "Trials without a goal are omitted." }
         }
     })
 }

@@ -309,7 +309,7 @@ impl<'a> RunComparison<'a> {
             return Some(format!("in sample in run {run} only"));
         }
         let (Some(one), Some(two)) = (&self.runs[0].rows, &self.runs[1].rows) else {
-            return Some("rows are not compared: too many".to_owned());
+            return Some("too many rows to compare".to_owned());
         };
         let counted = |rows: Option<&CellRows>, side: &RunCell| -> Vec<(u32, i64)> {
             counted(rows, side).map(|row| (row.line, row.n)).collect()
@@ -395,7 +395,7 @@ impl<'a> RunComparison<'a> {
         let mut omitted = vec![];
         if pairs.iter().flatten().map(Vec::len).sum::<usize>() > MOST_CELLS {
             pairs.clear();
-            omitted.push("no differences of single lines: too many".to_owned());
+            omitted.push("too many lines for differences of single lines".to_owned());
         }
         if shared.len() < self.shared.len() {
             omitted.push(format!("{} of {} shared points: the first", shared.len(), self.shared.len()));

@@ -229,8 +229,8 @@ impl ExecutorService {
         Ok(())
     }
 
-    /// Waits for the end of the running tasks. Reports meanwhile: the scheduler then dispatches nothing more to this
-    /// executor, and does not dispatch its running tasks to others.
+    /// Waits for the end of the running tasks. Continues to report: the scheduler then dispatches no further tasks to
+    /// this executor, and does not dispatch its running tasks to others.
     async fn finish(&self) {
         loop {
             let _ = timeout(ANSWER, self.beat()).await;

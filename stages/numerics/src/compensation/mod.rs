@@ -34,7 +34,7 @@
 //!
 //! Differences from the printed equations: Gnadt 2022 (3.20) omits s, but its Tables 3.1 and 3.2 and its ridge
 //! parameter of 0.025 include it. In its (3.16) and (3.19) the dots of the eddy terms are missing or misplaced: the
-//! rate is that of the vector, not |B| times that of the unit vector.
+//! terms contain the rate of the vector, not |B| times the rate of the unit vector.
 //!
 //! The band-passed equations also have the trivial solution a = 0, b = 1, c = 0, which attributes the whole field to
 //! the aircraft. [`trivial_solution`] measures the distance of a fit from it [van der Meer 2025, 4.2.1]. The error of

@@ -34,10 +34,10 @@
 //! has no vertical slope, so g_u is the whole vertical slope. With 2.5 degrees of pitch, a baseline of 15 m has 0.65 m
 //! of height. At 0.1 nT/m this exceeds the noise of such a difference.
 //!
-//! **The vector** measures the attitude about the field to (σ_v, b_v)/|B|: 50 nT of 50,000 nT are 0.06 degrees. Its
-//! other part is the scalar field again. The scalar map does not determine the crustal field across the core field,
-//! which is as large as the anomaly. It is the state a_c (north, east, down, with equal standard deviations and a
-//! correlation length).
+//! **The vector** measures the attitude, except for the rotation about the field, to (σ_v, b_v)/|B|: 50 nT of 50,000 nT
+//! are 0.06 degrees. Its other part is the scalar field again. The scalar map does not determine the crustal field
+//! across the core field, which is as large as the anomaly. It is the state a_c (north, east, down, with equal standard
+//! deviations and a correlation length).
 //!
 //! **A flat map** ([`Aids::flat_over_m`]): where the standard deviation of the measurement's white noise exceeds this
 //! number of metres times the horizontal slope, σ > |∇f| · `flat_over_m`, the sample does not observe the position, and

@@ -55,7 +55,7 @@ pub enum SpectrumError {
 pub struct PowerSpectrum {
     /// Frequencies from 0 to half of the sample rate, Hz.
     pub frequency_hz: Vec<f64>,
-    /// Power density at each, unit of the samples squared per Hz.
+    /// Power density at each frequency, in the squared unit of the samples per Hz.
     pub density: Vec<f64>,
     /// The number of segments that were averaged.
     pub segments: usize,

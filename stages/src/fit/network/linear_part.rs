@@ -14,7 +14,9 @@ params! {
     pub struct LinearPart;
     /// Terms of the linear model: entries of the features, by name or by a prefix that several names share before a
     /// `_`.
-    linear: Option<Vec<String>>, unit "", absent "the Tolles-Lawson terms among the features, otherwise those of the core-field model; for `etlnn` all features. Other terms, such as slopes or terms of the extended model, are inputs of the network only";
+    linear: Option<Vec<String>>, unit "", absent "the Tolles-Lawson terms among the features, otherwise the terms of \
+        the core-field model; for `etlnn` all features. Other terms, such as slopes or terms of the extended model, \
+        are inputs of the network only";
     /// Ridge parameter.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
     /// Lower corner frequency of the filter of the linear fit. 0 removes it.

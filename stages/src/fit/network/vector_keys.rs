@@ -41,7 +41,7 @@ impl VectorModelKeys {
     /// Checks the magnitude of the field that the terms give.
     ///
     /// # Errors
-    /// If it is not a magnitude of the earth's field.
+    /// Error if it is not a magnitude of the earth's field.
     pub fn check(&self, terms: &[f64], width: usize) -> Result<(), Fault> {
         let field_nt = self.frame(1.0).mean_field_nt(terms, width);
         if self.coupling == FieldCoupling::Projection || PLAUSIBLE_NT.contains(&field_nt) {

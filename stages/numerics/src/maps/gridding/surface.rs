@@ -145,7 +145,7 @@ impl FittedSurface {
     }
 
     /// Values at the positions of points. For minimum curvature: at any height, NaN off the grid. For equivalent
-    /// sources: NaN at points that are so far below neighbouring points that they are not above the sources.
+    /// sources: NaN at points that lie below the sources of neighbouring points.
     ///
     /// # Errors
     /// Fails, for equivalent sources, for columns of different lengths and for values that are not finite.

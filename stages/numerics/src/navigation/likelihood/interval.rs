@@ -14,8 +14,9 @@ const LEAST_GAIN: f64 = 1.5;
 /// Number of lags of the test of whiteness, and its limit. The expected value is 0.95.
 const WHITE: (usize, f64) = (20, 0.8);
 
-/// Noise of a line with the measurements of `search`, which are more than the `rows` measurements of `noise`. `None` if
-/// their errors are correlated or they do not add information. The process and the permanent field are those of `noise`.
+/// Noise of a line with the measurements of `search`. They are more numerous than the `rows` measurements of `noise`.
+/// `None` if their errors are correlated or they do not add information. The process and the permanent field are those
+/// of `noise`.
 ///
 /// # Errors
 /// Fails as [`NavigationLine::check`](crate::navigation::line::NavigationLine::check).

@@ -220,5 +220,5 @@ fn unit_invalid_networks_are_rejected() {
     assert_eq!(fault, "150 feature values are given, not 230 rows of 3");
     let other = NetworkPrior { weights: vec![0.0; 3], ..prior };
     let fault = run(&line, &network, &[0.0; 3 * ROWS], &other, &Aids::default(), &ALL).unwrap_err().to_string();
-    assert_eq!(fault, "3 weights and 21 densities do not match 21 weights");
+    assert_eq!(fault, "3 weights and 21 random-walk densities are given, not 21 of each");
 }

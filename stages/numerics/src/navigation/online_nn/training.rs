@@ -170,7 +170,8 @@ impl NetworkPrior {
         let states = network.weights();
         if self.weights.len() != states || self.walk_density.len() != states {
             let (weights, densities) = (self.weights.len(), self.walk_density.len());
-            let what = format!("{weights} weights and {densities} densities do not match {states} weights");
+            let what =
+                format!("{weights} weights and {densities} random-walk densities are given, not {states} of each");
             return Err(refused("weights", what));
         }
         check_covariance(&self.covariance, states)

@@ -219,7 +219,7 @@ params! {
     scale: f64, unit "1", default 1.0, rule Rule::Finite;
     /// Quantisation step of the recorded values; 0 disables rounding.
     resolution_a: f64, unit "A", default 0.0, rule Rule::NotNegative;
-    /// Records the current in a column. If false, the current flows unrecorded.
+    /// Records the current in a column. If false, the current flows but is not recorded.
     measured: bool, unit "", default true;
     /// Fraction of each change of the current's field that eddy currents in nearby conductors delay. The column does
     /// not show this delay.
