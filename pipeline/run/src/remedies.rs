@@ -7,7 +7,7 @@ use plan::{
     LineId, Plan, PlanGraph, PlanUnit, SweepPoint,
     spec::{Spec, StageDecl},
 };
-use results::warnings::{self, LineFacts, LineMetrics, Remedy, Warning};
+use results::warnings::{self, Improvement, LineFacts, LineMetrics, Remedy, Warning};
 use schemas::{Fault, Grain, SpecEntry, StageEntry};
 use store::Store;
 
@@ -84,7 +84,8 @@ struct TriedRemedies<'a> {
 }
 
 impl TriedRemedies<'_> {
-    /// The first remedy that improves the line of a warning, with its figures.
+    /// The first remedy that removes all flags of the line of a warning, else the first that improves it, with its
+    /// figures.
     fn improvement(
         &mut self,
         flagged: &FlaggedLine,
@@ -95,6 +96,7 @@ impl TriedRemedies<'_> {
         let inputs = plan.instance(flagged.unit.table, flagged.unit.instance).inputs();
         let facts = LineFacts::gather(self.graph, self.store, &inputs, flagged.line, &flagged.row)?;
         let is_set = |key: &str| plan.decl(flagged.navigation).is_some_and(|decl| decl.args.contains_key(key));
+        let mut better = None;
         for remedy in warnings::remedies(warning.kind, &facts, &is_set) {
             let text = remedy.text();
             let store = self.store;
@@ -104,11 +106,14 @@ impl TriedRemedies<'_> {
                 scored(&changed, store, &warning.stage, warning.line.as_ref()?)
             });
             let improvement = result.as_ref().and_then(|row| warnings::improvement(warning.kind, &flagged.row, row));
-            if let Some(figures) = improvement {
-                return Ok(Some(format!("{}: {text}, this line has {figures}", remedy.subject)));
+            let Some(Improvement { figures, is_flagged }) = improvement else { continue };
+            let found = format!("{}: {text}, this line has {figures}", remedy.subject);
+            if !is_flagged {
+                return Ok(Some(found));
             }
+            better.get_or_insert_with(|| format!("{found}; it is still flagged"));
         }
-        Ok(None)
+        Ok(better)
     }
 }
 

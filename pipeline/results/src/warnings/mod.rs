@@ -17,7 +17,7 @@ use store::Store;
 
 use crate::text::number;
 pub use cause::{LineFacts, NavigationSettings, NavigationSide};
-pub use remedy::{Remedy, improvement, remedies};
+pub use remedy::{Improvement, Remedy, improvement, remedies};
 pub use row::LineMetrics;
 pub use written::written;
 

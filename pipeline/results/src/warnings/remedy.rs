@@ -114,11 +114,20 @@ pub fn remedies(kind: WarningKind, facts: &LineFacts, is_set: &dyn Fn(&str) -> b
     found
 }
 
-/// Figures of a trial that improved a flagged line, as text; `None` if it did not.
+/// Result of a trial that improved a flagged line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Improvement {
+    /// Its figures as text, with the previous ones.
+    pub figures: String,
+    /// Whether the line is still flagged.
+    pub is_flagged: bool,
+}
+
+/// Compares a flagged line before and after a trial; `None` if it did not improve.
 ///
 /// With a true position, the flag must vanish without a larger DRMS, or the DRMS must be at least 20 % smaller with a
 /// NEES that is no farther from 2. Without one, the flag of the innovations must vanish. No other flag may appear.
-pub fn improvement(kind: WarningKind, before: &LineMetrics, after: &LineMetrics) -> Option<String> {
+pub fn improvement(kind: WarningKind, before: &LineMetrics, after: &LineMetrics) -> Option<Improvement> {
     let flags = |row: &LineMetrics| -> Vec<WarningKind> {
         of_navigation(row, NavigationSettings::default()).into_iter().map(|w| w.kind).filter(|k| k.spoils()).collect()
     };
@@ -144,7 +153,9 @@ pub fn improvement(kind: WarningKind, before: &LineMetrics, after: &LineMetrics)
         let (old, new) = both(metric)?;
         Some(format!("{metric} {}{unit} instead of {}{unit}", number(Some(new)), number(Some(old))))
     };
-    improves.then(|| metrics.iter().filter_map(figure).collect::<Vec<_>>().join(", ")).filter(|text| !text.is_empty())
+    let figures: Vec<String> = metrics.iter().filter_map(figure).collect();
+    let improvement = || Improvement { figures: figures.join(", "), is_flagged: !new.is_empty() };
+    (improves && !figures.is_empty()).then(improvement)
 }
 
 #[cfg(test)]
@@ -180,22 +191,21 @@ mod tests {
     #[test]
     fn unit_a_trial_improves_only_if_the_flag_vanishes_or_the_error_is_smaller() {
         let before = row(45.6, 35.0, 1.0);
-        let text = improvement(WarningKind::NeesHigh, &before, &row(13.1, 1.4, 1.0)).unwrap_or_default();
-        assert_eq!(text, "drms 13.10 m instead of 45.60 m, nees 1.400 instead of 35.00");
-        assert!(improvement(WarningKind::NeesHigh, &before, &row(30.0, 30.0, 1.0)).is_some());
+        let found = |after: LineMetrics| improvement(WarningKind::NeesHigh, &before, &after);
+        let figures = "drms 13.10 m instead of 45.60 m, nees 1.400 instead of 35.00".to_owned();
+        assert_eq!(found(row(13.1, 1.4, 1.0)), Some(Improvement { figures, is_flagged: false }));
+        assert!(found(row(30.0, 30.0, 1.0)).is_some_and(|improvement| improvement.is_flagged));
         // A larger error, a NEES that is farther from 2, a new flag, and no change.
         for after in [row(60.0, 2.0, 1.0), row(20.0, 50.0, 1.0), row(13.1, 1.4, 9.0), before.clone()] {
-            assert_eq!(improvement(WarningKind::NeesHigh, &before, &after), None, "{after:?}");
+            assert_eq!(found(after.clone()), None, "{after:?}");
         }
     }
 
     #[test]
     fn unit_without_truth_the_flag_of_the_innovations_decides() {
         let nis = |nis: f64| LineMetrics::from([("nis", nis)]);
-        assert_eq!(
-            improvement(WarningKind::NisHigh, &nis(9.0), &nis(1.1)).as_deref(),
-            Some("nis 1.100 instead of 9.000")
-        );
+        let found = improvement(WarningKind::NisHigh, &nis(9.0), &nis(1.1));
+        assert!(found.is_some_and(|improvement| improvement.figures == "nis 1.100 instead of 9.000"));
         assert_eq!(improvement(WarningKind::NisHigh, &nis(9.0), &nis(5.0)), None);
         // The innovations do not show whether another start or filter is better.
         assert_eq!(improvement(WarningKind::WideStart, &nis(1.0), &nis(1.0)), None);
