@@ -344,8 +344,8 @@ impl Stage for Fit {
         self.model.kind.made_of == FitData::Samples
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
-        let own = || self.model.keys.idle(key);
+    fn unused_key(&self, key: &str) -> Option<Fault> {
+        let own = || self.model.keys.unused_key(key);
         let model = self.model.kind;
         self.model
             .foreign(key)

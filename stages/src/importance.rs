@@ -246,7 +246,7 @@ impl Stage for Importance {
         Ok(yields)
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let needs = |methods: &str| Some(Fault::new(format!("`{key}` has no effect without the method {methods}")));
         let (permuted, explained) = (self.method == ImportanceMethod::Permutation, self.method.explains_samples());
         let screened = self.method == ImportanceMethod::Morris;

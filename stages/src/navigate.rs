@@ -275,17 +275,17 @@ impl Stage for Navigate {
         self.filter.keys.effort()
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let unused = key == "noise_column" && !self.filter.keys.takes_field();
         let what = || Fault::new(format!("the filter `{}` does not use `noise_column`", self.filter.kind.name));
         let noise = unused.then(what);
         let filter = &self.filter.keys;
         let of_groups = || {
-            let of_aiding = filter.aiding().and_then(|aiding| aiding.idle(key));
-            of_aiding.or_else(|| filter.further().and_then(|further| further.idle(key)))
+            let of_aiding = filter.aiding().and_then(|aiding| aiding.unused_key(key));
+            of_aiding.or_else(|| filter.further().and_then(|further| further.unused_key(key)))
         };
-        let own = self.filter.foreign(key).or(noise).or_else(|| self.geometry.idle(key));
-        own.or_else(|| filter.idle(key)).or_else(of_groups)
+        let own = self.filter.foreign(key).or(noise).or_else(|| self.geometry.unused_key(key));
+        own.or_else(|| filter.unused_key(key)).or_else(of_groups)
     }
 
     fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
