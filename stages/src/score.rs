@@ -3,14 +3,14 @@
 //! A metric is one item in the file of its subject and one line in the list of `metrics.rs`.
 
 mod line;
-mod map;
+pub mod map;
 mod metric;
 pub mod metrics;
-mod signal;
+pub mod signal;
 mod source;
 #[cfg(test)]
 mod testing;
-mod track;
+pub mod track;
 
 use std::sync::Arc;
 

@@ -77,6 +77,8 @@ const OVERFITTING_RATIO: Metric = Metric {
     pool: PoolingRule::Mean,
     better: MetricPreference::Lower,
     shown: MetricDisplay::NOWHERE,
+    baseline: None,
+    limit: None,
 };
 
 impl Stage for Summary {

@@ -45,7 +45,6 @@ use schemas::{Fault, InputKind};
 use store::Store;
 
 pub use against::ReportComparison;
-pub(crate) use answer::baseline;
 use atlas::{Atlas, AtlasTracks, atlases};
 pub(crate) use board::{MoreScores, ScoreBoard};
 pub use earth::{TrackSelection, kml};

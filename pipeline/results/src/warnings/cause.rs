@@ -8,7 +8,10 @@ use arrow_array::{
 use numerics::earth::dates::decimal_year;
 use plan::{LineId, PlanGraph, TableRef};
 use schemas::Fault;
-use stages::navigate::START_COLUMNS;
+use stages::{
+    navigate::START_COLUMNS,
+    score::{Scorer, map, signal, track},
+};
 use store::Store;
 
 use super::{WarningKind, limits, navigation, row::LineMetrics};
@@ -127,7 +130,7 @@ impl<'a> LineFacts<'a> {
         };
         let settings = NavigationSettings {
             compensated: graph.plan.upstream(&it.inputs(), "compensate").is_some(),
-            gnss_rejected_s: match row.counted("gnss_rejected") {
+            gnss_rejected_s: match row.counted(&track::GNSS_REJECTED) {
                 Some((count, _)) if count > 0.0 => gnss_rejected_s(graph, store, track, line)?,
                 Some(_) | None => None,
             },
@@ -161,7 +164,7 @@ impl<'a> LineFacts<'a> {
     }
 
     fn diverged(&self) -> bool {
-        self.row.get("drms").zip(self.row.get("ins_drms")).is_some_and(|(drms, ins)| drms > ins)
+        self.row.get(&track::DRMS).zip(self.row.get(&track::INS_DRMS)).is_some_and(|(drms, ins)| drms > ins)
     }
 
     /// Likely cause of a warning; `None` if no known fact explains it.
@@ -236,7 +239,7 @@ impl<'a> LineFacts<'a> {
         // An estimated noise includes an offset.
         if settings.offset_window_s == 0.0 && !settings.found {
             let large = |bias: &f64| bias.abs() > limits::BIAS_SIGMAS * sigma.unwrap_or(5.0);
-            match row.get("bias_error") {
+            match row.get(&signal::BIAS_ERROR) {
                 Some(bias) if large(&bias) => found.push(format!(
                     "the measurement has a bias (bias_error {} nT) and `offset_window_s` is 0",
                     shown(bias)
@@ -248,7 +251,7 @@ impl<'a> LineFacts<'a> {
                 None => {}
             }
         }
-        if let Some(error) = row.get("map_height_error").filter(|e| *e > limits::map_height_nt(sigma)) {
+        if let Some(error) = row.get(&map::MAP_HEIGHT_ERROR).filter(|e| *e > limits::map_height_nt(sigma)) {
             found.push(format!("the map is at a different height from the flight ({} nT rms)", shown(error)));
         }
         if let Some((declared_year, flight_year)) = settings.dates.filter(|(a, b)| (a - b).abs() > limits::DATE_A) {
@@ -265,11 +268,17 @@ impl<'a> LineFacts<'a> {
         found
     }
 
+    /// The mean normalised innovation squared if it is beyond its smallest or its largest accepted value.
+    fn nis_beyond(&self, is_beyond: impl Fn(f64, (f64, f64)) -> bool) -> Option<f64> {
+        let accepted = track::NIS.metric.accepted()?;
+        self.row.get(&track::NIS).filter(|nis| is_beyond(*nis, accepted))
+    }
+
     fn sigma_too_small(&self, sigma: Option<f64>) -> Option<String> {
         let sigma = sigma?;
         let shown = |x: f64| number(Some(x));
-        let left = self.row.get("std_error").filter(|left| *left > limits::LEFT_OVER_SIGMA * sigma);
-        let nis = self.row.get("nis").filter(|nis| *nis > limits::NIS.high());
+        let left = self.row.get(&signal::STD_ERROR).filter(|left| *left > limits::LEFT_OVER_SIGMA * sigma);
+        let nis = self.nis_beyond(|nis, (_, most)| nis > most);
         match (left, nis) {
             (Some(left), _) => Some(format!(
                 "the residual of compensation is {} nT (std_error), but `measurement_sigma_nt` is {}",
@@ -288,13 +297,11 @@ impl<'a> LineFacts<'a> {
 
     /// Cause if no specific fault is known.
     fn otherwise(&self, kind: WarningKind) -> Option<String> {
-        let within = |metric: &str, law: &limits::ConsistencyLimit| {
-            self.row.get(metric).is_some_and(|v| v >= law.low() && v <= law.high())
-        };
-        if kind == WarningKind::WorseThanIns && within("nees", &limits::NEES) {
+        let within = |scorer: &Scorer| self.row.get(scorer).is_some_and(|value| !scorer.metric.is_flagged(value));
+        if kind == WarningKind::WorseThanIns && within(&track::NEES) {
             return Some("the filter is consistent, but the map has too little information along this line".to_owned());
         }
-        within("nis", &limits::NIS).then(|| {
+        within(&track::NIS).then(|| {
             "the innovations have the predicted size, so the filter treats correlated errors (of the map or of \
              compensation) as independent noise; increase `measurement_sigma_nt` or `fogm_sigma_nt`"
                 .to_owned()
@@ -303,7 +310,7 @@ impl<'a> LineFacts<'a> {
 
     fn too_cautious(&self, settings: &NavigationSettings) -> Vec<String> {
         let shown = |x: f64| number(Some(x));
-        let low = self.row.get("nis").filter(|nis| *nis < limits::NIS.low());
+        let low = self.nis_beyond(|nis, (least, _)| nis < least);
         let lasting = settings.fogm_sigma_nt.filter(|fogm| settings.sigma_nt.is_some_and(|sigma| *fogm > 5.0 * sigma));
         match (low, settings.sigma_nt, lasting) {
             (Some(_), Some(sigma), Some(lasting)) => vec![format!(
@@ -314,7 +321,7 @@ impl<'a> LineFacts<'a> {
                 shown(sigma)
             )],
             (Some(nis), Some(sigma), None) => {
-                let left = self.row.get("std_error");
+                let left = self.row.get(&signal::STD_ERROR);
                 let left = left.map_or(String::new(), |left| {
                     let lasts = "std_error; its correlated part belongs in `fogm_sigma_nt`";
                     format!(", and the residual of compensation is {} nT ({lasts})", shown(left))
