@@ -19,7 +19,7 @@ pub use self::{
         AnyLinePart, AnyLinePoint, AnySharedData, AnyStage, AnySurveyPoint, LineOutput, LineStageDyn, MapStageDyn,
         StageDyn, SurveyAggregatorDyn, SurveyStageDyn,
     },
-    table::{Grain, InputDecl, InputKind, PassThroughColumns, StageSchema, Table, TableKind},
+    table::{Grain, InputDecl, InputKind, PassThroughColumns, StageRole, StageSchema, Table, TableKind},
     work::{CheckpointMonitor, NullMonitor},
 };
 use crate::{Fault, Params};

@@ -144,7 +144,7 @@ stage! {
     ///
     /// Source: Gnadt 2022, (3.19) to (3.43), Figure 5-6 of `warm_start`; van der Meer 2025, sections 2.2 to 2.4, 4.1
     /// and 4.2.1.
-    Fit = "fit", version 5, grain Survey, inputs [input: Lines, warm_start: Model optional],
+    Fit = "fit", version 5, grain Survey, role FitsModel, inputs [input: Lines, warm_start: Model optional],
     example r#"
 [[stages]]
 name   = "fit"

@@ -102,7 +102,7 @@ stage! {
     /// over a known field. With `offset_window_s` the offset removes the slow error of the first seconds, and the
     /// variance and time constant of the remaining error are doubled. With `measurement_sigma_nt = "auto"` the error of
     /// bilinear interpolation between nodes is added to the white noise.
-    Navigate = "navigate", version 11, grain Line,
+    Navigate = "navigate", version 11, grain Line, role EstimatesTrack,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
     groups [noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec], example r#"
 [[stages]]

@@ -41,7 +41,7 @@ stage! {
     /// training lines, and other lines only from other lines.
     ///
     /// Source: van der Meer 2025, (4.9); Efron & Tibshirani 1993, chapter 13.
-    Summary = "summary", version 4, grain Survey, inputs [input: Scores],
+    Summary = "summary", version 4, grain Survey, role PoolsScores, inputs [input: Scores],
     example r#"
 [[stages]]
 name  = "summary"

@@ -6,7 +6,7 @@ use maud::{Markup, html};
 use plan::{PlanUnit, TableRef};
 use results::text::number;
 use schemas::{
-    Fault,
+    Fault, StageRole,
     metric::{Metric, MetricBaseline},
 };
 
@@ -126,9 +126,9 @@ fn excluded(board: &ScoreBoard, row: usize, metric: usize) -> Option<String> {
 fn interval(source: &ReportSource, board: &ScoreBoard, row: usize, metric: &str) -> Result<Option<(f64, f64)>, Fault> {
     let plan = source.graph.plan;
     let here = TableRef::Stage(board.table, board.instances.get(row).copied().unwrap_or(0));
-    for (table, node) in plan.tables.iter().enumerate().filter(|(_, t)| t.entry.name == "summary") {
-        for instance in 0..node.len() {
-            if plan.upstream(&plan.instance(table, instance).inputs(), "score") != Some(here) {
+    for table in plan.tables_of(StageRole::PoolsScores) {
+        for instance in 0..plan.tables[table].len() {
+            if plan.upstream(&plan.instance(table, instance).inputs(), StageRole::Scores) != Some(here) {
                 continue;
             }
             let unit = PlanUnit { table, instance, line: None };

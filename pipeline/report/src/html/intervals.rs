@@ -10,7 +10,7 @@ use maud::{Markup, html};
 use plan::PlanUnit;
 use results::text::number;
 use schemas::{
-    Fault,
+    Fault, StageRole,
     metric::{Metric, MetricLimit, PoolingRule},
 };
 
@@ -51,7 +51,8 @@ struct IntervalDot {
 pub fn sections(source: &ReportSource) -> Result<Vec<Markup>, Fault> {
     let plan = source.graph.plan;
     let mut out = vec![];
-    for (table, node) in plan.tables.iter().enumerate().filter(|(_, t)| t.entry.name == "summary") {
+    for table in plan.tables_of(StageRole::PoolsScores) {
+        let node = &plan.tables[table];
         let mut metrics: Vec<IntervalRow> = vec![];
         for (instance, it) in plan.instances(table).enumerate() {
             let unit = PlanUnit { table, instance, line: None };

@@ -15,7 +15,7 @@ use results::{
     scores::Scores,
     warnings,
 };
-use schemas::{Fault, keys::HashKey};
+use schemas::{Fault, StageRole, keys::HashKey};
 use serde_json::{Value, json};
 use store::{Store, generation};
 
@@ -159,7 +159,7 @@ impl<'a> RunProgress<'a> {
     }
 
     fn is_scores(&self, table: usize) -> bool {
-        self.graph.plan.tables.get(table).is_some_and(|node| node.entry.name == "score")
+        self.graph.plan.tables.get(table).is_some_and(|node| node.entry.role == Some(StageRole::Scores))
     }
 
     fn table(&self, progress: &TableCount) -> Value {

@@ -7,7 +7,7 @@ use arrow_array::{
 };
 use numerics::earth::dates::decimal_year;
 use plan::{LineId, PlanGraph, TableRef};
-use schemas::Fault;
+use schemas::{Fault, StageRole};
 use stages::{
     navigate::START_COLUMNS,
     score::{Scorer, map, signal, track},
@@ -129,7 +129,7 @@ impl<'a> LineFacts<'a> {
             (NavigationSide::Flight, None) => Ok(None),
         };
         let settings = NavigationSettings {
-            compensated: graph.plan.upstream(&it.inputs(), "compensate").is_some(),
+            compensated: graph.plan.upstream(&it.inputs(), StageRole::Compensates).is_some(),
             gnss_rejected_s: match row.counted(&track::GNSS_REJECTED) {
                 Some((count, _)) if count > 0.0 => gnss_rejected_s(graph, store, track, line)?,
                 Some(_) | None => None,

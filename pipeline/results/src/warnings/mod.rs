@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use arrow_array::{Array, cast::AsArray};
 use plan::{LineId, Plan, PlanGraph, PlanUnit, SweepPoint, TableRef};
 use rayon::prelude::*;
-use schemas::{Fault, Grain, TableKind, metric::Metric};
+use schemas::{Fault, Grain, StageRole, TableKind, metric::Metric};
 use stages::score::{map, signal, track};
 use store::Store;
 
@@ -208,10 +208,10 @@ impl Warning {
 /// Fails when the store cannot be read.
 pub fn find(graph: &PlanGraph, store: &Store, done: &(dyn Fn(PlanUnit) -> bool + Sync)) -> Result<Vec<Warning>, Fault> {
     let plan = graph.plan;
-    let tables = |stage: &'static str| (0..plan.tables.len()).filter(move |t| plan.tables[*t].entry.name == stage);
-    let units = |stage| tables(stage).flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect::<Vec<PlanUnit>>();
-    let scores = units("score").into_par_iter().map(|unit| of_score(graph, store, unit));
-    let fits = units("fit").into_par_iter().map(|unit| of_fit(graph, store, unit));
+    let units =
+        |role| plan.tables_of(role).flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect::<Vec<PlanUnit>>();
+    let scores = units(StageRole::Scores).into_par_iter().map(|unit| of_score(graph, store, unit));
+    let fits = units(StageRole::FitsModel).into_par_iter().map(|unit| of_fit(graph, store, unit));
     let made = |kind: WarningKind, tables: Vec<usize>| {
         let units: Vec<PlanUnit> = tables.into_iter().flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect();
         units.into_par_iter().map(move |unit| of_remarks(graph, store, unit, kind))
@@ -219,7 +219,7 @@ pub fn find(graph: &PlanGraph, store: &Store, done: &(dyn Fn(PlanUnit) -> bool +
     let is_map = |t: &usize| plan.tables[*t].entry.yields == TableKind::Map;
     let is_other = |t: &usize| {
         let entry = &plan.tables[*t].entry;
-        entry.grain == Grain::Survey && !is_map(t) && !["fit", "score"].contains(&entry.name)
+        entry.grain == Grain::Survey && !is_map(t) && entry.role != Some(StageRole::FitsModel)
     };
     let maps = made(WarningKind::Map, (0..plan.tables.len()).filter(is_map).collect());
     let others = made(WarningKind::Stage, (0..plan.tables.len()).filter(is_other).collect());
@@ -467,7 +467,7 @@ fn group_text(group: &[&Warning]) -> String {
 
 /// The navigation behind some tables, if any.
 fn navigation(plan: &Plan, inputs: &[TableRef]) -> Option<(usize, usize)> {
-    match plan.upstream(inputs, "navigate") {
+    match plan.upstream(inputs, StageRole::EstimatesTrack) {
         Some(TableRef::Stage(t, i)) => Some((t, i)),
         _ => None,
     }
