@@ -20,6 +20,7 @@ mod intervals;
 mod known;
 mod model;
 mod page;
+mod plain_text;
 mod published;
 mod quality;
 mod scripts;
