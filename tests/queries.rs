@@ -5,7 +5,8 @@ use serde_json::Value;
 
 use crate::support::{Bench, numbers, read, stderr, stdout, texts};
 
-fn ran() -> Bench {
+/// A workspace whose spec has run.
+pub fn ran() -> Bench {
     let bench = Bench::new();
     let done = bench.run(&[]);
     assert_eq!(done.code, 0, "{}", done.stderr);

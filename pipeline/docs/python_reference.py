@@ -11,10 +11,11 @@ from pathlib import Path
 PACKAGE = Path(__file__).resolve().parent.parent / "python" / "magline"
 # Modules with public functions, and the prefix of their names.
 MODULES = {
-    "runs": "magline", "spec": "magline", "tables": "magline", "parts": "magline", "errors": "magline",
-    "views": "magline", "tolles_lawson": "magline.tolles_lawson", "core_field": "magline.core_field",
-    "signal": "magline.signal", "maps": "magline.maps", "stream": "magline.stream", "metrics": "magline.metrics",
-    "filters": "magline.filters", "_filters": "magline.filters",
+    "runs": "magline", "results": "magline", "spec": "magline", "tables": "magline", "parts": "magline",
+    "declarations": "magline", "errors": "magline", "views": "magline",
+    "tolles_lawson": "magline.tolles_lawson", "core_field": "magline.core_field", "signal": "magline.signal",
+    "maps": "magline.maps", "stream": "magline.stream", "metrics": "magline.metrics", "filters": "magline.filters",
+    "_filters": "magline.filters",
 }
 SECTION = re.compile(r"(?m)^(\w[\w ]*)\n-{3,}\n")
 

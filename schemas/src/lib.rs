@@ -28,7 +28,7 @@ pub use sampling::{RateDependence, RateLaw, is_same_rate};
 pub use stage::{
     AnyLinePart, AnyLinePoint, AnySharedData, AnyStage, AnySurveyPoint, CheckpointMonitor, ChoiceDoc, Grain, InputDecl,
     InputKind, LineInput, LineOutput, LinePoint, LineStage, LineStageDyn, MapStage, MapStageDyn, NullMonitor,
-    PassThroughColumns, Stage, StageBuilder, StageDyn, StageEntry, StageHeader, StageOutput, StageSchema,
+    PassThroughColumns, Stage, StageBuilder, StageDyn, StageEntry, StageHeader, StageOutput, StageRole, StageSchema,
     SurveyAggregator, SurveyAggregatorDyn, SurveyPoint, SurveyStage, SurveyStageDyn, Table, TableKind, is_optional,
 };
 pub use unit::{convert, convertible_to, is_unit, usual_spelling};

@@ -18,6 +18,57 @@ pub struct Metric {
     pub better: MetricPreference,
     /// Places where it is shown, in addition to the table of scores.
     pub shown: MetricDisplay,
+    /// The same quantity without navigation or compensation.
+    pub baseline: Option<MetricBaseline>,
+    /// Limit beyond which a value is flagged by a warning.
+    pub limit: Option<MetricLimit>,
+}
+
+impl Metric {
+    /// The preferred value of [`MetricPreference::Near`].
+    pub const fn target(&self) -> Option<f64> {
+        match self.better {
+            MetricPreference::Near(target) => Some(target),
+            MetricPreference::Lower | MetricPreference::Higher | MetricPreference::Neither => None,
+        }
+    }
+
+    /// Whether `value` is beyond the limit. False without a limit.
+    pub fn is_flagged(&self, value: f64) -> bool {
+        self.accepted().is_some_and(|(low, high)| value < low || value > high)
+    }
+
+    /// The smallest and the largest value within the limit; `None` without a limit.
+    pub const fn accepted(&self) -> Option<(f64, f64)> {
+        match (self.limit, self.better) {
+            (Some(MetricLimit::Factor(factor)), MetricPreference::Near(target)) => {
+                Some((target / factor, target * factor))
+            }
+            (Some(MetricLimit::AtLeast(low)), _) => Some((low, f64::INFINITY)),
+            (Some(MetricLimit::AtMost(high)), _) => Some((f64::NEG_INFINITY, high)),
+            (Some(MetricLimit::Factor(_)) | None, _) => None,
+        }
+    }
+}
+
+/// The metric of the same quantity without navigation or compensation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MetricBaseline {
+    /// Name of the metric.
+    pub metric: &'static str,
+    /// Name of the baseline in a figure or a table.
+    pub label: &'static str,
+}
+
+/// Limit beyond which a value of a metric is flagged by a warning.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MetricLimit {
+    /// Largest factor above or below the target of [`MetricPreference::Near`].
+    Factor(f64),
+    /// Smallest accepted value.
+    AtLeast(f64),
+    /// Largest accepted value.
+    AtMost(f64),
 }
 
 /// Pooling rule over lines.

@@ -19,7 +19,7 @@ pub use self::{
         AnyLinePart, AnyLinePoint, AnySharedData, AnyStage, AnySurveyPoint, LineOutput, LineStageDyn, MapStageDyn,
         StageDyn, SurveyAggregatorDyn, SurveyStageDyn,
     },
-    table::{Grain, InputDecl, InputKind, PassThroughColumns, StageSchema, Table, TableKind},
+    table::{Grain, InputDecl, InputKind, PassThroughColumns, StageRole, StageSchema, Table, TableKind},
     work::{CheckpointMonitor, NullMonitor},
 };
 use crate::{Fault, Params};
@@ -64,7 +64,7 @@ pub trait Stage: Params + Any + Send + Sync {
     /// Reason why the parameter `key` has no effect, such as a key of a model that is not fitted; `None` if it has an
     /// effect. The key of a result omits such parameters, so that points of a sweep that differ only in them are
     /// computed once. A spec that sets such a parameter explicitly is rejected.
-    fn idle(&self, _key: &str) -> Option<Fault> {
+    fn unused_key(&self, _key: &str) -> Option<Fault> {
         None
     }
 

@@ -50,7 +50,7 @@ stage! {
     /// `mag_aircraft_sigma` is the standard deviation of the prediction, from the spread of an ensemble. It is null if
     /// the model does not provide one. A nonlinear model predicts the constant part if its target includes it.
     /// Source: Gnadt 2022, (3.22).
-    Compensate = "compensate", version 4, grain Line, inputs [input: Lines, model: Model],
+    Compensate = "compensate", version 4, grain Line, role Compensates, inputs [input: Lines, model: Model],
     example r#"
 [[stages]]
 name  = "compensate"

@@ -110,7 +110,7 @@ impl Stage for Derivative {
         Ok(StageSchema::append(made, &reads))
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let fitted = self.method == DerivativeMethod::SavitzkyGolay;
         let is_unused = !fitted && (key == "window" || key == "degree");
         is_unused.then(|| Fault::new(format!("`{key}` has no effect with the method `central`")))
@@ -222,7 +222,10 @@ mod tests {
             ]
         );
         assert!(fault_texts(stage(Some(4)).yields(&[&lines]).unwrap_err()).ends_with("[window]"));
-        assert!(derivative(DerivativeMethod::Central).idle("window").is_some() && stage(None).idle("window").is_none());
+        assert!(
+            derivative(DerivativeMethod::Central).unused_key("window").is_some()
+                && stage(None).unused_key("window").is_none()
+        );
         assert!(
             run(&derivative(DerivativeMethod::SavitzkyGolay), "nT", vec![1.0; 4])
                 .unwrap_err()

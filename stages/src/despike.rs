@@ -147,7 +147,7 @@ impl Stage for Despike {
         Ok(StageSchema::append(made, &reads))
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let is_unused = key == "window" && self.method == SpikeDetection::FourthDifference;
         is_unused.then(|| Fault::new("`window` has no effect with the method `fourth_difference`"))
     }

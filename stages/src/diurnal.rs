@@ -1,17 +1,19 @@
 //! Diurnal variation from observatory records.
 
+mod station;
+
 use std::collections::BTreeMap;
 
 use arrow_array::{Array, RecordBatch, cast::AsArray};
 use numerics::{
     earth::{dates::day_number, geodesy::ecef_m},
-    regression::statistics::median,
-    signal::resample::{ResamplePlan, SampleInterpolation},
+    signal::resample::SampleInterpolation,
 };
 use schemas::{
     Column, Fault, LineInput, LineOutput, LineStage, MagneticCorrection, Role, Rule, Stage, StageSchema, Table,
     TableShape, choice, stage,
 };
+use station::{Station, StationSamples, Stations};
 
 use crate::{
     columns::{array, data, faults_of, floats, shape},
@@ -78,31 +80,6 @@ const PLACE: [&str; 2] = ["lat", "lon"];
 /// Smallest distance used in the weights, so that a station below the aircraft has a finite weight.
 const NEAREST_M: f64 = 1.0;
 
-/// The record of one station.
-#[derive(Debug)]
-pub struct Station {
-    name: String,
-    /// Earth-centred position, m. `None` if the record has none.
-    place_m: Option<[f64; 3]>,
-    /// Seconds from midnight of the day [`Stations::first_day`], ascending.
-    t_s: Vec<f64>,
-    value_nt: Vec<f64>,
-}
-
-/// Stations, and the day from which their times are counted.
-#[derive(Debug)]
-pub struct Stations {
-    first_day: i64,
-    all: Vec<Station>,
-}
-
-/// Samples of a station from its tables: day, seconds and value.
-#[derive(Default)]
-struct StationSamples {
-    place_deg: Option<(f64, f64)>,
-    rows: Vec<(i64, f64, f64)>,
-}
-
 impl Diurnal {
     /// The position columns of the line; none if it has no position.
     fn position_of(&self, input: &TableShape) -> &'static [&'static str] {
@@ -156,49 +133,6 @@ impl Diurnal {
         // Relative to the first value, so that a sum of thousands of fields keeps its precision.
         let first = finite.first().copied().unwrap_or(f64::NAN);
         first + finite.iter().map(|x| x - first).sum::<f64>() / finite.len() as f64
-    }
-}
-
-impl Station {
-    fn new(name: String, samples: StationSamples, first_day: i64, max_gap_s: f64) -> Result<Station, Fault> {
-        let second = |(day, tt, _): &(i64, f64, f64)| DAY_S * (day - first_day) as f64 + tt;
-        let mut rows: Vec<(f64, f64)> = samples.rows.iter().map(|row| (second(row), row.2)).collect();
-        rows.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // A value that is in two overlapping files counts once.
-        rows.dedup_by(|b, a| a == b);
-        if let Some(pair) = rows.windows(2).find(|pair| pair[0].0 == pair[1].0) {
-            let time_s = pair[0].0.rem_euclid(DAY_S);
-            let what = format!(
-                "the record of {name} has two values at {time_s} s of a day: {} and {} nT",
-                pair[0].1, pair[1].1
-            );
-            return Err(Fault::data(what).help("give each station one table, without overlapping files"));
-        }
-        let mut steps: Vec<f64> = rows.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
-        let usual_s = median(&mut steps);
-        if usual_s > max_gap_s {
-            let what = format!(
-                "the record of {name} has a value every {usual_s} s, so all its steps are gaps of more than \
-                 {max_gap_s} s"
-            );
-            return Err(Fault::data(what).help("raise `max_gap_s`"));
-        }
-        let place_m = samples.place_deg.map(|(lat, lon)| ecef_m(lat.to_radians(), lon.to_radians(), 0.0));
-        let (t_s, value_nt) = rows.into_iter().unzip();
-        Ok(Station { name, place_m, t_s, value_nt })
-    }
-
-    /// The values at ascending times.
-    fn at(&self, times_s: &[f64], method: SampleInterpolation, max_gap_s: f64) -> Result<Vec<f64>, Fault> {
-        // The rate sets the tolerance for equal times: a millionth of a second.
-        let plan =
-            ResamplePlan::onto(&self.t_s, times_s.to_vec(), 1.0, max_gap_s).map_err(|e| data(e).in_column("tt"))?;
-        plan.column(&self.value_nt, method).map_err(data)
-    }
-
-    /// Its first and last day.
-    fn span(&self) -> Option<(f64, f64)> {
-        Some((*self.t_s.first()?, *self.t_s.last()?))
     }
 }
 

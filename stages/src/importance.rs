@@ -132,7 +132,8 @@ stage! {
     /// Source: Breiman 2001; Lundberg & Lee 2017; Lundberg et al. 2020; Erion et al. 2021; Blumensath & Davies 2010;
     /// Morris 1991; Campolongo, Cariboni & Saltelli 2007; Sobol 2001; Jansen 1999; Saltelli et al. 2010; Gnadt 2022,
     /// section 4.8 and (4.10).
-    Importance = "importance", version 2, grain Line, yields Scores, inputs [input: Lines, model: Model],
+    Importance = "importance", version 2, grain Line, yields Scores, role RanksInputs,
+    inputs [input: Lines, model: Model],
     example r#"
 [[stages]]
 name    = "importance"
@@ -246,7 +247,7 @@ impl Stage for Importance {
         Ok(yields)
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let needs = |methods: &str| Some(Fault::new(format!("`{key}` has no effect without the method {methods}")));
         let (permuted, explained) = (self.method == ImportanceMethod::Permutation, self.method.explains_samples());
         let screened = self.method == ImportanceMethod::Morris;

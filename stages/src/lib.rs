@@ -44,7 +44,7 @@ pub mod score;
 mod segments;
 mod select;
 mod simulate_ins;
-mod summary;
+pub mod summary;
 mod target;
 #[cfg(test)]
 mod testing;

@@ -236,7 +236,7 @@ impl Stage for MapFill {
         Ok(schemas::map::yields(schemas::map::ANOMALY_UNIT, vec![whole_map(); inputs.len()]))
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let of_knn = ["neighbours", "power", "within_m"].contains(&key) && self.method != GapFillMethod::Knn;
         let what = format!("`{key}` belongs to the method `knn`, not to `{}`", self.method.word());
         of_knn.then(|| Fault::new(what).help(format!("remove `{key}`, or set `method = \"knn\"`")))

@@ -414,7 +414,7 @@ impl Stage for MapGrid {
         Ok(yields)
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let of = |param: &str, word: &str| {
             let fault = Fault::new(format!("`{key}` has no effect without `{param} = {word}`"));
             Some(fault.help(format!("remove `{key}`, or set `{param} = {word}`")))

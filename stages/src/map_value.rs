@@ -27,7 +27,7 @@ stage! {
     /// or above the map.
     ///
     /// Source: Gnadt 2022, section 2.3; Blakely 1996, chapter 12.
-    MapValue = "map_value", version 5, grain Line, inputs [input: Lines, map: Map],
+    MapValue = "map_value", version 5, grain Line, role ReadsMap, inputs [input: Lines, map: Map],
     example r#"
 [[stages]]
 name         = "map_value"

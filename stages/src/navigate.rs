@@ -102,7 +102,7 @@ stage! {
     /// over a known field. With `offset_window_s` the offset removes the slow error of the first seconds, and the
     /// variance and time constant of the remaining error are doubled. With `measurement_sigma_nt = "auto"` the error of
     /// bilinear interpolation between nodes is added to the white noise.
-    Navigate = "navigate", version 11, grain Line,
+    Navigate = "navigate", version 11, grain Line, role EstimatesTrack,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
     groups [noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec], example r#"
 [[stages]]
@@ -275,17 +275,17 @@ impl Stage for Navigate {
         self.filter.keys.effort()
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let unused = key == "noise_column" && !self.filter.keys.takes_field();
         let what = || Fault::new(format!("the filter `{}` does not use `noise_column`", self.filter.kind.name));
         let noise = unused.then(what);
         let filter = &self.filter.keys;
         let of_groups = || {
-            let of_aiding = filter.aiding().and_then(|aiding| aiding.idle(key));
-            of_aiding.or_else(|| filter.further().and_then(|further| further.idle(key)))
+            let of_aiding = filter.aiding().and_then(|aiding| aiding.unused_key(key));
+            of_aiding.or_else(|| filter.further().and_then(|further| further.unused_key(key)))
         };
-        let own = self.filter.foreign(key).or(noise).or_else(|| self.geometry.idle(key));
-        own.or_else(|| filter.idle(key)).or_else(of_groups)
+        let own = self.filter.foreign(key).or(noise).or_else(|| self.geometry.unused_key(key));
+        own.or_else(|| filter.unused_key(key)).or_else(of_groups)
     }
 
     fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {

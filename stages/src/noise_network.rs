@@ -169,8 +169,8 @@ impl Stage for NoiseNetworkStage {
         self.epochs as f64
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
-        self.geometry.idle(key)
+    fn unused_key(&self, key: &str) -> Option<Fault> {
+        self.geometry.unused_key(key)
     }
 
     fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {

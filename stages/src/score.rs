@@ -3,14 +3,14 @@
 //! A metric is one item in the file of its subject and one line in the list of `metrics.rs`.
 
 mod line;
-mod map;
+pub mod map;
 mod metric;
 pub mod metrics;
-mod signal;
+pub mod signal;
 mod source;
 #[cfg(test)]
 mod testing;
-mod track;
+pub mod track;
 
 use std::sync::Arc;
 
@@ -94,7 +94,7 @@ stage! {
     ///
     /// Source: Gnadt 2022, (3.45), (3.46); Lee 2019, (66); van der Meer 2025, (2.39) to (2.41); Bar-Shalom, Li &
     /// Kirubarajan 2001, section 5.4; Mehra 1970.
-    Score = "score", version 7, grain Line, yields Scores, inputs [input: ManyLines],
+    Score = "score", version 7, grain Line, yields Scores, role Scores, inputs [input: ManyLines],
     example r#"
 [[stages]]
 name  = "score"

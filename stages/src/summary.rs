@@ -41,7 +41,7 @@ stage! {
     /// lines are drawn only from training lines, and other lines only from other lines.
     ///
     /// Source: van der Meer 2025, (4.9); Efron & Tibshirani 1993, chapter 13.
-    Summary = "summary", version 4, grain Survey, inputs [input: Scores],
+    Summary = "summary", version 4, grain Survey, role PoolsScores, inputs [input: Scores],
     example r#"
 [[stages]]
 name  = "summary"
@@ -77,6 +77,8 @@ const OVERFITTING_RATIO: Metric = Metric {
     pool: PoolingRule::Mean,
     better: MetricPreference::Lower,
     shown: MetricDisplay::NOWHERE,
+    baseline: None,
+    limit: None,
 };
 
 impl Stage for Summary {

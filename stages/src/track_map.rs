@@ -346,7 +346,7 @@ impl Stage for TrackMap {
         Ok(yields)
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let of = |what: &str| Some(Fault::new(format!("`{key}` {what}")).help(format!("remove `{key}`")));
         match key {
             // `length_m` and `sigma_n_nt` are the initial values of the search.

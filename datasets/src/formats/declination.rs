@@ -8,7 +8,7 @@ use numerics::{
     earth::{core_field::CoreField, dates::decimal_year},
 };
 
-use super::iaga2002::{ComponentConversion, ObservatoryRecord};
+use super::{iaga2002::ObservatoryRecord, observatory_components::ComponentConversion};
 use crate::ReadError;
 
 /// A converted sample, and the angles used in its conversion.

@@ -8,8 +8,10 @@ use numerics::earth::dates::day_of_year;
 use super::{
     FlightFormat,
     declination::{self, DeclinationSample},
-    iaga2002::{ComponentConversion, ObservatoryRecord, ObservatorySample, days_between, even, total_nt},
-    observatory, text_end,
+    iaga2002::{ObservatoryRecord, ObservatorySample, days_between, even},
+    observatory,
+    observatory_components::{ComponentConversion, total_nt},
+    text_end,
 };
 use crate::ReadError;
 

@@ -23,7 +23,11 @@ use object_store::{
 use schemas::Fault;
 use tokio::runtime::Runtime;
 
-use super::{address::ObjectAddress, redact::redacted};
+use super::{
+    address::ObjectAddress,
+    errors::{is_cut, is_forbidden, is_missing, is_missing_bucket, is_unanswered},
+    redact::redacted,
+};
 
 /// Size of a part, bytes: longer objects are read and written in parts.
 const PART: u64 = 16 << 20;
@@ -110,46 +114,6 @@ pub fn each<T: Sync, A: Send>(items: &[T], work: impl Fn(&T) -> Result<A, Fault>
         }
     }
     fault.map_or(Ok(found), Err)
-}
-
-fn is_missing_bucket(error: &Error) -> bool {
-    let text = error.to_string();
-    ["NoSuchBucket", "ContainerNotFound", "bucket does not exist"].iter().any(|code| text.contains(code))
-}
-
-/// Whether the connection ended, or timed out, before the answer. The server may have executed the request.
-#[cfg(feature = "object-stores")]
-fn is_unanswered(error: &Error) -> bool {
-    use object_store::client::{HttpError, HttpErrorKind};
-    let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(error);
-    while let Some(this) = cause {
-        if let Some(http) = this.downcast_ref::<HttpError>() {
-            return matches!(http.kind(), HttpErrorKind::Timeout | HttpErrorKind::Interrupted);
-        }
-        cause = this.source();
-    }
-    false
-}
-
-#[cfg(not(feature = "object-stores"))]
-fn is_unanswered(_: &Error) -> bool {
-    false
-}
-
-/// Whether an answer was truncated.
-fn is_cut(error: &Error) -> bool {
-    matches!(error, Error::Generic { .. }) && error.to_string().contains("response body")
-}
-
-fn is_forbidden(error: &Error, text: &str) -> bool {
-    // The error of a listing has no kind.
-    let is_rejected = ["403 Forbidden", "401 Unauthorized"].iter().any(|status| text.contains(status));
-    is_rejected || matches!(error, Error::PermissionDenied { .. } | Error::Unauthenticated { .. })
-}
-
-/// Whether there is no object of that name.
-fn is_missing(error: &Error) -> bool {
-    matches!(error, Error::NotFound { .. }) && !is_missing_bucket(error)
 }
 
 fn listed(about: &ObjectMeta, prefix: &str) -> Option<ObjectEntry> {

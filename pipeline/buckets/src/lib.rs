@@ -9,6 +9,7 @@ pub mod cache;
 #[cfg(feature = "object-stores")]
 mod client;
 mod connect;
+mod errors;
 mod files;
 #[cfg(feature = "object-stores")]
 mod profile;

@@ -27,7 +27,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use schemas::{Fault, StageEntry, metric::Metric};
+use schemas::{Fault, StageEntry, StageRole, metric::Metric};
 
 pub use graph::{ColumnLocation, PlanGraph, PlanUnit};
 pub use grid::{SweepGrid, SweepPoint};
@@ -152,7 +152,7 @@ impl Plan {
     }
 
     /// The nearest table upstream of `from`, or `from` itself, that `stage` made.
-    pub fn upstream(&self, from: &[TableRef], stage: &str) -> Option<TableRef> {
+    pub fn upstream(&self, from: &[TableRef], role: StageRole) -> Option<TableRef> {
         let mut queue: Vec<TableRef> = from.to_vec();
         let mut seen: BTreeSet<TableRef> = BTreeSet::new();
         let mut next = 0;
@@ -162,12 +162,17 @@ impl Plan {
             if !seen.insert(r) {
                 continue;
             }
-            if self.tables[t].entry.name == stage {
+            if self.tables[t].entry.role == Some(role) {
                 return Some(r);
             }
             queue.extend(self.instance(t, i).inputs());
         }
         None
+    }
+
+    /// The tables whose stage has a role, in the plan's order.
+    pub fn tables_of(&self, role: StageRole) -> impl Iterator<Item = usize> + '_ {
+        (0..self.tables.len()).filter(move |t| self.tables[*t].entry.role == Some(role))
     }
 
     /// The tables that `table` depends on, including itself, sorted.

@@ -264,7 +264,7 @@ impl<'a> UnusedParameters<'a> {
             return;
         };
         self.keys.retain_mut(|(key, _, why)| {
-            let unused = stage.idle(key);
+            let unused = stage.unused_key(key);
             let silent = unused.is_some();
             *why = why.take().or(unused);
             silent

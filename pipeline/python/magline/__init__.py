@@ -10,9 +10,10 @@ Examples
 
 from magline import core_field, filters, maps, metrics, parts, signal, stream, tolles_lawson
 from magline._magline import __version__
+from magline.results import Failure, ScoreTable, Warning
 from magline.errors import BugError, DataError, Error, Fault, MachineError, MaglineError, SpecError
 from magline.parts import Column, Flight, Line, Param, filter, load_parts, metric, model, stage
-from magline.runs import Check, Failure, Run, ScoreTable, Warning, check, run
+from magline.runs import Check, Run, check, run
 from magline.spec import Axis, Spec, TableHandle
 from magline.tables import Pipeline, Store, Table, sql
 from magline.views import View

@@ -160,7 +160,7 @@ impl ArrayNavigation {
     fn run(&self, args: &SpecEntries) -> Result<Navigated, Vec<Fault>> {
         let entries = catalogue();
         let stage = (entry(&entries, "navigate").map_err(alone)?.build)(args)?;
-        let idle: Vec<Fault> = args.keys().filter_map(|key| stage.idle(key)).collect();
+        let idle: Vec<Fault> = args.keys().filter_map(|key| stage.unused_key(key)).collect();
         if !idle.is_empty() {
             return Err(idle);
         }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,13 @@ SPEC = REPOSITORY / "datasets" / "examples" / "tolles_lawson.toml"
 def spec() -> Path:
     """Spec of the Tolles-Lawson example: a sweep of four ridge parameters on 1000 samples."""
     return SPEC
+
+
+@pytest.fixture(scope="session")
+def generator() -> Any:
+    """The module `generate`, which makes the generated modules of the package."""
+    sys.path.append(str(REPOSITORY / "pipeline" / "python"))
+    return importlib.import_module("generate")
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 from pathlib import Path
 from typing import Any
@@ -277,13 +276,8 @@ def test_an_own_filter_runs_on_arrays(arrays: dict[str, Any]) -> None:
     assert np.array_equal(track.lat_deg, arrays["ins_lat_deg"].to_numpy() + 0.25)
 
 
-def test_the_functions_are_those_of_the_declarations() -> None:
-    place = importlib.util.spec_from_file_location("generate", REPOSITORY / "pipeline/python/generate.py")
-    assert place is not None and place.loader is not None
-    module = importlib.util.module_from_spec(place)
-    sys.modules["generate"] = module
-    place.loader.exec_module(module)
+def test_the_functions_are_those_of_the_declarations(generator: Any) -> None:
     command = Path(sys.executable).with_name("magline")
     committed = REPOSITORY / "pipeline/python/magline/_filters.py"
-    text = module.generate(command, "filters")
+    text = generator.generate(command, "filters")
     assert committed.read_text() == text, "`generate.py MAGLINE filters` prints another `_filters.py`"

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
 import inspect
 import keyword
 import re
 import subprocess
-import sys
 import sysconfig
 import tomllib
 from pathlib import Path
@@ -234,18 +232,9 @@ def test_a_failed_write_keeps_the_file(tmp_path: Path, monkeypatch: pytest.Monke
     assert link.is_symlink() and 'name  = "newer"' in path.read_text()
 
 
-def generator() -> Any:
-    place = importlib.util.spec_from_file_location("generate", REPOSITORY / "pipeline/python/generate.py")
-    assert place is not None and place.loader is not None
-    module = importlib.util.module_from_spec(place)
-    sys.modules["generate"] = module
-    place.loader.exec_module(module)
-    return module
-
-
-def test_the_methods_are_those_of_the_declarations() -> None:
+def test_the_methods_are_those_of_the_declarations(generator: Any) -> None:
     committed = REPOSITORY / "pipeline/python/magline/_stages.py"
-    assert committed.read_text() == generator().generate(COMMAND), "generate.py prints another `_stages.py`"
+    assert committed.read_text() == generator.generate(COMMAND), "generate.py prints another `_stages.py`"
     listed = subprocess.check_output([COMMAND, "stages"], text=True)
     kinds = re.findall(r"^(\w+) +v\d", listed, re.MULTILINE)
     assert len(kinds) > 30

@@ -29,7 +29,7 @@ pub use crate::coast::GeographicRegion;
 use crate::sql::{PublishedTableProvider, leads_out, pipeline_names};
 pub use against::report_against;
 pub use lines::SeriesRequest;
-use notes::PipelineNotes;
+use notes::{NotedTable, PipelineNotes};
 pub use progress::RunProgress;
 use scores::HeldBlocks;
 use table::ViewTable;
@@ -216,7 +216,7 @@ impl StoreView {
     pub fn score_tables(&self) -> Vec<String> {
         let of = |pipeline: Arc<PublishedPipeline>| {
             let names = pipeline.tables().into_iter();
-            let scores = names.filter(|name| pipeline.notes.table(name).is_some_and(|t| t.stage == "score"));
+            let scores = names.filter(|name| pipeline.notes.table(name).is_some_and(NotedTable::is_scores));
             scores.map(|name| format!("{}.{name}", pipeline.version.manifest.pipeline)).collect::<Vec<_>>()
         };
         self.pipelines().iter().filter_map(|name| self.pipeline(name).ok()).flat_map(of).collect()

@@ -14,7 +14,7 @@ use plan::{
 };
 use rayon::prelude::*;
 use schemas::{
-    Fault, Grain, Literal,
+    Fault, Grain, Literal, StageRole,
     metric::{Metric, WeightedScore},
 };
 use stages::score::{SPREAD, is_pooled_in_sample, spread_at};
@@ -67,7 +67,7 @@ impl PooledMetric {
 /// The published tables of scores of a plan.
 pub fn tables(plan: &Plan) -> impl Iterator<Item = usize> + '_ {
     let published = |t: &usize| plan.decl(*t).is_some_and(|decl| decl.publish);
-    (0..plan.tables.len()).filter(|t| plan.tables[*t].entry.name == "score").filter(published)
+    plan.tables_of(StageRole::Scores).filter(published)
 }
 
 /// The pooled scores of all units that `done` accepts: tables in the plan's order, then points, then metrics in the

@@ -20,7 +20,7 @@ use store::Store;
 use super::{
     events::UnitOutcome,
     interrupt::INTERRUPTED,
-    task::{Receipt, Task, UnitAnswer},
+    task::{Receipt, Task},
 };
 
 /// Command line and limits of worker processes.
@@ -122,9 +122,9 @@ impl WorkerCommand {
     ) -> Option<Receipt> {
         let text = match serde_json::to_string(task) {
             Ok(text) => text,
-            Err(e) => return Some(failed(task, &Fault::machine(e.to_string()))),
+            Err(e) => return Some(task.failure(&Fault::machine(e.to_string()))),
         };
-        let wanted = task.units.iter().filter(|u| !u.have).count();
+        let wanted = task.wanted().count();
         // After the first losses, each loss counts as an attempt at one or more units.
         let most = task.units.len().saturating_mul(self.retries + 1) + self.retries + 2;
         for loss in 0..most {
@@ -133,7 +133,7 @@ impl WorkerCommand {
             }
             let running = match worker.take().map_or_else(|| self.start(), Ok) {
                 Ok(running) => running,
-                Err(fault) => return Some(failed(task, &fault)),
+                Err(fault) => return Some(task.failure(&fault)),
             };
             let answer = worker.insert(running).ask(&text, leash);
             // A stopped worker skips units.
@@ -154,7 +154,7 @@ impl WorkerCommand {
                 }
             }
         }
-        Some(failed(task, &Fault::machine(format!("{most} workers ended without a receipt"))))
+        Some(task.failure(&Fault::machine(format!("{most} workers ended without a receipt"))))
     }
 
     fn start(&self) -> Result<WorkerProcess, Fault> {
@@ -171,10 +171,4 @@ impl WorkerCommand {
             _ => Err(fail(&"the process has no standard streams")),
         }
     }
-}
-
-/// Receipt in which all units failed with the same fault.
-pub fn failed(task: &Task, fault: &Fault) -> Receipt {
-    let wanted = task.units.iter().filter(|u| !u.have);
-    task.receipt(wanted.map(|u| UnitAnswer::new(u, UnitOutcome::Failed, Some(fault.clone()))).collect())
 }

@@ -55,7 +55,7 @@ impl PendingUnits {
 
 /// Computes a task of the table `table`, and writes its pack. Units that an interrupt skips have no answer.
 pub fn compute(worker: &UnitWorker, table: usize, task: &Task, on_outcome: &OutcomeCallback) -> Receipt {
-    let pending: Vec<&TaskUnit> = task.units.iter().filter(|u| !u.have).collect();
+    let pending: Vec<&TaskUnit> = task.wanted().collect();
     let cut = match worker.cut(table) {
         Ok(cut) => cut,
         Err(fault) => {

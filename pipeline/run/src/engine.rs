@@ -108,7 +108,7 @@ impl TaskEngine for LocalEngine {
 /// Builds the data that all lines of these tasks share, each once.
 pub fn prepare(worker: &UnitWorker, table: usize, tasks: &[Task]) {
     if worker.grain(table) != Grain::Map {
-        let to_do = tasks.iter().flat_map(|task| task.units.iter().filter(|u| !u.have));
+        let to_do = tasks.iter().flat_map(Task::wanted);
         worker.prepare_all(to_do.map(|u| u.unit(table)));
     }
 }

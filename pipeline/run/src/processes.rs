@@ -13,7 +13,7 @@ use std::{
 use schemas::Fault;
 
 use super::{
-    children::{ProcessStopHandle, WorkerCommand, failed},
+    children::{ProcessStopHandle, WorkerCommand},
     engine::{EngineCapacity, TaskEngine, TaskWave},
     interrupt::INTERRUPTED,
     task::Receipt,
@@ -61,7 +61,7 @@ impl TaskEngine for ProcessEngine {
                     break;
                 };
                 if let Some(why) = receipt.refused {
-                    receipt = failed(task, &Fault::machine(format!("the worker rejected the task: {why}")));
+                    receipt = task.failure(&Fault::machine(format!("the worker rejected the task: {why}")));
                 }
                 wave.report_outcomes(task, &receipt);
                 if let Ok(mut place) = place.lock() {

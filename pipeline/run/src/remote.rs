@@ -19,7 +19,7 @@ use store::{Store, attempts::UnitAttempts, kernel};
 use super::{
     compute::{compute, pack_of},
     engine::prepare,
-    events::{SilentListener, UnitOutcome},
+    events::SilentListener,
     interrupt::{INTERRUPTED, STARTED},
     task::{Receipt, Task, TaskUnit, UnitAnswer, VERSION},
     work::UnitWorker,
@@ -156,7 +156,7 @@ impl PlanSession<'_> {
                 Ok(table) => {
                     last.replace(table).filter(|last| *last != table).into_iter().for_each(|t| self.worker.forget(t));
                     let receipt = self.receipt(table, &task, self.answers(table, &task, begun), begun);
-                    let left = task.units.iter().filter(|u| !u.have).count().saturating_sub(receipt.units.len());
+                    let left = task.wanted().count().saturating_sub(receipt.units.len());
                     let passing = receipt.units.iter().filter_map(|a| a.fault.as_ref());
                     served.unanswered += left + passing.filter(|f| !f.owner.is_lasting()).count();
                     answered(&receipt);
@@ -182,15 +182,14 @@ impl PlanSession<'_> {
     }
 
     fn answers(&self, table: usize, task: &Task, begun: Instant) -> Vec<UnitAnswer> {
-        let wanted: Vec<&TaskUnit> = task.units.iter().filter(|u| !u.have).collect();
-        let failed = |u: &&TaskUnit, fault: &Fault| UnitAnswer::new(u, UnitOutcome::Failed, Some(fault.clone()));
+        let wanted: Vec<&TaskUnit> = task.wanted().collect();
         let store = self.worker.store();
         match self.worker.cut(table) {
             Ok(cut) => {
                 let all: Vec<&TaskUnit> = task.units.iter().collect();
                 store.adopt(pack_of(cut, table, task.part, &all));
             }
-            Err(fault) => return wanted.iter().map(|u| failed(u, &fault)).collect(),
+            Err(fault) => return task.failure(&fault).units,
         }
         let tries = store.attempts_at(&wanted.iter().map(|u| u.key).collect::<Vec<_>>());
         if tries.iter().any(|t| t.all() > 0) {
@@ -199,7 +198,7 @@ impl PlanSession<'_> {
         }
         let (mut answers, mut fresh, mut tried) = (vec![], vec![], vec![]);
         for (unit, tries) in wanted.into_iter().zip(tries) {
-            match self.found(unit) {
+            match UnitAnswer::stored(unit, store) {
                 Some(answer) => answers.push(answer),
                 None if tries.all() == 0 => fresh.push(unit.clone()),
                 None => tried.push((tries, unit.clone())),
@@ -216,23 +215,14 @@ impl PlanSession<'_> {
             if INTERRUPTED.load(Ordering::Relaxed) {
                 break;
             }
-            let answer = match self.found(&unit) {
+            let answer = match UnitAnswer::stored(&unit, store) {
                 Some(answer) => vec![answer],
-                None if tries.all() > self.limits.retries => vec![failed(&&unit, &given_up(&tries))],
+                None if tries.all() > self.limits.retries => vec![UnitAnswer::failed(&unit, &given_up(&tries))],
                 None => self.attempt(table, task, &task.part_of(vec![unit]), &answers, begun),
             };
             answers.extend(answer);
         }
         answers
-    }
-
-    /// Stored outcome of a unit: its result or its failure.
-    fn found(&self, unit: &TaskUnit) -> Option<UnitAnswer> {
-        let store = self.worker.store();
-        match store.find(unit.key)?.rows {
-            Some(_) => Some(UnitAnswer::new(unit, UnitOutcome::Reused, None)),
-            None => store.failed(unit.key).ok()?.map(|fault| UnitAnswer::new(unit, UnitOutcome::Failed, Some(fault))),
-        }
     }
 
     /// Computes `together`, some units of `task`, within their time limit.
@@ -245,13 +235,10 @@ impl PlanSession<'_> {
         begun: Instant,
     ) -> Vec<UnitAnswer> {
         let store = self.worker.store();
-        let mut keys: Vec<HashKey> = together.units.iter().filter(|u| !u.have).map(|u| u.key).collect();
+        let mut keys: Vec<HashKey> = together.wanted().map(|u| u.key).collect();
         keys.sort_unstable();
         keys.dedup();
-        let all = |fault: &Fault| -> Vec<UnitAnswer> {
-            let wanted = together.units.iter().filter(|u| !u.have);
-            wanted.map(|u| UnitAnswer::new(u, UnitOutcome::Failed, Some(fault.clone()))).collect()
-        };
+        let all = |fault: &Fault| together.failure(fault).units;
         let attempt = match store.attempt(&keys) {
             Ok(attempt) => attempt,
             Err(fault) => return all(&fault),

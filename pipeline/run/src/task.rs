@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use plan::{LineId, PlanGraph, PlanUnit};
 use schemas::{Fault, Literal, keys::HashKey};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use store::Store;
 
 use super::events::UnitOutcome;
 
@@ -159,6 +160,16 @@ impl Task {
         }
     }
 
+    /// Units whose results are not in the store.
+    pub fn wanted(&self) -> impl Iterator<Item = &TaskUnit> {
+        self.units.iter().filter(|unit| !unit.have)
+    }
+
+    /// Receipt in which all wanted units failed with the same fault.
+    pub fn failure(&self, fault: &Fault) -> Receipt {
+        self.receipt(self.wanted().map(|unit| UnitAnswer::failed(unit, fault)).collect())
+    }
+
     /// Receipt of a rejected task, with the reason.
     pub fn refusal(&self, why: &Fault) -> Receipt {
         let help = why.help.as_ref().map(|help| format!("; {help}")).unwrap_or_default();
@@ -190,6 +201,19 @@ impl UnitAnswer {
     pub fn new(unit: &TaskUnit, outcome: UnitOutcome, fault: Option<Fault>) -> UnitAnswer {
         let TaskUnit { point, line, key, .. } = *unit;
         UnitAnswer { point, line, key, axes: BTreeMap::new(), place: None, outcome, fault }
+    }
+
+    /// Answer for a unit that failed.
+    pub fn failed(unit: &TaskUnit, fault: &Fault) -> UnitAnswer {
+        UnitAnswer::new(unit, UnitOutcome::Failed, Some(fault.clone()))
+    }
+
+    /// Answer for a unit whose result or failure is in the store; `None` for any other unit.
+    pub fn stored(unit: &TaskUnit, store: &Store) -> Option<UnitAnswer> {
+        match store.find(unit.key)?.rows {
+            Some(_) => Some(UnitAnswer::new(unit, UnitOutcome::Reused, None)),
+            None => store.failed(unit.key).ok()?.map(|fault| UnitAnswer::failed(unit, &fault)),
+        }
     }
 }
 

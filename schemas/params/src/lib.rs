@@ -9,16 +9,18 @@
 mod fault;
 mod group;
 mod kind;
+mod literal;
+mod nested;
 pub mod paths;
 mod section;
 mod value;
 mod visible;
 
 pub use fault::{DataLocation, Fault, FaultOwner, nearest, render};
-pub use group::{
-    NestedParams, Param, ParamDoc, ParamReader, Params, ParamsList, collect_doc, first, no_text, obeys, words_rule,
-};
+pub use group::{Param, ParamDoc, ParamReader, Params, collect_doc, first, no_text, obeys, words_rule};
 pub use kind::{ChoiceKeys, ChoiceKind, ChoiceList, ChoiceRegistry, ChoiceSelection, ChoiceSubset};
+pub use literal::{Literal, Rule};
+pub use nested::{NestedParams, ParamsList};
 pub use section::{SpecEntries, SpecEntry, SpecSection, literal};
-pub use value::{Literal, NumberOrAuto, ParamValue, Rule, VerbatimText};
+pub use value::{NumberOrAuto, ParamValue, VerbatimText};
 pub use visible::{one_line, visible};

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{AnyStage, Grain, InputDecl, Stage, TableKind};
+use super::{AnyStage, Grain, InputDecl, Stage, StageRole, TableKind};
 use crate::{ChoiceRegistry, Fault, ParamDoc, ParamReader, SpecEntries, collect_doc, metric::Metric};
 
 /// Constructor of a stage from its parameters; fails with all their faults and positions.
@@ -19,6 +19,8 @@ pub struct StageEntry {
     pub grain: Grain,
     /// The kind of table that it yields.
     pub yields: TableKind,
+    /// Its purpose, if views look for it.
+    pub role: Option<StageRole>,
     /// Its inputs.
     pub inputs: &'static [InputDecl],
     /// Purpose, use, rejected input, source.
@@ -61,6 +63,7 @@ pub struct StageHeader {
     pub version: u32,
     pub grain: Grain,
     pub yields: TableKind,
+    pub role: Option<StageRole>,
     pub inputs: &'static [InputDecl],
     pub doc: &'static [&'static str],
     pub example: &'static str,
@@ -70,7 +73,7 @@ impl StageEntry {
     /// The row of a stage `S` with kinds from `lists`.
     #[doc(hidden)]
     pub fn new<S: Stage>(head: StageHeader, lists: ChoiceRegistry, erase: fn(Arc<S>) -> AnyStage) -> StageEntry {
-        let StageHeader { name, version, grain, yields, inputs, doc, example } = head;
+        let StageHeader { name, version, grain, yields, role, inputs, doc, example } = head;
         let params = S::docs(&lists);
         let known: Vec<&str> = params.iter().map(|p| p.name).collect();
         let build = move |args: &SpecEntries| -> Result<AnyStage, Vec<Fault>> {
@@ -85,7 +88,20 @@ impl StageEntry {
             }
         };
         let (doc, build) = (collect_doc(doc), Arc::new(build));
-        StageEntry { name, version, grain, yields, inputs, doc, example, kinds: vec![], metrics: vec![], params, build }
+        StageEntry {
+            name,
+            version,
+            grain,
+            yields,
+            role,
+            inputs,
+            doc,
+            example,
+            kinds: vec![],
+            metrics: vec![],
+            params,
+            build,
+        }
     }
 }
 
@@ -93,7 +109,8 @@ impl StageEntry {
 /// documentation. The grain selects the trait that the stage implements: [`LineStage`](crate::LineStage),
 /// [`SurveyStage`](crate::SurveyStage) or [`MapStage`](crate::MapStage). A parameter of type `Option` documents its
 /// behaviour when unset (`absent`). A stage that yields a kind of table other than the default of its grain declares
-/// it: `grain Survey, yields Map`. An optional input follows the required ones: `inputs [map: Map, with: ManyMaps
+/// it: `grain Survey, yields Map`. A stage that views of results look for declares its role after it: `role Scores`. An
+/// optional input follows the required ones: `inputs [map: Map, with: ManyMaps
 /// optional]`.
 ///
 /// ```
@@ -130,7 +147,7 @@ macro_rules! stage {
     (
         $(#[doc = $d:literal])*
         $Ty:ident = $name:literal, version $v:literal, grain $grain:ident, $(yields $kind_of_table:ident,)?
-        inputs [$($inp:ident : $kind:ident $($optional:ident)?),* $(,)?],
+        $(role $role:ident,)? inputs [$($inp:ident : $kind:ident $($optional:ident)?),* $(,)?],
         $(groups [$($g:ident : $gt:ty),* $(,)?],)? example $example:literal;
         $(
             $(#[doc = $pd:literal])* $p:ident : $pt:ty, unit $unit:literal
@@ -165,6 +182,7 @@ macro_rules! stage {
                         $($crate::TableKind::$kind_of_table,)?
                         $crate::Grain::$grain.usually_yields(),
                     ]).unwrap_or($crate::Grain::$grain.usually_yields()),
+                    role: $crate::first([$(Some($crate::StageRole::$role),)? None]).flatten(),
                     inputs: const { &[$($crate::InputDecl {
                         name: stringify!($inp),
                         kind: $crate::InputKind::$kind,

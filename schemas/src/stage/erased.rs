@@ -87,10 +87,10 @@ fn another_type() -> Fault {
 
 /// A type-erased [`Stage`].
 pub trait StageDyn: Send + Sync {
-    /// Every parameter in its canonical spelling, without those that are [idle](Stage::idle).
+    /// Every parameter in its canonical spelling, without those that are [unused](Stage::unused_key).
     fn canonical(&self) -> Vec<(&'static str, String)>;
-    /// See [`Stage::idle`].
-    fn idle(&self, key: &str) -> Option<Fault>;
+    /// See [`Stage::unused_key`].
+    fn unused_key(&self, key: &str) -> Option<Fault>;
     /// See [`Stage::effort`].
     fn effort(&self) -> f64;
     /// See [`Stage::manner`].
@@ -112,12 +112,12 @@ impl<S: Stage> StageDyn for S {
     fn canonical(&self) -> Vec<(&'static str, String)> {
         let mut pairs = vec![];
         self.spell(&mut pairs);
-        pairs.retain(|(key, _)| Stage::idle(self, key).is_none());
+        pairs.retain(|(key, _)| Stage::unused_key(self, key).is_none());
         pairs
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
-        Stage::idle(self, key)
+    fn unused_key(&self, key: &str) -> Option<Fault> {
+        Stage::unused_key(self, key)
     }
 
     fn effort(&self) -> f64 {

@@ -48,6 +48,25 @@ impl TableKind {
     }
 }
 
+/// The purpose of a stage, by which views of results find its tables. Stages without such a view have no role.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StageRole {
+    /// Fits a model of the aircraft field.
+    FitsModel,
+    /// Subtracts the aircraft field from a measurement.
+    Compensates,
+    /// Ranks the inputs of a model.
+    RanksInputs,
+    /// Estimates a track from measurements.
+    EstimatesTrack,
+    /// Reads a map along a line.
+    ReadsMap,
+    /// Scores lines.
+    Scores,
+    /// Pools the scores of lines.
+    PoolsScores,
+}
+
 /// The kind of table that an input of a stage reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InputKind {

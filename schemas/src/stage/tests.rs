@@ -40,7 +40,7 @@ impl Stage for Other {
     fn yields(&self, _: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         Ok(StageSchema::append::<&str>(vec![], &[]))
     }
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         (key == "columns" && self.columns == 0).then(|| Fault::new("none"))
     }
 }

@@ -19,9 +19,9 @@
 //! | [`navigation`] | strapdown mechanisation, the Pinson error model, the 18-state extended Kalman filter |
 //!
 //! [`earth`], [`signal`] and [`regression`] are independent of each other, as are [`maps`] and [`compensation`].
-//! Outside the folders are periodic angles ([`angle`]), reproducible random numbers ([`random`]) and sources of
-//! differences in the last bits ([`arithmetic`]). Each folder re-exports its most important items; all other items are
-//! in its modules.
+//! Outside the folders are periodic angles ([`angle`]), inner products ([`inner_product`]), reproducible random numbers
+//! ([`random`]) and sources of differences in the last bits ([`arithmetic`]). Each folder re-exports its most important
+//! items; all other items are in its modules.
 //!
 //! # Example
 //!
@@ -125,6 +125,7 @@ pub mod angle;
 pub mod arithmetic;
 pub mod compensation;
 pub mod earth;
+pub mod inner_product;
 pub mod maps;
 pub mod navigation;
 pub mod random;

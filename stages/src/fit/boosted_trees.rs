@@ -104,7 +104,7 @@ impl FitModel for BoostedTrees {
         alone.then(|| Fault::new(what).of_param("patience")).into_iter().collect()
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let whole = key == "seed" && self.subsample >= 1.0;
         whole.then(|| Fault::new("`seed` has no effect without `subsample`, because every tree uses all samples"))
     }

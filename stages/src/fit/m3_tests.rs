@@ -339,7 +339,7 @@ fn unit_missing_values_constants_and_short_lines_are_handled() {
 #[test]
 fn unit_keys_without_an_effect_and_invalid_keys_are_reported() {
     let idle = |model: &str, given: &[(String, Literal)], key: &str| {
-        stage(model, given).unwrap().idle(key).map(|fault| fault.what).unwrap_or_default()
+        stage(model, given).unwrap().unused_key(key).map(|fault| fault.what).unwrap_or_default()
     };
     assert!(idle("m3tl", &[], "hidden").contains("because `m3tl` has no network"));
     assert!(idle("m3s", &[word("coupling", "projection")], "bt_scale_nt").contains("has no effect"));

@@ -47,10 +47,10 @@ impl FitModel for M3tl {
         Some(NetworkModel::vector(&self.network, NetworkForm::VectorOnly, &self.part, &self.vector))
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         if OF_NETWORK.contains(&key) {
             return Some(Fault::new(format!("`{key}` has no effect, because `m3tl` has no network")));
         }
-        self.network()?.idle(key)
+        self.network()?.unused_key(key)
     }
 }

@@ -155,8 +155,8 @@ pub trait FitModel: Send + Sync {
     }
 
     /// Reason why a key of the model has no effect. `None` if the key has an effect.
-    fn idle(&self, key: &str) -> Option<Fault> {
-        self.network()?.idle(key)
+    fn unused_key(&self, key: &str) -> Option<Fault> {
+        self.network()?.unused_key(key)
     }
 
     /// Cost of a sample in relative units; see `Stage::effort` of the crate `schemas`.
@@ -342,7 +342,8 @@ mod tests {
 
     #[test]
     fn gold_a_key_of_another_model_is_rejected_with_its_owners() {
-        let why = |model: &str, key: &str| stage(model, &[]).unwrap().idle(key).map(|f| f.what).unwrap_or_default();
+        let why =
+            |model: &str, key: &str| stage(model, &[]).unwrap().unused_key(key).map(|f| f.what).unwrap_or_default();
         assert_eq!(why("tolles_lawson", "l1_ratio"), "`l1_ratio` belongs to `elastic_net`");
         assert_eq!(why("ridge", "components"), "`components` belongs to `pls` and `truncated_svd`");
         assert_eq!(why("robust", "degrees_of_freedom"), "`degrees_of_freedom` belongs to the loss `student_t`");

@@ -70,7 +70,7 @@ impl FitModel for Robust {
         wrong.then(|| Fault::new(unscaled).of_param("scaling")).into_iter().collect()
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let of = [("threshold", FitLossFunction::Huber), ("degrees_of_freedom", FitLossFunction::StudentT)];
         let (_, loss) = of.into_iter().find(|(k, loss)| *k == key && *loss != self.loss)?;
         let help = format!("remove it; the loss is `{}`", self.loss.word());

@@ -118,7 +118,7 @@ fn unit_invalid_inputs_are_reported_with_their_parameter() {
     let lines = table(&[("tt", "s"), ("mag_4_uc", "s")], None);
     let faults = fault_texts(stage.yields(&[&lines, &fitted]).unwrap_err());
     assert!(["[target]", "`tl`", "duplicate group `a`"].iter().all(|part| faults.contains(part)), "{faults}");
-    assert!(stage.idle("block_s").is_some() && stage.idle("groups").is_none());
+    assert!(stage.unused_key("block_s").is_some() && stage.unused_key("groups").is_none());
 }
 
 /// The lists of a method that explains samples: values and inputs, by group.

@@ -87,7 +87,7 @@ impl Aiding {
     }
 
     /// Fault of a key that has no effect.
-    pub(super) fn idle(&self, key: &str) -> Option<Fault> {
+    pub(super) fn unused_key(&self, key: &str) -> Option<Fault> {
         let of_gnss = ["gnss", "gnss_interval_s", "gnss_sigma_m", "gnss_alt_sigma_m", "gnss_noise", "gnss_test"];
         let idle = self.gnss_lost_s.is_none() && of_gnss.contains(&key);
         idle.then(|| Fault::new(format!("`{key}` has no effect without `gnss_lost_s`")))

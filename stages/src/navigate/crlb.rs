@@ -59,7 +59,7 @@ impl NavigationFilter for Crlb {
         [bound].into_iter().chain(state).collect()
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let what = "`flat_over_m` has no effect on the bound, which uses every sample";
         (key == "flat_over_m").then(|| Fault::new(what).of_param(key))
     }

@@ -100,7 +100,7 @@ impl NavigationFilter for EkfAdaptive {
         columns
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let bounds_r = ["sigma_min_nt", "sigma_max_nt", "form"].contains(&key);
         (bounds_r && self.adapt == AdaptiveNoise::Q)
             .then(|| Fault::new(format!("`{key}` has no effect with `adapt = \"q\"`")))

@@ -100,7 +100,7 @@ impl NavigationFilter for EkfOnlineTl {
         columns
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let of_bias = ["flux_bias_tau_s", "bt_scale_nt"].contains(&key) && self.flux_bias_sigma_nt.is_none();
         of_bias.then(|| Fault::new(format!("`{key}` has no effect without `flux_bias_sigma_nt`")).of_param(key))
     }

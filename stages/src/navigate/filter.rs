@@ -115,7 +115,7 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
     }
 
     /// Fault of a key that has no effect with the other keys; `None` if the key has an effect.
-    fn idle(&self, _key: &str) -> Option<Fault> {
+    fn unused_key(&self, _key: &str) -> Option<Fault> {
         None
     }
 

@@ -90,7 +90,7 @@ impl NavigationFilter for FixedLag {
         aircraft_columns(flight).into_iter().collect()
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         match key {
             "loss_scale" if self.loss == TrajectoryLoss::None => {
                 let fault = Fault::new("`loss_scale` has no effect with `loss = \"none\"`");

@@ -189,7 +189,7 @@ impl AuxiliaryMeasurements {
     }
 
     /// Fault of a key that has no effect.
-    pub(super) fn idle(&self, key: &str) -> Option<Fault> {
+    pub(super) fn unused_key(&self, key: &str) -> Option<Fault> {
         let owner = match key {
             "gradient_baseline_m"
             | "gradient_sigma_nt"

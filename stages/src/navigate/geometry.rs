@@ -57,7 +57,7 @@ impl SensorGeometry {
     }
 
     /// Fault of a key that has no effect.
-    pub(crate) fn idle(&self, key: &str) -> Option<Fault> {
+    pub(crate) fn unused_key(&self, key: &str) -> Option<Fault> {
         (key == "sensor_axis" && self.vector.is_none())
             .then(|| Fault::new("`sensor_axis` has no effect without `vector`").of_param(key))
     }
@@ -136,7 +136,7 @@ mod tests {
         assert!(faults.len() == 1 && faults[0].what.contains("flux_a_z"), "{faults:?}");
         let idle = SensorGeometry { vector: None, ..geometry(DeadZones::Polar) };
         assert!(idle.faults(&shape, true)[0].what.contains("requires the direction"));
-        assert!(idle.idle("sensor_axis").is_some() && idle.idle("vector").is_none());
+        assert!(idle.unused_key("sensor_axis").is_some() && idle.unused_key("vector").is_none());
         let none = geometry(DeadZones::None).faults(&shape, false);
         assert!(none.iter().any(|fault| fault.what.contains("has no effect")), "{none:?}");
         let flat = SensorGeometry { sensor_axis: [0.0; 3], ..geometry(DeadZones::Polar) };

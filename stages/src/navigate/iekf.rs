@@ -50,7 +50,7 @@ impl NavigationFilter for Iekf {
         states.into_iter().collect()
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let idle = key == "tolerance_m" && self.iterations == 1;
         idle.then(|| Fault::new("`tolerance_m` has no effect with `iterations = 1`").of_param("tolerance_m"))
     }

@@ -94,7 +94,7 @@ impl NavigationFilter for Mpf {
         both(self.further.no_scalar_states(), self.further.no_flat())
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         (key == "smooth_over_m" && !self.regularise)
             .then(|| Fault::new("`smooth_over_m` has no effect without `regularise`"))
     }

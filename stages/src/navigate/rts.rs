@@ -68,7 +68,7 @@ impl NavigationFilter for Rts {
         columns
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let what = match key {
             "loss_scale" if self.loss == TrajectoryLoss::None => "`loss_scale` has no effect with `loss = \"none\"`",
             "tolerance_m" if self.iterations == 1 => "`tolerance_m` has no effect with `iterations = 1`",

@@ -139,7 +139,7 @@ impl NavigationFilter for Slam {
         columns
     }
 
-    fn idle(&self, key: &str) -> Option<Fault> {
+    fn unused_key(&self, key: &str) -> Option<Fault> {
         let by_radius = self.expected_measurement != ExpectedMeasurement::NearestNeighbour;
         let belongs = |what: &str| {
             let help = "remove it".to_owned();

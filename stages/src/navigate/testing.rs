@@ -232,7 +232,7 @@ pub(super) fn assert_refused(filter: &str, keys: &str, words: &str) {
         Err(faults) => faults,
         Ok(stage) => {
             let own: toml::Table = keys.parse().unwrap();
-            let idle: Vec<Fault> = own.keys().filter_map(|key| stage.idle(key)).collect();
+            let idle: Vec<Fault> = own.keys().filter_map(|key| stage.unused_key(key)).collect();
             if idle.is_empty() { planned(filter, keys).unwrap_err() } else { idle }
         }
     };

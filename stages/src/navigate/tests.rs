@@ -109,7 +109,7 @@ fn unit_a_core_field_without_a_date_is_rejected_with_remedies() {
 
 #[test]
 fn unit_a_key_of_another_filter_has_no_effect() {
-    let why = |filter: &str, key: &str| navigate(&[("filter", text(filter))]).idle(key).map(|fault| fault.what);
+    let why = |filter: &str, key: &str| navigate(&[("filter", text(filter))]).unused_key(key).map(|fault| fault.what);
     assert_eq!(why("ekf", "hold_s").as_deref(), Some("`hold_s` belongs to `still`"));
     assert!(why("still", "gate_nis").is_some_and(|what| what.starts_with("`gate_nis` belongs to `ekf`, `iekf`")));
     assert_eq!(why("ekf", "tolerance_m").as_deref(), Some("`tolerance_m` belongs to `iekf` and `rts`"));
@@ -125,7 +125,7 @@ fn unit_a_grade_sets_the_unset_errors_of_the_ins() {
     let graded = navigate(&[("ins_grade", text("tactical")), ("init_position_sigma_m", Literal::Float(20.0))]);
     let expected = InsErrors { init_position_sigma_m: 20.0, ..InsGrade::Tactical.errors() };
     assert_eq!(graded.ins.sources, expected);
-    let why = |key: &str| graded.idle(key).map(|fault| fault.what);
+    let why = |key: &str| graded.unused_key(key).map(|fault| fault.what);
     assert_eq!((why("ins_grade"), why("init_position_sigma_m")), (None, None));
 }
 
@@ -193,7 +193,7 @@ fn unit_the_noise_column_is_checked_in_the_plan_and_in_the_line() {
     assert!(said(&with("mag_c", &[])).contains("is the measurement"));
     let two = Literal::List(vec![text("mag_c"), text("noise")]);
     assert!(said(&with("noise", &[("mag", two)])).contains("a single magnetometer"));
-    let why = with("noise", &[("filter", text("ins_only"))]).idle("noise_column").unwrap().what;
+    let why = with("noise", &[("filter", text("ins_only"))]).unused_key("noise_column").unwrap().what;
     assert_eq!(why, "the filter `ins_only` does not use `noise_column`");
     let sigma_nt = |values: &[f64]| with("noise", &[]).sample_sigma_nt(&batch(&[("noise", values)]));
     let found = sigma_nt(&[3.0, f64::INFINITY, f64::NAN, 0.0]).unwrap().unwrap();

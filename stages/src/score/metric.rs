@@ -71,14 +71,16 @@ impl Scorer {
 }
 
 /// Declares a [`Scorer`]: its meaning (a sentence without its full stop), name, unit, pooling over lines, preferred
-/// values, place in tables (default: none), samples of which it is a quantile (default: none), required and used
-/// sources, and computation.
+/// values, place in tables (default: none), baseline with its label (default: none), limit beyond which a value is
+/// flagged (default: none), samples of which it is a quantile (default: none), required and used sources, and
+/// computation.
 #[macro_export]
 macro_rules! metric {
     (
         $(#[doc = $doc:literal])+
         $NAME:ident = $name:literal, $(version $v:literal,)? unit $unit:literal, pool $pool:ident $(($percent:literal))?, better $better:ident $(($target:literal))?,
-        $(shown $shown:expr,)? $(spread $spread:expr,)? needs [$($need:ident $(($need_column:literal))?),+]
+        $(shown $shown:expr,)? $(baseline $baseline:ident $label:literal,)? $(limit $limit:ident ($bound:literal),)?
+        $(spread $spread:expr,)? needs [$($need:ident $(($need_column:literal))?),+]
         $(, uses [$($use:ident $(($use_column:literal))?),+])?;
         $score:expr
     ) => {
@@ -91,6 +93,10 @@ macro_rules! metric {
                 pool: schemas::metric::PoolingRule::$pool $(($percent))?,
                 better: schemas::metric::MetricPreference::$better $(($target))?,
                 shown: [$($shown,)? schemas::metric::MetricDisplay::NOWHERE][0],
+                baseline: [
+                    $(Some(schemas::metric::MetricBaseline { metric: $baseline.metric.name, label: $label }),)? None
+                ][0],
+                limit: [$(Some(schemas::metric::MetricLimit::$limit($bound)),)? None][0],
             },
             version: [$($v,)? 1][0],
             source: None,

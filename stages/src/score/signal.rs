@@ -25,7 +25,8 @@ use crate::{
 metric! {
     /// standard deviation (n - 1) of compensated minus truth; a constant has no effect
     STD_ERROR = "std_error", unit "nT", pool Rms, better Lower,
-    shown MetricDisplay::column(20, 130).rank(20).heat_map(), needs [Signal, Truth];
+    shown MetricDisplay::column(20, 130).rank(20).heat_map(), baseline STD_UNCOMPENSATED "uncompensated",
+    needs [Signal, Truth];
     |line| line.error().map(|e| SampleStatistic { value: e.std, n: e.n })
 }
 
@@ -79,7 +80,7 @@ metric! {
     /// true anomaly; 1 if compensation keeps the whole anomaly; `n` is the sum of squares of the anomaly about its
     /// mean, nT^2, and weights the lines; null for a line with at most two independent samples
     ANOMALY_RETENTION = "anomaly_retention", unit "1", pool Mean, better Near(1.0),
-    shown MetricDisplay::column(60, 80), needs [Signal, Anomaly, Core], uses [Diurnal];
+    shown MetricDisplay::column(60, 80), limit AtLeast(0.9), needs [Signal, Anomaly, Core], uses [Diurnal];
     |line| Ok(retention(line)?.0)
 }
 

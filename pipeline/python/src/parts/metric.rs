@@ -146,6 +146,8 @@ impl MetricPart {
                 Better::Near(target) => MetricPreference::Near(target),
             },
             shown: MetricDisplay::column(PLACE, WEIGHT),
+            baseline: None,
+            limit: None,
         };
         let (version, source) = (head.version, Some(head.source));
         let scorer = Scorer { metric, version, source, needs: sources.leak(), uses: &[], score, spread: None };

@@ -95,6 +95,7 @@ impl StagePart {
             version: self.head.version,
             grain: Grain::Line,
             yields: TableKind::Lines,
+            role: None,
             inputs: &[InputDecl { name: "input", kind: InputKind::Lines, optional: false }],
             doc: self.head.doc.to_owned(),
             example: self.example,

@@ -5,7 +5,10 @@ use figures::{chart::px, ticks};
 use maud::{Markup, html};
 use plan::{PlanUnit, TableRef};
 use results::text::number;
-use schemas::{Fault, metric::Metric};
+use schemas::{
+    Fault, StageRole,
+    metric::{Metric, MetricBaseline},
+};
 
 use super::{board::ScoreBoard, source::ReportSource, warnings::Warning};
 
@@ -15,24 +18,6 @@ const WIDTH: f64 = 720.0;
 const LEFT: f64 = 190.0;
 const RIGHT: f64 = 110.0;
 const ROW: f64 = 22.0;
-
-/// The metric of the same quantity without navigation or compensation.
-pub fn baseline(metric: &str) -> Option<&'static str> {
-    match metric {
-        "drms" => Some("ins_drms"),
-        "std_error" => Some("std_uncompensated"),
-        _ => None,
-    }
-}
-
-/// A baseline in words.
-pub fn baseline_words(metric: &str) -> &'static str {
-    match metric {
-        "ins_drms" => "INS alone",
-        "std_uncompensated" => "uncompensated",
-        _ => "baseline",
-    }
-}
 
 /// The value of one line, and of its baseline.
 struct AnswerLine {
@@ -80,8 +65,8 @@ fn of_board(source: &ReportSource, board: &ScoreBoard) -> Result<Option<Markup>,
     let name = &source.graph.plan.tables[board.table].name;
     let lines = lines(source, board, row, metric)?;
     let interval = interval(source, board, row, declared.name)?;
-    let over = baseline(declared.name).and_then(|b| board.scores.metric(b));
-    let over = over.and_then(|b| Some((board.scores.metrics[b], board.value(row, b)?)));
+    let over = declared.baseline.and_then(|b| Some((b, board.scores.metric(b.metric)?)));
+    let over = over.and_then(|(b, metric)| Some((b, board.value(row, metric)?)));
     let point = board.point(row);
     let several = board.scores.rows.len() > 1;
     let held_out = board.scores.in_sample.get(row).map_or(board.scores.lines, |seen| seen.held_out);
@@ -95,7 +80,7 @@ fn of_board(source: &ReportSource, board: &ScoreBoard) -> Result<Option<Markup>,
                 code { (declared.name) } " " strong { (with_unit(Some(value), declared.unit)) }
                 @if let Some((low, high)) = interval { " (bootstrap interval " (number(Some(low))) " to " (with_unit(Some(high), declared.unit)) ")" }
                 @if let Some((other, other_value)) = over {
-                    ", against " (with_unit(Some(other_value), other.unit)) " " (of_baseline(other.name))
+                    ", against " (with_unit(Some(other_value), declared.unit)) " (" (other.label) ")"
                 }
                 (place(held_out, board.scores.lines))
                 @if let Some(nees) = board.scores.metric("nees").and_then(|m| board.value(row, m)) { ". NEES " (number(Some(nees))) ", expected value 2" }
@@ -112,10 +97,6 @@ fn of_board(source: &ReportSource, board: &ScoreBoard) -> Result<Option<Markup>,
 pub fn with_unit(value: Option<f64>, unit: &str) -> String {
     let unit = if unit == "1" { String::new() } else { format!(" {unit}") };
     number(value) + &unit
-}
-
-fn of_baseline(name: &str) -> &'static str {
-    if name == "ins_drms" { "of the INS alone" } else { "uncompensated" }
 }
 
 /// The lines behind a value, in words.
@@ -145,9 +126,9 @@ fn excluded(board: &ScoreBoard, row: usize, metric: usize) -> Option<String> {
 fn interval(source: &ReportSource, board: &ScoreBoard, row: usize, metric: &str) -> Result<Option<(f64, f64)>, Fault> {
     let plan = source.graph.plan;
     let here = TableRef::Stage(board.table, board.instances.get(row).copied().unwrap_or(0));
-    for (table, node) in plan.tables.iter().enumerate().filter(|(_, t)| t.entry.name == "summary") {
-        for instance in 0..node.len() {
-            if plan.upstream(&plan.instance(table, instance).inputs(), "score") != Some(here) {
+    for table in plan.tables_of(StageRole::PoolsScores) {
+        for instance in 0..plan.tables[table].len() {
+            if plan.upstream(&plan.instance(table, instance).inputs(), StageRole::Scores) != Some(here) {
                 continue;
             }
             let unit = PlanUnit { table, instance, line: None };
@@ -191,7 +172,7 @@ fn lines(source: &ReportSource, board: &ScoreBoard, row: usize, metric: usize) -
         };
         let (Some(value), Some((flight, line))) = (of(declared.name), source.graph.lines.get(*line)) else { continue };
         let name = format!("{flight} / {line}");
-        found.push(AnswerLine { name, value, baseline: baseline(declared.name).and_then(of) });
+        found.push(AnswerLine { name, value, baseline: declared.baseline.and_then(|b| of(b.metric)) });
     }
     let cost = |line: &AnswerLine| declared.better.cost(line.value).unwrap_or(f64::INFINITY);
     found.sort_by(|a, b| cost(b).total_cmp(&cost(a)));
@@ -199,7 +180,7 @@ fn lines(source: &ReportSource, board: &ScoreBoard, row: usize, metric: usize) -
 }
 
 /// Values and baselines as dots: the pooled value, then the worst lines.
-fn figure(metric: Metric, value: f64, over: Option<(Metric, f64)>, lines: &[AnswerLine]) -> Markup {
+fn figure(metric: Metric, value: f64, over: Option<(MetricBaseline, f64)>, lines: &[AnswerLine]) -> Markup {
     let mut rows: Vec<(String, f64, Option<f64>)> = vec![("pooled".to_owned(), value, over.map(|o| o.1))];
     if lines.len() > 1 {
         rows.extend(lines.iter().take(LINES).map(|l| (l.name.clone(), l.value, l.baseline)));
@@ -220,7 +201,7 @@ fn figure(metric: Metric, value: f64, over: Option<(Metric, f64)>, lines: &[Answ
         figure {
             p.legend {
                 span { i class="key dotted after" {} (metric.name) @if metric.unit != "1" { ", " (metric.unit) } }
-                @if let Some((other, _)) = over { span { i class="key dotted ins" {} (baseline_words(other.name)) } }
+                @if let Some((other, _)) = over { span { i class="key dotted ins" {} (other.label) } }
             }
             svg.dots viewBox=(format!("0 0 {WIDTH} {}", px(bottom + 22.0))) role="img" aria-label=(label) {
                 @for tick in &ticks {
@@ -262,10 +243,10 @@ mod tests {
 
     #[test]
     fn unit_the_figure_has_the_pooled_value_and_the_worst_lines() {
-        let [drms, ins] = declared(["drms", "ins_drms"]);
+        let [drms] = declared(["drms"]);
         let line = |i: usize| AnswerLine { name: format!("1 / {i}"), value: 40.0 - i as f64, baseline: Some(900.0) };
         let lines: Vec<AnswerLine> = (0..20).map(line).collect();
-        let text = figure(drms, 29.0, Some((ins, 967.0)), &lines).into_string();
+        let text = figure(drms, 29.0, Some((drms.baseline.unwrap(), 967.0)), &lines).into_string();
         assert_eq!((text.matches("circle class=\"dot\"").count(), text.matches("class=\"base\"").count()), (9, 9));
         assert!(text.contains("29.00 m") && text.contains("8 worst of 20 lines") && text.contains("logarithmic"));
         assert!(text.contains("INS alone"), "{text}");

@@ -9,12 +9,7 @@ use plan::{InSampleLines, LineId, PlanUnit};
 use results::text::number;
 use schemas::{Fault, metric::Metric};
 
-use super::{
-    answer::{baseline, baseline_words},
-    board::ScoreBoard,
-    source::ReportSource,
-    warnings::Warning,
-};
+use super::{board::ScoreBoard, source::ReportSource, warnings::Warning};
 
 /// Maximum numbers of tables, columns and rows of a page.
 const TABLES: usize = 3;
@@ -99,7 +94,7 @@ pub fn tables(source: &ReportSource, board: &ScoreBoard, warnings: &[Warning]) -
         let of_axis = axis.and_then(|a| spec.axes.get(a)).map(|a| a.name.clone());
         let others = point.iter().filter(|(k, _)| Some(*k) != of_axis.as_ref()).map(|(k, v)| format!("{k} = {v}"));
         let others = others.collect::<Vec<_>>().join(", ");
-        let of = baseline(board.scores.metrics[metric].name).and_then(|name| board.scores.metric(name));
+        let of = board.scores.metrics[metric].baseline.and_then(|baseline| board.scores.metric(baseline.metric));
         let pooled_baseline = of.and_then(|m| board.value(best, m));
         let table = LineScoreTable {
             metric: board.scores.metrics[metric],
@@ -128,12 +123,12 @@ fn column(
     let mut cells = vec![];
     for line in lines {
         let unit = PlanUnit { table: board.table, instance, line: Some(*line) };
-        let name = board.scores.metrics[metric].name;
+        let Metric { name, baseline, .. } = board.scores.metrics[metric];
         let [value, baseline] = match source.tidy(unit, &["metric", "value"])? {
             Some(batch) => {
                 let words = batch.column(0).as_string_opt::<i32>();
                 let values = batch.column(1).as_primitive_opt::<Float64Type>();
-                [Some(name), baseline(name)].map(|wanted| {
+                [Some(name), baseline.map(|b| b.metric)].map(|wanted| {
                     let (words, values) = (words?, values?);
                     let wanted = wanted?;
                     let at = words.iter().position(|w| w == Some(wanted)).filter(|i| values.is_valid(*i))?;
@@ -185,7 +180,7 @@ impl LineScoreTable {
     }
 
     fn baseline_name(&self) -> &'static str {
-        baseline(self.metric.name).map(baseline_words).unwrap_or_default()
+        self.metric.baseline.map(|baseline| baseline.label).unwrap_or_default()
     }
 
     fn title(&self) -> String {

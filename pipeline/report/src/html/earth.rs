@@ -10,7 +10,7 @@ use numerics::{
 };
 use plan::{PlanGraph, TableRef};
 use results::text::number;
-use schemas::Fault;
+use schemas::{Fault, StageRole};
 use store::Store;
 
 use super::{
@@ -81,7 +81,7 @@ pub fn kml(graph: &PlanGraph, store: &Store, choice: &TrackSelection, stem: &str
 fn chosen(source: &ReportSource, choice: &TrackSelection) -> Result<Vec<SubjectGroup>, Fault> {
     let plan = source.graph.plan;
     let navigates: Vec<&str> =
-        plan.tables.iter().filter(|t| t.entry.name == "navigate").map(|t| t.name.as_str()).collect();
+        plan.tables_of(StageRole::EstimatesTrack).map(|t| plan.tables[t].name.as_str()).collect();
     if let Some(name) = choice.tables.iter().find(|t| !navigates.contains(&t.as_str())) {
         return Err(Fault::new(format!("there is no table `{name}` of stage `navigate`")).nearest(name, &navigates));
     }

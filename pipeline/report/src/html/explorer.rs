@@ -14,7 +14,7 @@ use schemas::{
 };
 use serde_json::json;
 
-use super::{answer::baseline, board::ScoreBoard, source::ReportSource, warnings::Warning};
+use super::{board::ScoreBoard, source::ReportSource, warnings::Warning};
 
 /// Size of all blocks of a page, in bytes. Scores of single lines are omitted first, then points with high ranks.
 pub const BUDGET: usize = 10_000_000;
@@ -115,7 +115,7 @@ pub fn metric_json(metric: &Metric) -> serde_json::Value {
     };
     json!({
         "name": metric.name, "unit": metric.unit, "better": better, "target": target, "meaning": metric.meaning,
-        "pool": metric.pool.words(), "baseline": baseline(metric.name),
+        "pool": metric.pool.words(), "baseline": metric.baseline.map(|baseline| baseline.metric),
     })
 }
 
@@ -279,7 +279,7 @@ fn affordable(board: &ScoreBoard, entries: usize, left: usize) -> Option<Vec<usi
     let fits = |metrics: &usize| entries.saturating_mul(NUMBER * metrics + 14) <= left;
     let all: Vec<usize> = (0..board.scores.metrics.len()).collect();
     let headline = board.headline()?;
-    let baseline = baseline(board.scores.metrics[headline].name).and_then(|name| board.scores.metric(name));
+    let baseline = board.scores.metrics[headline].baseline.and_then(|baseline| board.scores.metric(baseline.metric));
     let few: Vec<usize> = std::iter::once(headline).chain(baseline).collect();
     [all, few].into_iter().find(|metrics| entries > 0 && fits(&metrics.len()))
 }

@@ -7,7 +7,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use figures::chart::px;
 
-use super::figure_legend::{self, LegendEntry};
+use super::{
+    figure_legend::{self, LegendEntry},
+    plain_text::{plain_text, unescaped},
+};
 
 /// A figure as a file.
 #[derive(Clone, Debug)]
@@ -105,25 +108,6 @@ fn caption(after: &str) -> Option<String> {
     let start = within.find("<figcaption")?;
     let text = within[start..].split_once('>')?.1.split("</figcaption>").next()?;
     Some(plain_text(text)).filter(|text| !text.is_empty())
-}
-
-/// The text of a markup, without tags.
-pub(super) fn plain_text(markup: &str) -> String {
-    let mut plain = String::new();
-    let mut in_tag = false;
-    for c in markup.chars() {
-        match c {
-            '<' => in_tag = true,
-            '>' if in_tag => in_tag = false,
-            c if !in_tag => plain.push(c),
-            _ => {}
-        }
-    }
-    unescaped(&plain.split_whitespace().collect::<Vec<_>>().join(" "))
-}
-
-fn unescaped(text: &str) -> String {
-    text.replace("&lt;", "<").replace("&gt;", ">").replace("&quot;", "\"").replace("&#39;", "'").replace("&amp;", "&")
 }
 
 /// The first words of a title, for a file name.

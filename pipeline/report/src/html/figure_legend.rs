@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use figures::chart::px;
 use maud::html;
 
+use super::plain_text::plain_text;
+
 /// Height of a row, and the width of a key and of a character at 11.5 px, px.
 const ROW: f64 = 18.0;
 const KEY: f64 = 22.0;
@@ -27,7 +29,7 @@ pub fn entries(markup: &str) -> Vec<LegendEntry> {
         let (key, text) = part.split_once("</i>")?;
         let classes = key.split("class=\"").nth(1)?.split('"').next()?;
         let classes = classes.split_whitespace().map(str::to_owned).collect();
-        let name = super::figure_files::plain_text(text.split("</span>").next().unwrap_or_default());
+        let name = plain_text(text.split("</span>").next().unwrap_or_default());
         (!name.is_empty()).then_some(LegendEntry { classes, name })
     };
     legend.split("<span").skip(1).filter_map(entry).collect()

@@ -8,7 +8,7 @@ use figures::chart::px;
 use maud::{Markup, html};
 use plan::{SweepPoint, spec::Spec};
 use results::text::{number, point_words};
-use schemas::{Fault, Literal};
+use schemas::{Fault, Literal, StageRole};
 
 use super::{beeswarm::BeeswarmSamples, source::ReportSource};
 
@@ -51,7 +51,8 @@ pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
     let (graph, store) = (source.graph, source.store);
     let mut models: BTreeMap<(usize, usize), (String, ImportanceRanking)> = BTreeMap::new();
     let (seeds, mut first_of) = (seeds(&graph.plan.spec), BTreeMap::new());
-    for (t, node) in graph.plan.tables.iter().enumerate().filter(|(_, node)| node.entry.name == "importance") {
+    for t in graph.plan.tables_of(StageRole::RanksInputs) {
+        let node = &graph.plan.tables[t];
         for unit in graph.units(t) {
             let Ok(key) = graph.key(unit) else { continue };
             if !store.has(key) || store.failed(key)?.is_some() {

@@ -8,10 +8,10 @@ use arrow_array::{
 use figures::{chart::px, ticks};
 use maud::{Markup, html};
 use plan::PlanUnit;
-use results::{text::number, warnings::limits};
+use results::text::number;
 use schemas::{
-    Fault,
-    metric::{Metric, PoolingRule},
+    Fault, StageRole,
+    metric::{Metric, MetricLimit, PoolingRule},
 };
 
 use super::source::ReportSource;
@@ -51,7 +51,8 @@ struct IntervalDot {
 pub fn sections(source: &ReportSource) -> Result<Vec<Markup>, Fault> {
     let plan = source.graph.plan;
     let mut out = vec![];
-    for (table, node) in plan.tables.iter().enumerate().filter(|(_, t)| t.entry.name == "summary") {
+    for table in plan.tables_of(StageRole::PoolsScores) {
+        let node = &plan.tables[table];
         let mut metrics: Vec<IntervalRow> = vec![];
         for (instance, it) in plan.instances(table).enumerate() {
             let unit = PlanUnit { table, instance, line: None };
@@ -105,22 +106,18 @@ fn section(name: &str, axes: &[&str], metrics: &[IntervalRow]) -> Markup {
 
 impl IntervalRow {
     /// Expected value of the metric for a consistent filter.
-    fn law(&self) -> Option<&'static limits::ConsistencyLimit> {
-        match self.metric.name {
-            "nees" => Some(&limits::NEES),
-            "nis" => Some(&limits::NIS),
-            _ => None,
-        }
+    fn expected(&self) -> Option<f64> {
+        self.metric.target().filter(|_| matches!(self.metric.limit, Some(MetricLimit::Factor(_))))
     }
 
     fn drawn(&self) -> Markup {
         let Metric { name, unit, .. } = self.metric;
         let dots = &self.dots[..self.dots.len().min(MOST)];
-        let law = self.law();
+        let expected = self.expected();
         let ends = dots
             .iter()
             .flat_map(|d| d.interval.map_or([d.value; 2], |(low, high)| [low.min(d.value), high.max(d.value)]));
-        let ends = ends.chain(law.map(|l| l.mean));
+        let ends = ends.chain(expected);
         let (low, high) = ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
         let pad = if high > low { 0.06 * (high - low) } else { 0.1 * high.abs().max(1e-9) };
         let (low, high) = (low - pad, high + pad);
@@ -138,9 +135,9 @@ impl IntervalRow {
                         line.grid x1=(px(at(tick.at))) x2=(px(at(tick.at))) y1="0" y2=(px(bottom)) {}
                         text.tick x=(px(at(tick.at))) y=(px(bottom + 15.0)) text-anchor="middle" { (tick.label) }
                     }
-                    @if let Some(law) = law { line.level x1=(px(at(law.mean))) x2=(px(at(law.mean))) y1="0" y2=(px(bottom)) {} }
+                    @if let Some(mean) = expected { line.level x1=(px(at(mean))) x2=(px(at(mean))) y1="0" y2=(px(bottom)) {} }
                     @for (i, dot) in dots.iter().enumerate() {
-                        g.bad[law.is_some_and(|l| l.is_far(dot.value))] {
+                        g.bad[expected.is_some() && self.metric.is_flagged(dot.value)] {
                             title { (dot.words()) }
                             text x=(px(left - 8.0)) y=(px(row(i) + 4.0)) text-anchor="end" { (shortened(&dot.point)) }
                             @if let Some((low, high)) = dot.interval { line.arm x1=(px(at(low))) x2=(px(at(high))) y1=(px(row(i))) y2=(px(row(i))) {} }

@@ -2,7 +2,7 @@
 
 use arrow_array::{Array, cast::AsArray, types::Float64Type};
 use plan::{LineId, PlanUnit, TableRef};
-use schemas::{Fault, metric::Metric};
+use schemas::{Fault, StageRole, metric::Metric};
 
 use super::{answer::with_unit, board::ScoreBoard, source::ReportSource};
 
@@ -98,13 +98,13 @@ pub fn navigations(
         TableRef::Flights(_) | TableRef::Map(_) => None,
     };
     let taken: Vec<usize> = shown.iter().filter_map(|s| table_of(s.navigate.as_ref()?)).collect();
-    let others = (0..plan.tables.len()).filter(|t| plan.tables[*t].entry.name == "navigate" && !taken.contains(t));
+    let others = plan.tables_of(StageRole::EstimatesTrack).filter(|t| !taken.contains(t));
     let mut others: Vec<usize> = others.filter(|t| source.present(*t).0 > 0).collect();
     let more = others.len().saturating_sub(most);
     others.truncate(most);
     let scored = |table: usize| {
         let made_of = |b: &&ScoreBoard| {
-            let track = plan.upstream(&plan.instance(b.table, 0).inputs(), "navigate");
+            let track = plan.upstream(&plan.instance(b.table, 0).inputs(), StageRole::EstimatesTrack);
             track.and_then(|r| table_of(&r)) == Some(table)
         };
         let (board, metric) = boards.iter().filter(made_of).find_map(|b| b.headline().map(|m| (b, m)))?;
@@ -177,15 +177,15 @@ fn unscored(source: &ReportSource) -> Option<ReportSubject> {
 
 fn stages_of(source: &ReportSource, from: &[TableRef], truth: Option<String>) -> ReportSubject {
     let plan = source.graph.plan;
-    let find = |stage: &str| plan.upstream(from, stage);
-    let compensate = find("compensate");
+    let find = |role: StageRole| plan.upstream(from, role);
+    let compensate = find(StageRole::Compensates);
     // Only the model behind this compensation is shown, not a model of another branch.
-    let model = compensate.and_then(|r| plan.upstream(&[r], "fit"));
-    let fit = model.or_else(|| find("fit"));
-    let navigate = find("navigate");
+    let model = compensate.and_then(|r| plan.upstream(&[r], StageRole::FitsModel));
+    let fit = model.or_else(|| find(StageRole::FitsModel));
+    let navigate = find(StageRole::EstimatesTrack);
     // The table is shown even without scores.
-    let elsewhere = || plan.tables.iter().position(|t| t.entry.name == "map_value").map(|t| TableRef::Stage(t, 0));
-    let map_value = find("map_value").or_else(elsewhere);
+    let elsewhere = || plan.tables_of(StageRole::ReadsMap).next().map(|t| TableRef::Stage(t, 0));
+    let map_value = find(StageRole::ReadsMap).or_else(elsewhere);
     let (title, point, why) = (String::new(), String::new(), String::new());
     ReportSubject { id: String::new(), title, point, why, compensate, navigate, map_value, fit, truth, chosen: None }
 }

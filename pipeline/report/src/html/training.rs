@@ -4,7 +4,7 @@ use arrow_array::{Array, cast::AsArray, types::Float64Type};
 use figures::chart::{ChartAxis, ChartLine, LineChart};
 use maud::{Markup, html};
 use results::text::point_words;
-use schemas::Fault;
+use schemas::{Fault, StageRole};
 
 use super::source::ReportSource;
 
@@ -26,7 +26,8 @@ struct LossCurve {
 pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
     let (graph, store) = (source.graph, source.store);
     let (mut charts, mut more) = (vec![], 0);
-    for (t, node) in graph.plan.tables.iter().enumerate().filter(|(_, node)| node.entry.name == "fit") {
+    for t in graph.plan.tables_of(StageRole::FitsModel) {
+        let node = &graph.plan.tables[t];
         for unit in graph.units(t) {
             let Ok(key) = graph.key(unit) else { continue };
             if !store.has(key) || store.failed(key)?.is_some() {

@@ -6,7 +6,7 @@ use maud::{Markup, html};
 use numerics::compensation::diagnostics::{CoefficientVariation, variation};
 use plan::{PlanUnit, StageInstance, TableRef};
 use results::text::number;
-use schemas::Fault;
+use schemas::{Fault, StageRole};
 
 use super::source::ReportSource;
 
@@ -44,9 +44,8 @@ const TABLES: usize = 4;
 /// # Errors
 /// Fails when the store is damaged.
 pub fn section(source: &ReportSource, fit: Option<TableRef>) -> Result<Option<Markup>, Fault> {
-    let tables = &source.graph.plan.tables;
     let mut parts = vec![];
-    for table in (0..tables.len()).filter(|t| tables[*t].entry.name == "fit") {
+    for table in source.graph.plan.tables_of(StageRole::FitsModel) {
         let instance = fit.and_then(|r| if let TableRef::Stage(t, i) = r { (t == table).then_some(i) } else { None });
         if parts.len() < TABLES {
             parts.extend(of_table(source, table, instance.unwrap_or(0), true)?);

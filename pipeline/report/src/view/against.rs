@@ -22,7 +22,7 @@ use store::{Store, Version, versions};
 
 use super::{
     PublishedPipeline, StoreView, ViewFault,
-    notes::PipelineNotes,
+    notes::{NotedTable, PipelineNotes},
     scores::{PooledScores, counts, flagged, numbers, texts, truths},
     table::{ViewTable, Words},
 };
@@ -114,7 +114,7 @@ impl StoreView {
     ) -> Result<ComparedRun, ViewFault> {
         let snapshot = history::snapshot(self.root(), pipeline, &record)?;
         let tables = self.published_by(pipeline, &record)?;
-        let scored = tables.notes.table(table).is_some_and(|t| t.stage == "score");
+        let scored = tables.notes.table(table).is_some_and(NotedTable::is_scores);
         if !scored {
             let fault = Fault::new(format!("run {} of `{pipeline}` has no table of scores `{table}`", record.number));
             return Err(ViewFault::Missing(fault));
@@ -135,7 +135,7 @@ impl StoreView {
             let (value, n, lines, in_sample) = (cell.value, cell.n, cell.lines, cell.in_sample);
             cells.insert((cell.point, metric), RunCell { value, n, lines, in_sample, interval: None });
         }
-        for summary in tables.notes.tables.iter().filter(|t| t.stage == "summary") {
+        for summary in tables.notes.tables.iter().filter(|t| t.is_summary()) {
             if summary.inputs.iter().any(|input| input == table) && tables.tables().contains(&summary.name) {
                 add_intervals(&*tables.table(&summary.name)?, &own.axes, &pooled, (&names.metrics, &mut cells))?;
             }

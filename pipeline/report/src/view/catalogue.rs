@@ -70,11 +70,11 @@ fn described(pipeline: &PublishedPipeline, name: &str) -> Value {
 /// Kind of a table, which decides how it is drawn.
 fn kind(table: &ViewTable, noted: Option<&NotedTable>, name: &str) -> &'static str {
     let has = |column: &str| table.provider.columns().field_with_name(column).is_ok();
-    match noted.map(|t| t.stage.as_str()) {
+    match noted {
         _ if table.is_by_sample() => "samples",
-        Some("score") => "scores",
+        Some(noted) if noted.is_scores() => "scores",
         _ if name == results::pooled::TABLE => "scores_pooled",
-        Some("fit") => "model",
+        Some(noted) if noted.is_model() => "model",
         Some(_) if has("anomaly") && has("epsg") => "map",
         _ => "other",
     }

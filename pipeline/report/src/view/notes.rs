@@ -70,6 +70,24 @@ pub struct NotedTable {
     pub lines: usize,
 }
 
+/// The notes of a store have the names of stages, not their roles.
+impl NotedTable {
+    /// Whether the table holds the scores of lines.
+    pub fn is_scores(&self) -> bool {
+        self.stage == "score"
+    }
+
+    /// Whether the table holds pooled scores with their intervals.
+    pub fn is_summary(&self) -> bool {
+        self.stage == "summary"
+    }
+
+    /// Whether the table holds models.
+    pub fn is_model(&self) -> bool {
+        self.stage == "fit"
+    }
+}
+
 /// The points of a table: their number, and the values of each axis.
 #[derive(Debug, Default)]
 pub struct NotedPoints {
@@ -94,7 +112,7 @@ impl PipelineNotes {
 
     /// The column of the truth of the first scores downstream of a table.
     pub fn truth(&self, table: &str) -> Option<&str> {
-        let mut scores = self.tables.iter().filter(|t| t.stage == "score" && self.is_upstream(table, &t.name));
+        let mut scores = self.tables.iter().filter(|t| t.is_scores() && self.is_upstream(table, &t.name));
         scores.find_map(|t| t.points.truth.as_deref())
     }
 

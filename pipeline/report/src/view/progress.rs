@@ -15,12 +15,12 @@ use results::{
     scores::Scores,
     warnings,
 };
-use schemas::{Fault, keys::HashKey};
+use schemas::{Fault, StageRole, keys::HashKey};
 use serde_json::{Value, json};
 use store::{Store, generation};
 
 use super::StoreView;
-use crate::html::{baseline, is_current};
+use crate::html::is_current;
 
 /// Minimum time between two counts of the units.
 const COUNT_EVERY: Duration = Duration::from_secs(1);
@@ -159,7 +159,7 @@ impl<'a> RunProgress<'a> {
     }
 
     fn is_scores(&self, table: usize) -> bool {
-        self.graph.plan.tables.get(table).is_some_and(|node| node.entry.name == "score")
+        self.graph.plan.tables.get(table).is_some_and(|node| node.entry.role == Some(StageRole::Scores))
     }
 
     fn table(&self, progress: &TableCount) -> Value {
@@ -229,7 +229,7 @@ fn best(progress: &RunProgress, t: usize, pooled: &[PooledMetric], marks: &[warn
     let declared = scores.metrics[metric];
     let (key, _) = scores.rows.get(row)?;
     let point: serde_json::Map<String, Value> = scores.axes.iter().cloned().zip(key.iter().map(|v| json!(v))).collect();
-    let other = baseline(declared.name).and_then(|name| Some((name, scores.value(row, scores.metric(name)?)?)));
+    let other = declared.baseline.and_then(|b| Some((b.metric, scores.value(row, scores.metric(b.metric)?)?)));
     Some(json!({
         "table": format!("{}.{}", plan.spec.name, plan.table_name(t)), "metric": declared.name, "unit": declared.unit,
         "value": scores.value(row, metric), "point": point, "points": scores.rows.len(),

@@ -17,6 +17,7 @@ use schemas::{Fault, metric::Metric};
 
 use super::{
     PublishedPipeline, StoreView, ViewFault, locked,
+    notes::NotedTable,
     table::{ViewTable, Words, positions},
 };
 use crate::html::{LineScores, MoreScores, ScoreBoard, score_block, score_rows};
@@ -81,7 +82,7 @@ impl StoreView {
         }
         let short = name.split_once('.').map_or(name, |(_, short)| short);
         let columns = || pooled::COLUMNS.iter().map(|(column, _)| *column);
-        let is_scores = pipeline.notes.table(short).is_some_and(|t| t.stage == "score");
+        let is_scores = pipeline.notes.table(short).is_some_and(NotedTable::is_scores);
         if !is_scores || table.axes.iter().any(|axis| columns().any(|column| column == axis)) {
             let fault = Fault::new(format!("`{name}` has no pooled scores"));
             return Err(ViewFault::Wrong(fault.help("name a table of kind `scores`, as listed by `api/catalogue`")));

@@ -7,8 +7,11 @@ use arrow_array::{
 };
 use numerics::earth::dates::decimal_year;
 use plan::{LineId, PlanGraph, TableRef};
-use schemas::Fault;
-use stages::navigate::START_COLUMNS;
+use schemas::{Fault, StageRole};
+use stages::{
+    navigate::START_COLUMNS,
+    score::{map, signal, track},
+};
 use store::Store;
 
 use super::{WarningKind, limits, navigation, row::LineMetrics};
@@ -121,7 +124,7 @@ impl<'a> LineFacts<'a> {
             (NavigationSide::Flight, None) => Ok(None),
         };
         let settings = NavigationSettings {
-            gnss_rejected_s: match row.counted("gnss_rejected") {
+            gnss_rejected_s: match row.counted(&track::GNSS_REJECTED) {
                 Some((count, _)) if count > 0.0 => gnss_rejected_s(graph, store, track, line)?,
                 Some(_) | None => None,
             },
@@ -155,7 +158,7 @@ impl<'a> LineFacts<'a> {
     }
 
     fn diverged(&self) -> bool {
-        self.row.get("drms").zip(self.row.get("ins_drms")).is_some_and(|(drms, ins)| drms > ins)
+        self.row.get(&track::DRMS).zip(self.row.get(&track::INS_DRMS)).is_some_and(|(drms, ins)| drms > ins)
     }
 
     /// Likely cause of a warning; `None` if no known fact explains it.
@@ -214,10 +217,10 @@ impl<'a> LineFacts<'a> {
         // An estimated noise includes an offset.
         if settings.offset_window_s == 0.0 && !settings.found {
             let large = |bias: &f64| bias.abs() > limits::BIAS_SIGMAS * sigma.unwrap_or(5.0);
-            let bias = row.get("bias_error").filter(large);
+            let bias = row.get(&signal::BIAS_ERROR).filter(large);
             found.extend(bias.map(|bias| format!("the measurement has a bias (bias_error {} nT)", shown(bias))));
         }
-        if let Some(error) = row.get("map_height_error").filter(|e| *e > limits::map_height_nt(sigma)) {
+        if let Some(error) = row.get(&map::MAP_HEIGHT_ERROR).filter(|e| *e > limits::map_height_nt(sigma)) {
             found.push(format!("the map is at a different height from the flight ({} nT rms)", shown(error)));
         }
         if let Some((declared_year, flight_year)) = settings.wrong_date() {
@@ -229,7 +232,7 @@ impl<'a> LineFacts<'a> {
             // A filter that diverges also leaves the map, so samples off the map need not be the cause.
             found.push(format!("{:.0} % of the samples are off the map", 100.0 * share));
         }
-        let consistent = || row.get("nees").is_some_and(|nees| !limits::NEES.is_far(nees));
+        let consistent = || row.get(&track::NEES).is_some_and(|nees| !track::NEES.metric.is_flagged(nees));
         if found.is_empty() && kind == WarningKind::WorseThanIns && consistent() {
             found.push("the filter is consistent, but the map has too little information along this line".to_owned());
         }
@@ -248,7 +251,7 @@ impl<'a> LineFacts<'a> {
         exceeds: impl Fn(&f64, f64) -> bool,
     ) -> Option<String> {
         let sigma = settings.sigma_nt.filter(|_| !settings.found)?;
-        let residual = self.row.get("std_error").filter(|residual| exceeds(residual, sigma))?;
+        let residual = self.row.get(&signal::STD_ERROR).filter(|residual| exceeds(residual, sigma))?;
         let [residual, sigma] = [residual, sigma].map(|x| number(Some(x)));
         Some(format!(
             "the residual of compensation is {residual} nT (std_error), but `measurement_sigma_nt` is {sigma} nT"

@@ -1,60 +1,7 @@
-//! Limits beyond which a figure is flagged. All limits are in this file.
-//!
-//! The mean over a line of the normalised estimation error squared (NEES, of the horizontal position, two degrees of
-//! freedom) is 2 for a consistent filter. The mean of the normalised innovation squared (NIS, one degree of freedom) is
-//! 1 [Bar-Shalom, Li & Kirubarajan 2001, section 5.4]. The textbook interval for such a mean assumes independent
-//! samples, but the samples of a line are correlated:
-//!
-//! - Position errors are correlated over minutes, so a line holds few independent samples, at worst a single one.
-//!   NEES/2 of a single sample is exponentially distributed. It exceeds ten times its expected value with probability
-//!   e⁻¹⁰ (once in 22,000 lines), and is below a tenth with 1 − e⁻⁰·¹ (10 %); with three independent samples, with 0.4
-//!   %. A mean beyond a factor of ten is therefore an inconsistent filter, and hardly ever chance.
-//! - Innovations are correlated over seconds. A line thus has dozens of independent samples, and chance stays within a
-//!   factor of two. The factor of four matters in practice: the predicted sigma is half or twice its correct value.
+//! Limits of figures that are no metrics, or that depend on several figures. A metric declares its own limit
+//! (`stages/src/score`).
 //!
 //! A row of pooled scores is flagged if one of its lines is: a mean of means beyond a limit has a line beyond it.
-
-/// Expected value of a consistency mean, and the factor beyond which it is flagged.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ConsistencyLimit {
-    /// The mean for a consistent filter.
-    pub mean: f64,
-    /// Factor above or below the mean beyond which a value is flagged.
-    pub factor: f64,
-}
-
-impl ConsistencyLimit {
-    /// Lower limit; below this limit, the filter is far too cautious.
-    pub fn low(&self) -> f64 {
-        self.mean / self.factor
-    }
-
-    /// Upper limit; above this limit, the filter is far overconfident.
-    pub fn high(&self) -> f64 {
-        self.mean * self.factor
-    }
-
-    /// Whether `value` is beyond either limit.
-    pub fn is_far(&self, value: f64) -> bool {
-        value < self.low() || value > self.high()
-    }
-}
-
-/// Mean normalised estimation error squared of the horizontal position: 0.2 to 20.
-pub const NEES: ConsistencyLimit = ConsistencyLimit { mean: 2.0, factor: 10.0 };
-
-/// Mean normalised innovation squared: 0.25 to 4.
-pub const NIS: ConsistencyLimit = ConsistencyLimit { mean: 1.0, factor: 4.0 };
-
-/// Smallest `whiteness` of innovations that count as white; the expected value is 0.95. Four or fewer of 20 lags are
-/// outside their band with probability 0.997.
-pub const WHITENESS: f64 = 0.8;
-
-/// Largest `correlated_nis` of innovations that are not white; the expected value is 1. If the assumed noise is
-/// increased to account for the correlation, the value is 1, although the correlation remains. On 45 lines of nine
-/// simulated flights with estimated noise, correlated innovations and a median NEES of 1.9, the statistic is 0.76 to
-/// 1.40; with a magnetometer 0.6 s late 2.2 to 2.9, and on a map of sparse lines without its error above 200.
-pub const CORRELATED_NIS: f64 = 1.5;
 
 /// Smallest ratio of the initial position's standard deviation to the distance over which the map is linear that is
 /// flagged. On flights of another simulator the extended Kalman filter converges at ratios up to 0.8 and loses the
@@ -71,8 +18,6 @@ pub const LAG_SIGMAS: f64 = 4.0;
 /// filter with rejections loses it.
 pub const GATED: f64 = 0.1;
 
-/// Minimum anomaly retention of a compensation.
-pub const RETENTION: f64 = 0.9;
 /// Number of standard errors by which a retention must be below its limit.
 pub const RETENTION_ERRORS: f64 = 2.0;
 
@@ -100,18 +45,4 @@ pub const DATE_A: f64 = 0.25;
 /// makes the total error a tenth larger than the filter assumes. It is at most 5 nT, the error of a good map.
 pub fn map_height_nt(sigma_nt: Option<f64>) -> f64 {
     sigma_nt.map_or(5.0, |sigma| (0.5 * sigma).min(5.0))
-}
-
-#[cfg(test)]
-mod tests {
-    use schemas::metric::MetricPreference;
-
-    use super::*;
-    use crate::scores::declared;
-
-    #[test]
-    fn unit_limits_agree_with_the_targets_of_the_metrics() {
-        let near = declared(["nees", "nis"]).map(|m| m.better);
-        assert_eq!(near, [MetricPreference::Near(NEES.mean), MetricPreference::Near(NIS.mean)]);
-    }
 }

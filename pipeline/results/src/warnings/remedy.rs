@@ -3,6 +3,7 @@
 //! A remedy changes keys of the stage `navigate`. It is a hint only if a trial on the flagged line improved the result.
 
 use schemas::Literal;
+use stages::score::{Scorer, map, track};
 
 use super::{LineFacts, LineMetrics, NavigationSettings, WarningKind, limits, of_navigation};
 use crate::text::number;
@@ -72,7 +73,7 @@ pub fn remedies(kind: WarningKind, facts: &LineFacts, is_set: &dyn Fn(&str) -> b
         let removal = Remedy::removal("the date of the core field", &["decimal_year"], is_set);
         removal.filter(|_| settings.wrong_date().is_some())
     };
-    let is_off = facts.row.get("map_height_error").is_some_and(|e| e > limits::map_height_nt(settings.sigma_nt));
+    let is_off = facts.row.get(&map::MAP_HEIGHT_ERROR).is_some_and(|e| e > limits::map_height_nt(settings.sigma_nt));
     let levels = || {
         let removal = Remedy::removal("the height of the map", &["map_levels_m"], is_set);
         removal.filter(|_| is_off)
@@ -135,23 +136,25 @@ pub fn improvement(kind: WarningKind, before: &LineMetrics, after: &LineMetrics)
     if new.iter().any(|kind| !old.contains(kind)) {
         return None;
     }
+    let expected = track::NEES.metric.target()?;
     let vanishes = old.contains(&kind) && !new.contains(&kind);
-    let both = |metric: &str| before.get(metric).zip(after.get(metric));
-    let improves = match (both("drms"), both("nees")) {
+    let both = |metric: &Scorer| before.get(metric).zip(after.get(metric));
+    let improves = match (both(&track::DRMS), both(&track::NEES)) {
         (Some((old_m, new_m)), Some((old_nees, new_nees))) => {
-            let misfit = |nees: f64| (nees / limits::NEES.mean).ln().abs();
+            let misfit = |nees: f64| (nees / expected).ln().abs();
             let is_better = new_m <= BETTER_DRMS * old_m && misfit(new_nees) <= misfit(old_nees);
             is_better || vanishes && new_m <= EQUAL_DRMS * old_m
         }
         _ => vanishes,
     };
-    let metrics = match both("drms") {
-        Some(_) => [("drms", " m"), ("nees", "")],
-        None => [("nis", ""), ("correlated_nis", "")],
+    let metrics = match both(&track::DRMS) {
+        Some(_) => [(&track::DRMS, " m"), (&track::NEES, "")],
+        None => [(&track::NIS, ""), (&track::CORRELATED_NIS, "")],
     };
-    let figure = |(metric, unit): &(&str, &str)| {
-        let (old, new) = both(metric)?;
-        Some(format!("{metric} {}{unit} instead of {}{unit}", number(Some(new)), number(Some(old))))
+    let figure = |(scorer, unit): &(&Scorer, &str)| {
+        let (old, new) = both(scorer)?;
+        let [old, new] = [old, new].map(|value| number(Some(value)));
+        Some(format!("{} {new}{unit} instead of {old}{unit}", scorer.metric.name))
     };
     let figures: Vec<String> = metrics.iter().filter_map(figure).collect();
     let improvement = || Improvement { figures: figures.join(", "), is_flagged: !new.is_empty() };

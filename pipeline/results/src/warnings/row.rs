@@ -7,7 +7,7 @@ use arrow_array::{
     cast::AsArray,
     types::{Float64Type, Int64Type},
 };
-use stages::score::NOTE;
+use stages::score::{NOTE, Scorer, track};
 
 /// The scores of one line: value and number of samples of each metric that has a value.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -36,33 +36,33 @@ impl LineMetrics {
     }
 
     /// The value of a metric.
-    pub fn get(&self, metric: &str) -> Option<f64> {
-        self.0.get(metric).map(|(value, _)| *value)
+    pub fn get(&self, metric: &Scorer) -> Option<f64> {
+        self.counted(metric).map(|(value, _)| value)
     }
 
     /// The share of samples off the map.
     pub fn off_map(&self) -> Option<f64> {
-        self.share("samples_off_map")
+        self.share(&track::SAMPLES_OFF_MAP)
     }
 
     /// The share of measurements that the gate rejects; `None` without a count of the used ones.
     pub fn gated(&self) -> Option<f64> {
-        let (gated, used) = (self.get("samples_gated")?, self.get("samples_used")?);
+        let (gated, used) = (self.get(&track::SAMPLES_GATED)?, self.get(&track::SAMPLES_USED)?);
         Some(gated / (gated + used)).filter(|share| share.is_finite())
     }
 
     /// The share of samples where the map is too flat.
     pub fn flat(&self) -> Option<f64> {
-        self.share("samples_flat")
+        self.share(&track::SAMPLES_FLAT)
     }
 
     /// The value of a metric, and its number of samples.
-    pub fn counted(&self, metric: &str) -> Option<(f64, i64)> {
-        self.0.get(metric).copied()
+    pub fn counted(&self, metric: &Scorer) -> Option<(f64, i64)> {
+        self.0.get(metric.metric.name).copied()
     }
 
-    fn share(&self, counted: &str) -> Option<f64> {
-        self.0.get(counted).filter(|(_, n)| *n > 0).map(|(count, n)| count / *n as f64)
+    fn share(&self, metric: &Scorer) -> Option<f64> {
+        self.counted(metric).filter(|(_, n)| *n > 0).map(|(count, n)| count / n as f64)
     }
 }
 

@@ -95,10 +95,10 @@ fn unit_a_lost_anomaly_is_flagged_with_and_without_navigation() {
 #[test]
 fn law_a_consistent_nees_is_rarely_beyond_ten_times_its_mean() {
     // NEES/2 of a single sample is exponentially distributed with mean 1.
-    let exceeded = (-limits::NEES.high() / 2.0).exp();
+    let exceeded = (-track::NEES.metric.accepted().unwrap().1 / 2.0).exp();
     assert!(exceeded < 1.0 / 22_000.0, "{exceeded}");
     // For three lines, NEES·3/2 has a gamma distribution of shape 3: 1 − e^(−x)(1 + x + x²/2).
-    let x = 3.0 * limits::NEES.low() / 2.0;
+    let x = 3.0 * track::NEES.metric.accepted().unwrap().0 / 2.0;
     let undercut = 1.0 - (-x).exp() * (1.0 + x + x * x / 2.0);
     assert!(undercut < 0.004, "{undercut}");
 }

@@ -21,10 +21,8 @@ use super::{
     verdict::{JobAction, JobObservation, STALL},
 };
 use crate::{
-    children::failed,
     compute::pack_of,
     engine::TaskWave,
-    events::UnitOutcome,
     interrupt::INTERRUPTED,
     task::{Receipt, Task, TaskUnit, UnitAnswer},
 };
@@ -127,7 +125,7 @@ impl<'a> WaveDispatcher<'a> {
             if let Some(fault) = end_reason {
                 self.cancel(None);
                 let rest: Vec<usize> = (0..self.receipts.len()).filter(|i| self.receipts[*i].is_none()).collect();
-                rest.into_iter().for_each(|i| self.settle(i, failed(&self.wave.tasks[i], &fault)));
+                rest.into_iter().for_each(|i| self.settle(i, self.wave.tasks[i].failure(&fault)));
                 break;
             }
             self.dispatch_jobs(&sender);
@@ -278,7 +276,7 @@ impl<'a> WaveDispatcher<'a> {
                     handed.push(one);
                     tasks.push(i);
                 }
-                Err(fault) => self.settle(i, failed(&self.wave.tasks[i], &fault)),
+                Err(fault) => self.settle(i, self.wave.tasks[i].failure(&fault)),
             }
             if self.tries[i] > 0 {
                 break;
@@ -309,7 +307,7 @@ impl<'a> WaveDispatcher<'a> {
     fn again(&mut self, i: usize, why: Fault) {
         self.tries[i] += 1;
         if self.tries[i] >= MOST_TRIES {
-            self.settle(i, failed(&self.wave.tasks[i], &why));
+            self.settle(i, self.wave.tasks[i].failure(&why));
         } else {
             self.waiting.push_back(i);
         }
@@ -330,7 +328,7 @@ impl<'a> WaveDispatcher<'a> {
                 let fault = Fault::bug(format!(
                     "the worker {worker} returned a receipt of a task that it does not have, or a duplicate"
                 ));
-                tasks.iter().for_each(|i| self.settle(*i, failed(&self.wave.tasks[*i], &fault)));
+                tasks.iter().for_each(|i| self.settle(*i, self.wave.tasks[*i].failure(&fault)));
                 return;
             };
             let i = left.swap_remove(at);
@@ -350,10 +348,9 @@ impl<'a> WaveDispatcher<'a> {
 
     fn receipt(&mut self, i: usize, receipt: Receipt) {
         let task = &self.wave.tasks[i];
-        let wanted = |u: &&TaskUnit| !u.have;
         let same = |(u, a): (&TaskUnit, &UnitAnswer)| (u.point, u.line, u.key) == (a.point, a.line, a.key);
-        let known = task.units.iter().filter(wanted);
-        if receipt.units.len() == known.clone().count() && known.zip(&receipt.units).all(same) {
+        let known = || task.wanted();
+        if receipt.units.len() == known().count() && known().zip(&receipt.units).all(same) {
             self.answered = (self.answered.0 + 1, self.answered.1 + receipt.seconds);
             self.refused = 0;
             self.settle(i, receipt);
@@ -436,15 +433,11 @@ impl<'a> WaveDispatcher<'a> {
     fn found(&self, tasks: &[usize]) -> Option<Vec<Receipt>> {
         let store = self.wave.worker.store();
         let cut = self.wave.worker.cut(self.wave.table).ok()?;
-        let answer = |unit: &TaskUnit| match store.find(unit.key)?.rows {
-            Some(_) => Some(UnitAnswer::new(unit, UnitOutcome::Reused, None)),
-            None => store.failed(unit.key).ok()?.map(|fault| UnitAnswer::new(unit, UnitOutcome::Failed, Some(fault))),
-        };
         let one = |i: &usize| {
             let task = &self.wave.tasks[*i];
             let all: Vec<&TaskUnit> = task.units.iter().collect();
             store.adopt(pack_of(cut, self.wave.table, task.part, &all));
-            let units: Option<Vec<UnitAnswer>> = task.units.iter().filter(|u| !u.have).map(answer).collect();
+            let units: Option<Vec<UnitAnswer>> = task.wanted().map(|unit| UnitAnswer::stored(unit, store)).collect();
             Some(task.receipt(units?))
         };
         tasks.iter().map(one).collect()
@@ -453,7 +446,7 @@ impl<'a> WaveDispatcher<'a> {
     /// Whether a worker computes a unit of these tasks, by the attempts in the store.
     fn is_at_work(&self, tasks: &[usize]) -> bool {
         let store = self.wave.worker.store();
-        let units = tasks.iter().flat_map(|i| self.wave.tasks[*i].units.iter().filter(|u| !u.have));
+        let units = tasks.iter().flat_map(|i| self.wave.tasks[*i].wanted());
         store.attempts_at(&units.map(|unit| unit.key).collect::<Vec<_>>()).iter().any(|tries| tries.lost > 0)
     }
 }

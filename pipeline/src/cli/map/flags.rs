@@ -205,7 +205,7 @@ impl<S: FlagStage> StageFlags<S> {
         };
         let built = (S::declared().build)(&self.given).map_err(with_help)?;
         let stage = built.as_any().downcast_ref::<S>().ok_or_else(|| Fault::bug("a stage of another type"))?;
-        let unused = self.given.keys().find_map(|key| stage.idle(key));
+        let unused = self.given.keys().find_map(|key| stage.unused_key(key));
         unused.map_or(Ok(stage.clone()), |fault| Err(in_flags::<S>(fault).into()))
     }
 }

@@ -23,6 +23,8 @@
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
+use crate::inner_product::dot;
+
 /// Error of an anomaly retention.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RetentionError {
@@ -165,10 +167,6 @@ fn standard_error(a: &[f64], e: &[f64], n: usize) -> f64 {
     let mean_square = (0..rows).map(power).sum::<f64>() / (rows as f64).powi(2) * (rows as f64 / n as f64);
     let independent = 1.0 / mean_square;
     if independent <= 2.0 { f64::INFINITY } else { (ee / aa / (independent - 2.0)).sqrt() }
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 #[cfg(test)]

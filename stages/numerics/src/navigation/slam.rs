@@ -86,6 +86,7 @@ pub mod fixes;
 pub mod history;
 pub mod index;
 pub mod kernel;
+mod likelihood;
 pub mod output;
 pub mod parameters;
 pub mod particles;
@@ -100,9 +101,10 @@ use crate::navigation::transition::{propagate_state, step_covariance};
 use crate::navigation::{NavigationError, NavigationOutput, pinson_matrix, transition_matrix};
 
 pub use chart::{SlamMap, SlamMapGrid};
-use expected::{ParticleMap, ParticlePrediction, PredictionRules};
+use expected::{ParticleMap, PredictionRules};
 use fit::TrackMeasurements;
 pub use kernel::{AnomalyKernel, CovarianceFunction};
+use likelihood::{innovation, log_likelihoods};
 pub use output::{PathSample, SlamOutput, SlamReport};
 pub use parameters::{ExpectedMeasurement, HyperparameterSource, SlamParameters};
 use particles::{SlamMoments, SlamParticles};
@@ -484,40 +486,6 @@ fn correction(moments: &SlamMoments, alone: &StateMatrix) -> f64 {
         ([moments.x[LAT], moments.x[LON]], [alone[LAT][LAT], alone[LAT][LON], alone[LON][LON]]);
     let determinant = a * c - b * b;
     if determinant > 0.0 { (c * lat * lat - 2.0 * b * lat * lon + a * lon * lon) / determinant } else { 0.0 }
-}
-
-/// Residual of the mean expected measurement, and the square of this residual over the variance of the mixture.
-fn innovation(predictions: &[ParticlePrediction], weights: &[f64]) -> Innovation {
-    let sound = || predictions.iter().zip(weights).filter(|(prediction, _)| prediction.variance_nt2.is_finite());
-    let total: f64 = sound().map(|(_, weight)| weight).sum();
-    let residual_nt = sound().map(|(prediction, weight)| weight * prediction.residual_nt).sum::<f64>() / total;
-    let square = |(prediction, weight): (&ParticlePrediction, &f64)| {
-        weight * (prediction.variance_nt2 + (prediction.residual_nt - residual_nt).powi(2))
-    };
-    let variance_nt2 = sound().map(square).sum::<f64>() / total;
-    Innovation { residual_nt, nis: residual_nt * residual_nt / variance_nt2 }
-}
-
-/// Logarithms of the weights' factors. A particle without a prediction has the mean factor of the particles with a
-/// prediction. [Lee 2019, algorithm 3, line 5]
-fn log_likelihoods(predictions: &[ParticlePrediction], method: ExpectedMeasurement) -> Vec<f64> {
-    let of = |prediction: &ParticlePrediction| match method {
-        ExpectedMeasurement::NearestNeighbour => prediction.log_likelihood(),
-        // (76) is not normalised by the variance.
-        ExpectedMeasurement::Regression | ExpectedMeasurement::InverseDistance => {
-            -0.5 * prediction.residual_nt * prediction.residual_nt / prediction.variance_nt2
-        }
-    };
-    let mut logs: Vec<f64> = predictions.iter().map(of).collect();
-    let sound = || logs.iter().filter(|log| log.is_finite());
-    let largest = sound().copied().fold(f64::NEG_INFINITY, f64::max);
-    let mean = largest + (sound().map(|log| (log - largest).exp()).sum::<f64>() / sound().count() as f64).ln();
-    for log in &mut logs {
-        if !log.is_finite() {
-            *log = mean;
-        }
-    }
-    logs
 }
 
 #[cfg(test)]

@@ -41,6 +41,7 @@ pub mod normal;
 
 use rayon::prelude::*;
 
+use crate::inner_product::dot;
 use crate::maps::gridding::PointCellIndex;
 use crate::maps::plane_grid::EvenAxis;
 use crate::navigation::ins_error::ParameterError;
@@ -330,10 +331,6 @@ impl BasisWaves {
 /// Product of a matrix, by rows, with a vector.
 fn along(matrix: &[f64], vector: &[f64]) -> Vec<f64> {
     matrix.chunks_exact(vector.len()).map(|row| dot(row, vector)).collect()
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// Variance due to a slope and a position error, in nT².

@@ -12,6 +12,7 @@
 
 use faer::Mat;
 
+use crate::inner_product::dot;
 use crate::regression::least_squares::{
     ColumnScaling, LeastSquaresError, LineScoreMeasure, LineScores, LinearFit, RegressionMoments, leave_line_out,
     setting,
@@ -124,10 +125,6 @@ pub fn choose_components(
         Ok(path)
     };
     leave_line_out(lines, target, score, fits)
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// Xᵀ Y, one row per term.

@@ -7,7 +7,6 @@
 
 use crate::regression::least_squares::{
     LeastSquaresError, LineScoreMeasure, LineScores, LinearFit, RegressionMoments, ScaledFactor, leave_line_out,
-    setting,
 };
 
 /// A least-squares fit by truncated singular value decomposition.
@@ -42,21 +41,6 @@ pub fn path(prepared: &ScaledFactor, target: usize) -> Result<Vec<TruncatedSvdFi
         });
     }
     Ok(fits)
-}
-
-/// The fit with all components whose singular value is above `cutoff` times the largest.
-///
-/// # Errors
-///
-/// Fails for a cutoff outside 0 to 1, if no direction is excited, or as [`path`].
-pub fn fit_above(prepared: &ScaledFactor, target: usize, cutoff: f64) -> Result<TruncatedSvdFit, LeastSquaresError> {
-    setting("the cutoff of singular values", cutoff, "at least 0 and below 1", (0.0..1.0).contains(&cutoff))?;
-    let values = prepared.singular()?.values;
-    let limit = cutoff * values.first().copied().unwrap_or(0.0);
-    let kept = values.iter().filter(|s| **s > limit).count();
-    let mut fits = path(prepared, target)?;
-    fits.truncate(kept);
-    fits.pop().ok_or(LeastSquaresError::NoRows)
 }
 
 /// The leave-one-line-out scores of 1 to `components` components.
@@ -115,11 +99,11 @@ mod tests {
     }
 
     #[test]
-    fn law_a_cutoff_is_regression_on_the_scores_kept() {
+    fn law_two_components_are_regression_on_two_scores() {
         // The orthogonal scores t = R v of the first two components, regressed one by one.
         let prepared = moments(2, 300).prepare(ColumnScaling::None, true).unwrap();
         let singular = prepared.singular().unwrap();
-        let fit = fit_above(&prepared, 0, 1e-2).unwrap();
+        let fit = path(&prepared, 0).unwrap().swap_remove(1);
         assert_eq!(fit.components, 2);
         let mut b = vec![0.0; 4];
         for v in &singular.right[..2] {
@@ -131,7 +115,6 @@ mod tests {
         for (ours, theirs) in fit.fit.coefficients.iter().zip(&b) {
             near(*ours, *theirs, 1e-10);
         }
-        assert!(fit_above(&prepared, 0, 1.0).unwrap_err().to_string().contains("below 1"));
         assert!(path(&prepared, 1).is_err());
     }
 

@@ -27,17 +27,7 @@ impl GaussMarkov {
 
     /// One realisation at the times `tt_s` (ascending, even or not), from standard normal numbers. The process is
     /// stationary from the first sample and exact for any step.
-    pub fn realisation(&self, tt_s: &[f64], normal: impl FnMut() -> f64) -> Vec<f64> {
-        self.recursion(tt_s, normal, |dt_s| self.step_variance(dt_s))
-    }
-
-    /// One realisation with first-order driving noise, 2σ²Δt/τ per step, as in MagNav.jl's `fogm`; the variance of the
-    /// result is too large by the relative amount Δt/τ.
-    pub fn realisation_compatible(&self, tt_s: &[f64], normal: impl FnMut() -> f64) -> Vec<f64> {
-        self.recursion(tt_s, normal, |dt_s| self.noise_density() * dt_s)
-    }
-
-    fn recursion(&self, tt_s: &[f64], mut normal: impl FnMut() -> f64, variance: impl Fn(f64) -> f64) -> Vec<f64> {
+    pub fn realisation(&self, tt_s: &[f64], mut normal: impl FnMut() -> f64) -> Vec<f64> {
         let mut value = 0.0;
         let mut before: Option<f64> = None;
         let step = |tt: &f64| {
@@ -45,7 +35,7 @@ impl GaussMarkov {
                 None => self.sigma * normal(),
                 Some(earlier) => {
                     let dt_s = tt - earlier;
-                    self.decay(dt_s) * value + variance(dt_s).sqrt() * normal()
+                    self.decay(dt_s) * value + self.step_variance(dt_s).sqrt() * normal()
                 }
             };
             value
@@ -81,16 +71,5 @@ mod tests {
         assert!((twice / long - 1.0).abs() < 1e-14);
         // For short steps, the variance is the density times the step, to first order.
         assert!((PROCESS.step_variance(1e-9) / (PROCESS.noise_density() * 1e-9) - 1.0).abs() < 1e-8);
-    }
-
-    #[test]
-    fn val_magnav_first_order_recursion() {
-        // fogm(σ, τ, dt, N) of MagNav.jl 1.3.3 with its normally distributed random numbers replaced by 1, -1, 2.
-        let mut normals = [1.0, -1.0, 2.0].into_iter();
-        let mut next = || normals.next().unwrap_or(f64::NAN);
-        let x = PROCESS.realisation_compatible(&[0.0, 0.5, 1.0], &mut next);
-        let (phi, noise) = ((-0.25_f64).exp(), (2.0 * 9.0 * 0.5 / 2.0_f64).sqrt());
-        let second = phi * 3.0 - noise;
-        assert_eq!(x, [3.0, second, phi * second + noise * 2.0]);
     }
 }

@@ -161,11 +161,6 @@ impl<'a> ResamplePlan<'a> {
         &self.grid
     }
 
-    /// Number of grid times in gaps between samples.
-    pub fn rows_in_gaps(&self) -> usize {
-        self.places.iter().filter(|place| place.weight.is_nan()).count()
-    }
-
     /// A column on the grid, in its unit; NaN in gaps.
     ///
     /// # Errors

@@ -102,7 +102,7 @@ impl NetworkKeys {
     }
 
     /// Reason why a key has no effect.
-    pub fn idle(&self, key: &str) -> Option<Fault> {
+    pub fn unused_key(&self, key: &str) -> Option<Fault> {
         let needs = |other: &str| Some(Fault::new(format!("`{key}` has no effect without `{other}`")));
         match key {
             "huber_threshold" if self.training_loss != TrainingLoss::Huber => needs("training_loss = \"huber\""),

@@ -55,8 +55,8 @@ impl<'a> NetworkModel<'a> {
     }
 
     /// Reason why a key has no effect.
-    pub fn idle(&self, key: &str) -> Option<Fault> {
-        self.keys.idle(key).or_else(|| self.vector?.idle(key))
+    pub fn unused_key(&self, key: &str) -> Option<Fault> {
+        self.keys.unused_key(key).or_else(|| self.vector?.unused_key(key))
     }
 
     /// Faults of incompatible keys.

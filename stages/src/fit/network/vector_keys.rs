@@ -33,7 +33,7 @@ impl VectorModelKeys {
     }
 
     /// Reason why a key has no effect.
-    pub fn idle(&self, key: &str) -> Option<Fault> {
+    pub fn unused_key(&self, key: &str) -> Option<Fault> {
         (key == "bt_scale_nt" && self.coupling == FieldCoupling::Projection)
             .then(|| Fault::new("`bt_scale_nt` has no effect without `coupling = \"magnitude\"`"))
     }
@@ -160,6 +160,6 @@ mod tests {
             "{fault}"
         );
         assert!(keys(FieldCoupling::Projection, 1.0).check(&terms, 9).is_ok());
-        assert!(keys(FieldCoupling::Projection, 1.0).idle("bt_scale_nt").is_some());
+        assert!(keys(FieldCoupling::Projection, 1.0).unused_key("bt_scale_nt").is_some());
     }
 }

@@ -132,11 +132,6 @@ impl TermSelection {
         if groups.is_empty() { Err(AMatrixError::Empty) } else { Ok(Self { groups, columns }) }
     }
 
-    /// All groups that can be requested.
-    pub fn groups_known() -> &'static [TermGroup] {
-        &GROUPS
-    }
-
     /// The selected groups, in the order of their columns.
     pub fn groups(&self) -> &[&'static TermGroup] {
         &self.groups

@@ -4,6 +4,7 @@ use super::clusters::{ClusterTree, PointPositions};
 use super::far_field::ProxySources;
 use super::layer::{FIT_FAR, FittedSourceLayer, SourceFitOptions, add, scaled, squares};
 use super::windows::SchwarzPreconditioner;
+use crate::inner_product::dot;
 
 /// Damped normal equations of a layer of sources.
 pub(super) struct LayerNormalEquations<'a> {
@@ -57,8 +58,4 @@ impl LayerNormalEquations<'_> {
         }
         (strength, taken)
     }
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
 }

@@ -2,16 +2,16 @@
 
 use std::ops::Range;
 
+use super::nodes::{FixedLagNode, LocalField};
+use super::parameters::{FixedLagParameters, WindowReport};
+use crate::inner_product::dot;
 use crate::navigation::aids::{Aid, AidMeasurements, AidStates, Aids};
-use crate::navigation::gaussian::covariance::{add_scaled, dot};
+use crate::navigation::gaussian::covariance::add_scaled;
 use crate::navigation::gaussian::{AugmentedSensitivity, Gaussian, StateLayout, adjoint, propagate_mean};
+use crate::navigation::loss::TrajectoryLoss;
 use crate::navigation::output::Innovation;
 use crate::navigation::pinson::{ALT, LAT, LON, StateMatrix};
 use crate::navigation::{NavigationLine, PredictedField};
-
-use super::nodes::{FixedLagNode, LocalField};
-use super::parameters::{FixedLagParameters, WindowReport};
-use crate::navigation::loss::TrajectoryLoss;
 
 /// Maximum number of halvings of a step.
 const MOST_HALVINGS: u32 = 8;

@@ -1,6 +1,7 @@
 //! Backward pass over the states of a layout: the adjoint λ of a path and its matrix Λ. [Bryson & Frazier 1963; Bierman
 //! 1973]
 
+use crate::inner_product::dot;
 use crate::navigation::line::LineStep;
 use crate::navigation::pinson::{STATES, StateMatrix};
 use crate::navigation::transition::add_scaled;
@@ -63,9 +64,9 @@ pub(crate) fn propagate_information(
 pub(crate) fn correct_information(information: &mut [f64], h: &[f64], gain: &[f64], s: f64, column: &mut [f64]) {
     let dim = h.len();
     for (entry, row) in column.iter_mut().zip(information.chunks_exact(dim)) {
-        *entry = covariance::dot(row, gain);
+        *entry = dot(row, gain);
     }
-    let half = 0.5 * (covariance::dot(column, gain) + 1.0 / s);
+    let half = 0.5 * (dot(column, gain) + 1.0 / s);
     column.iter_mut().zip(h).for_each(|(v, h)| *v -= half * h);
     for (row, (own_h, own_v)) in information.chunks_exact_mut(dim).zip(h.iter().zip(&*column)) {
         for (entry, (h, v)) in row.iter_mut().zip(h.iter().zip(&*column)) {
@@ -87,7 +88,7 @@ pub(crate) fn smoothed(predicted: &Gaussian, information: &[f64]) -> StateMatrix
     for row in 0..STATES {
         let moved = &moved[row * dim..(row + 1) * dim];
         for (column, entries) in predicted.p.rows().take(row + 1).enumerate() {
-            p[row][column] -= covariance::dot(moved, entries);
+            p[row][column] -= dot(moved, entries);
             p[column][row] = p[row][column];
         }
     }

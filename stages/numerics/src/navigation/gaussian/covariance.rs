@@ -241,9 +241,3 @@ pub(crate) fn add_scaled(to: &mut [f64], factor: f64, from: &[f64]) {
         *to += factor * from;
     }
 }
-
-/// Inner product of two vectors.
-#[inline(always)]
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
-}

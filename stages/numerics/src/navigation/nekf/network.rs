@@ -2,6 +2,7 @@
 
 use params::choice;
 
+use crate::inner_product::dot;
 use crate::navigation::ins_error::ParameterError;
 use crate::navigation::online::augmented::refused;
 use crate::random::NormalGenerator;
@@ -249,11 +250,6 @@ impl NoiseNetwork {
     fn row(&self) -> usize {
         self.inputs() + self.hidden + 1
     }
-}
-
-/// Sum of products over the shorter of two slices.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 fn logistic(x: f64) -> f64 {

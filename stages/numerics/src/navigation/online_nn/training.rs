@@ -1,6 +1,7 @@
 //! Initial weights: recursive least squares over a calibration.
 
-use crate::navigation::gaussian::covariance::{Covariance, add_scaled, dot};
+use crate::inner_product::dot;
+use crate::navigation::gaussian::covariance::{Covariance, add_scaled};
 use crate::navigation::ins_error::ParameterError;
 
 use super::super::online::augmented::{check_covariance, refused};

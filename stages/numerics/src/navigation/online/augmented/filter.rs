@@ -3,11 +3,12 @@
 use pulp::{Simd, WithSimd};
 
 use crate::earth::field_value::FieldValue;
+use crate::inner_product::dot;
 use crate::navigation::aided::filter::MeasurementOutcome;
 use crate::navigation::aids::{AidInnovations, AidStates, LinearisedAid, SampleInnovations, SampleUsage};
 use crate::navigation::field::PredictedField;
 use crate::navigation::gaussian::StepModel;
-use crate::navigation::gaussian::covariance::{Covariance, WIDEST, add_scaled, dot};
+use crate::navigation::gaussian::covariance::{Covariance, WIDEST, add_scaled};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::line::NavigationLine;

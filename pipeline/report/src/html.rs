@@ -20,6 +20,7 @@ mod intervals;
 mod known;
 mod model;
 mod page;
+mod plain_text;
 mod published;
 mod quality;
 mod scripts;
@@ -45,7 +46,6 @@ use schemas::{Fault, InputKind};
 use store::Store;
 
 pub use against::ReportComparison;
-pub(crate) use answer::baseline;
 use atlas::{Atlas, AtlasTracks, atlases};
 pub(crate) use board::{MoreScores, ScoreBoard};
 pub use earth::{TrackSelection, kml};

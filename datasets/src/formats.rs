@@ -3,19 +3,14 @@
 //! The name in the options selects the format, otherwise the content of the file, otherwise its extension. Damage is
 //! therefore reported by the reader of the file's format.
 
-use std::{
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-};
-
-use arrow_array::RecordBatch;
-use arrow_schema::SchemaRef;
+use std::path::{Path, PathBuf};
 
 use crate::ReadError;
 pub use crate::row_fault::RowFault;
-use grids::{AnomalyGrid, LineType};
+use grids::AnomalyGrid;
 
 mod adopt;
+mod contract;
 mod csv;
 mod dataflash;
 mod decimal;
@@ -57,6 +52,7 @@ mod missing;
 mod netcdf_values;
 mod netcdf_write;
 mod observatory;
+mod observatory_components;
 mod options;
 mod output;
 mod parquet;
@@ -77,6 +73,10 @@ mod ulog;
 mod unit_name;
 
 pub use adopt::{name_of_head, unit_of_name};
+pub use contract::{
+    FlightBatch, FlightBatches, FlightFormat, FlightInputLister, FlightInputs, FlightReader, MapFormat, RawFlight,
+    ReadHints, TopicLister,
+};
 pub use grids::{MapTable, ReductionColumns, SurveyPointSet};
 pub(crate) use guarded::guarded;
 pub use head::FileHead;
@@ -87,214 +87,6 @@ pub use options::{FlightOptions, MapOptions};
 pub use output::{check_output, write_grid};
 pub use points::{PointOptions, doubts, read_points};
 pub use topics::{LogTopic, RawReader, TopicColumn, open_raw, open_raw_among, topics, topics_among};
-
-/// Hints for reading a flight log that do not affect the result.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ReadHints {
-    /// The result of [`FlightReader::found`] for the same file and options: the file is then not scanned again. If the
-    /// file has changed since, the values are wrong.
-    pub found: Option<String>,
-    /// The number of threads of the pool that may work on the file in parallel.
-    pub threads: usize,
-}
-
-impl Default for ReadHints {
-    fn default() -> ReadHints {
-        ReadHints { found: None, threads: 1 }
-    }
-}
-
-/// An open flight log: its schema, and its rows in the file's order.
-///
-/// Columns have canonical names ([`open_flight`]) or the file's names ([`open_raw`]); each field's metadata `unit` is
-/// the unit of its values, which `schemas::canonical` converts. A missing number is NaN or null.
-pub struct FlightReader {
-    format: FlightFormat,
-    schema: SchemaRef,
-    notes: Vec<String>,
-    found: Option<String>,
-    line_types: BTreeMap<String, LineType>,
-    parts: FlightBatches,
-}
-
-/// Some rows of a flight, and the faults of single rows.
-#[derive(Clone, Debug)]
-pub struct FlightBatch {
-    /// The rows. An unreadable value is missing. A row that cannot be split into columns has only missing values, and
-    /// the flight and line of the row before.
-    pub batch: RecordBatch,
-    /// The faults, in the order of the rows.
-    pub faults: Vec<RowFault>,
-}
-
-impl FlightBatch {
-    /// Rows without faults.
-    pub fn whole(batch: RecordBatch) -> FlightBatch {
-        FlightBatch { batch, faults: vec![] }
-    }
-}
-
-/// Iterator over the rows of a file, in batches.
-pub type FlightBatches = Box<dyn Iterator<Item = Result<FlightBatch, ReadError>> + Send>;
-
-/// The output of a format before names and keys are assigned.
-pub struct RawFlight {
-    /// The schema of every batch.
-    pub schema: SchemaRef,
-    /// The rows.
-    pub parts: FlightBatches,
-    /// The file's names of its columns, if the format has already set names and units.
-    pub own: Option<Vec<String>>,
-    /// Whether the values still contain numbers that mark missing values.
-    pub fillers: bool,
-    /// Whether a column without a unit may be in any unit, even if its name is standard: `lat` of an autopilot is in
-    /// 1e-7 degrees.
-    pub unstated: bool,
-    /// Notes for the user.
-    pub notes: Vec<String>,
-    /// The result of scanning the whole file.
-    pub found: Option<String>,
-    /// The types of the lines by their names, if the file gives them.
-    pub line_types: BTreeMap<String, LineType>,
-}
-
-impl RawFlight {
-    /// Columns under the file's own names.
-    pub fn new(schema: SchemaRef, parts: FlightBatches) -> RawFlight {
-        RawFlight {
-            schema,
-            parts,
-            own: None,
-            fillers: false,
-            unstated: false,
-            notes: vec![],
-            found: None,
-            line_types: BTreeMap::new(),
-        }
-    }
-}
-
-impl FlightReader {
-    /// Name of the format of its file.
-    pub fn format(&self) -> &'static str {
-        self.format.name
-    }
-
-    /// The function that lists the inputs of the flight, if these are not only its file.
-    pub fn made_from(&self) -> Option<FlightInputLister> {
-        self.format.made_from
-    }
-
-    /// The schema of every batch.
-    pub fn schema(&self) -> &SchemaRef {
-        &self.schema
-    }
-
-    /// Notes for the user on the whole file.
-    pub fn notes(&self) -> &[String] {
-        &self.notes
-    }
-
-    /// The result of scanning the whole file when it was opened, for [`ReadHints::found`]; `None` if no scan was
-    /// needed.
-    pub fn found(&self) -> Option<&str> {
-        self.found.as_deref()
-    }
-
-    /// The types of the lines by their names, if the file gives them, such as in Geosoft's line records.
-    pub fn line_types(&self) -> &BTreeMap<String, LineType> {
-        &self.line_types
-    }
-
-    /// The next rows, with the faults of single rows, for a caller that tolerates them.
-    ///
-    /// # Errors
-    /// Fails for damage after which reading cannot continue.
-    pub fn next_part(&mut self) -> Option<Result<FlightBatch, ReadError>> {
-        self.parts.next()
-    }
-}
-
-/// Batches of valid rows: the first fault is an error.
-impl Iterator for FlightReader {
-    type Item = Result<RecordBatch, ReadError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        let part = self.next_part()?;
-        Some(part.and_then(|part| match part.faults.into_iter().next() {
-            Some(wrong) => Err(wrong.fault),
-            None => Ok(part.batch),
-        }))
-    }
-}
-
-impl std::fmt::Debug for FlightReader {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        f.debug_struct("FlightReader").field("format", &self.format.name).field("schema", &self.schema).finish()
-    }
-}
-
-/// Input files of a flight that is computed from a spec, and its number of lines.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FlightInputs {
-    /// The files that its values depend on, the spec first.
-    pub files: Vec<PathBuf>,
-    /// The number of lines.
-    pub lines: usize,
-}
-
-/// Function that lists the topics of a file.
-pub type TopicLister = fn(&Path, &FlightOptions) -> Result<Vec<LogTopic>, ReadError>;
-
-/// Function that lists the inputs of a computed flight.
-pub type FlightInputLister = fn(&Path) -> Result<FlightInputs, ReadError>;
-
-/// A flight format: its name, recognition and opening.
-#[derive(Clone, Copy)]
-pub struct FlightFormat {
-    /// The name for [`FlightOptions::format`].
-    pub name: &'static str,
-    /// Short description.
-    pub about: &'static str,
-    /// Its file extensions.
-    pub extensions: &'static [&'static str],
-    /// Whether a file is of this format, by its start.
-    pub recognise: fn(&FileHead) -> bool,
-    /// Opens a file.
-    pub open: fn(&Path, &FlightOptions, &ReadHints) -> Result<RawFlight, ReadError>,
-    /// The tables of a file, for a format that holds several; `None` for a format of one table.
-    pub topics: Option<TopicLister>,
-    /// The inputs of a flight that is computed from a file. Listing them takes far less time than reading.
-    pub made_from: Option<FlightInputLister>,
-}
-
-/// Function that lists the other files of a map.
-type CompanionFileLister = fn(&Path) -> Result<Vec<PathBuf>, ReadError>;
-
-/// Function that writes a map to its files.
-type MapWriter = fn(&AnomalyGrid, &mut output::MapOutputFiles) -> Result<(), ReadError>;
-
-/// A map format: its name, recognition, reading and writing.
-pub struct MapFormat {
-    /// The name for [`MapOptions::format`].
-    pub name: &'static str,
-    /// Short description.
-    pub about: &'static str,
-    /// Its file extensions.
-    pub extensions: &'static [&'static str],
-    recognise: fn(&FileHead) -> bool,
-    /// The companion files of a map, for a format that may have some.
-    companions: Option<CompanionFileLister>,
-    read: fn(&Path, &MapOptions) -> Result<AnomalyGrid, ReadError>,
-    write: Option<MapWriter>,
-}
-
-impl MapFormat {
-    /// Whether [`write_grid`] supports it.
-    pub fn is_written(&self) -> bool {
-        self.write.is_some()
-    }
-}
 
 /// The flight formats of files, in the order in which a file is tried.
 pub const FLIGHT_FORMATS: &[FlightFormat] = &[

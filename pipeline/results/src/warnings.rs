@@ -12,7 +12,8 @@ use std::collections::BTreeMap;
 use arrow_array::{Array, cast::AsArray};
 use plan::{LineId, Plan, PlanGraph, PlanUnit, SweepPoint, TableRef};
 use rayon::prelude::*;
-use schemas::{Fault, Grain, TableKind};
+use schemas::{Fault, Grain, StageRole, TableKind, metric::Metric};
+use stages::score::{map, signal, track};
 use store::Store;
 
 use crate::text::number;
@@ -214,10 +215,10 @@ impl Warning {
 /// Fails when the store cannot be read.
 pub fn find(graph: &PlanGraph, store: &Store, done: &(dyn Fn(PlanUnit) -> bool + Sync)) -> Result<Vec<Warning>, Fault> {
     let plan = graph.plan;
-    let tables = |stage: &'static str| (0..plan.tables.len()).filter(move |t| plan.tables[*t].entry.name == stage);
-    let units = |stage| tables(stage).flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect::<Vec<PlanUnit>>();
-    let scores = units("score").into_par_iter().map(|unit| of_score(graph, store, unit));
-    let fits = units("fit").into_par_iter().map(|unit| of_fit(graph, store, unit));
+    let units =
+        |role| plan.tables_of(role).flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect::<Vec<PlanUnit>>();
+    let scores = units(StageRole::Scores).into_par_iter().map(|unit| of_score(graph, store, unit));
+    let fits = units(StageRole::FitsModel).into_par_iter().map(|unit| of_fit(graph, store, unit));
     let made = |kind: WarningKind, tables: Vec<usize>| {
         let units: Vec<PlanUnit> = tables.into_iter().flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect();
         units.into_par_iter().map(move |unit| of_remarks(graph, store, unit, kind))
@@ -225,7 +226,7 @@ pub fn find(graph: &PlanGraph, store: &Store, done: &(dyn Fn(PlanUnit) -> bool +
     let is_map = |t: &usize| plan.tables[*t].entry.yields == TableKind::Map;
     let is_other = |t: &usize| {
         let entry = &plan.tables[*t].entry;
-        entry.grain == Grain::Survey && !is_map(t) && !["fit", "score"].contains(&entry.name)
+        entry.grain == Grain::Survey && !is_map(t) && entry.role != Some(StageRole::FitsModel)
     };
     let maps = made(WarningKind::Map, (0..plan.tables.len()).filter(is_map).collect());
     let others = made(WarningKind::Stage, (0..plan.tables.len()).filter(is_other).collect());
@@ -295,37 +296,42 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     let mut add = |kind: WarningKind, (value, limit, unit): (f64, f64, &'static str), text: String| {
         found.push(WarningDraft { kind, value, limit, unit, text, cause: facts.cause(kind) });
     };
-    if let (Some(drms), Some(ins)) = (row.get("drms"), row.get("ins_drms"))
+    if let (Some(drms), Some(ins)) = (row.get(&track::DRMS), row.get(&track::INS_DRMS))
         && drms > ins
     {
         let text = format!("the filter is worse than the INS alone: drms {} m against {} m", shown(drms), shown(ins));
         add(WarningKind::WorseThanIns, (drms, ins, "m"), text);
     }
-    let laws = [
-        ("nees", &limits::NEES, WarningKind::NeesLow, WarningKind::NeesHigh),
-        ("nis", &limits::NIS, WarningKind::NisLow, WarningKind::NisHigh),
+    // A track that equals the truth, such as a bound, has no error to compare.
+    let is_bound = row.get(&track::DRMS) == Some(0.0);
+    let consistency = [
+        (&track::NEES, WarningKind::NeesLow, WarningKind::NeesHigh),
+        (&track::NIS, WarningKind::NisLow, WarningKind::NisHigh),
     ];
-    for (metric, law, low, high) in laws {
-        // A track that equals the truth, such as a bound, has no error to compare.
-        let Some(value) = row.get(metric).filter(|_| row.get("drms") != Some(0.0)) else { continue };
-        let (kind, limit) = if value > law.high() {
-            (high, law.high())
-        } else if value < law.low() {
-            (low, law.low())
+    for (scorer, low, high) in consistency {
+        let Metric { name, .. } = scorer.metric;
+        let (Some(value), false) = (row.get(scorer), is_bound) else { continue };
+        let (Some((least, most)), Some(mean)) = (scorer.metric.accepted(), scorer.metric.target()) else { continue };
+        let (kind, limit) = if value > most {
+            (high, most)
+        } else if value < least {
+            (low, least)
         } else {
             continue;
         };
-        let text = format!("{}: {metric} {}, expected value {}", kind.of_many(), shown(value), law.mean);
+        let text = format!("{}: {name} {}, expected value {mean}", kind.of_many(), shown(value));
         add(kind, (value, limit, "1"), text);
     }
-    let correlated = row.get("correlated_nis");
-    if let Some(white) = row.get("whiteness").filter(|white| *white < limits::WHITENESS && row.get("drms") != Some(0.0))
-        && correlated.is_none_or(|nis| nis > limits::CORRELATED_NIS)
+    let correlated = row.get(&track::CORRELATED_NIS);
+    if let (Some(white), Some((least, _)), false) =
+        (row.get(&track::WHITENESS), track::WHITENESS.metric.accepted(), is_bound)
+        && white < least
+        && correlated.is_none_or(|nis| track::CORRELATED_NIS.metric.is_flagged(nis))
     {
         let more = correlated.map_or(String::new(), |nis| format!("; correlated_nis {}, expected value 1", shown(nis)));
         let text =
             format!("{}: whiteness {}, expected value 0.95{more}", WarningKind::NotWhite.of_many(), shown(white));
-        add(WarningKind::NotWhite, (white, limits::WHITENESS, "1"), text);
+        add(WarningKind::NotWhite, (white, least, "1"), text);
     }
     if let Some((sigma_m, limit_m)) = facts.wide_start_m() {
         let text = format!(
@@ -348,7 +354,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
         let text = format!("{}: {:.0} % of them", WarningKind::Gated.of_many(), 100.0 * share);
         add(WarningKind::Gated, (share, limits::GATED, "1"), text);
     }
-    if let Some((count, fixes)) = row.counted("gnss_rejected").filter(|(count, _)| *count > 0.0) {
+    if let Some((count, fixes)) = row.counted(&track::GNSS_REJECTED).filter(|(count, _)| *count > 0.0) {
         let first = facts
             .gnss_rejected_s()
             .map_or(String::new(), |at| format!(", the first {at:.0} s after the start of the line"));
@@ -367,7 +373,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
         let text = format!("the map is too flat to correct the position at {:.0} % of the samples", 100.0 * share);
         add(WarningKind::Flat, (share, limits::FLAT, "1"), text);
     }
-    if let Some(error_nt) = row.get("map_height_error")
+    if let Some(error_nt) = row.get(&map::MAP_HEIGHT_ERROR)
         && error_nt > limits::map_height_nt(facts.sigma_nt())
     {
         let limit = limits::map_height_nt(facts.sigma_nt());
@@ -375,15 +381,16 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
             is";
         add(WarningKind::MapHeight, (error_nt, limit, "nT"), format!("{what} {} nT rms", shown(error_nt)));
     }
-    if let (Some(kept), Some(error)) = (row.get("anomaly_retention"), row.get("anomaly_retention_se"))
-        && kept + limits::RETENTION_ERRORS * error < limits::RETENTION
+    if let (Some(kept), Some(error)) = (row.get(&signal::ANOMALY_RETENTION), row.get(&signal::ANOMALY_RETENTION_SE))
+        && let Some((least, _)) = signal::ANOMALY_RETENTION.metric.accepted()
+        && kept + limits::RETENTION_ERRORS * error < least
     {
         let text = format!(
             "compensation removed part of the anomaly: anomaly retention {}, standard error {}",
             shown(kept),
             shown(error)
         );
-        add(WarningKind::Retention, (kept, limits::RETENTION, "1"), text);
+        add(WarningKind::Retention, (kept, least, "1"), text);
     }
     found
 }
@@ -485,7 +492,7 @@ fn group_text(group: &[&Warning]) -> String {
 
 /// The navigation behind some tables, if any.
 pub fn navigation(plan: &Plan, inputs: &[TableRef]) -> Option<(usize, usize)> {
-    match plan.upstream(inputs, "navigate") {
+    match plan.upstream(inputs, StageRole::EstimatesTrack) {
         Some(TableRef::Stage(t, i)) => Some((t, i)),
         _ => None,
     }

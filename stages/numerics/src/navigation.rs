@@ -152,7 +152,7 @@ pub mod online;
 pub mod online_nn;
 /// Flights over the real Osborne map, shared by the Monte Carlo test and the bench.
 #[cfg(test)]
-#[path = "../../tests/osborne/mod.rs"]
+#[path = "../tests/osborne/mod.rs"]
 mod osborne;
 pub mod output;
 pub mod pinson;
