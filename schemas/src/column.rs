@@ -4,7 +4,7 @@ use std::{collections::HashMap, fmt};
 
 use arrow_schema::{DataType, Field, Schema};
 
-use crate::{CorrectionSet, Fault, MagneticCorrection, RateDependence, removed};
+use crate::{ColumnList, CorrectionSet, Fault, MagneticCorrection, RateDependence, removed};
 
 /// Permitted use of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -215,7 +215,7 @@ impl fmt::Display for Column {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TableShape {
     /// The columns in the table's order.
-    pub columns: Vec<Column>,
+    pub columns: ColumnList,
     /// Sample rate, Hz, if an upstream stage made the sampling even.
     pub rate_hz: Option<f64>,
 }

@@ -6,6 +6,7 @@
 pub mod canonical;
 pub mod casting;
 mod column;
+mod column_list;
 pub mod flight;
 pub mod keys;
 pub mod map;
@@ -17,6 +18,7 @@ mod stage;
 mod unit;
 
 pub use column::{Column, ColumnDescription, ColumnType, Role, TableShape, describe_field, field};
+pub use column_list::ColumnList;
 pub use params::{
     ChoiceKeys, ChoiceKind, ChoiceList, ChoiceRegistry, ChoiceSelection, ChoiceSubset, DataLocation, Fault, FaultOwner,
     Literal, NestedParams, NumberOrAuto, Param, ParamDoc, ParamReader, ParamValue, Params, ParamsList, Rule,

@@ -56,7 +56,7 @@ pub const ANOMALY_UNIT: &str = "nT";
 /// the node on the native grid. `easting` and `northing` are in the unit of the coordinate system `epsg`; both are null
 /// for a map in latitude and longitude. The unit of a derivative is not nT.
 pub fn made_columns(unit: &str) -> Vec<Column> {
-    let mut columns = shape().columns;
+    let mut columns: Vec<Column> = shape().columns.iter().cloned().collect();
     for column in columns.iter_mut().filter(|c| c.name == "anomaly") {
         if unit != ANOMALY_UNIT {
             column.doc = "derivative of the total field anomaly; NaN where unknown".to_owned();

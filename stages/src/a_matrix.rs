@@ -148,7 +148,7 @@ mod tests {
     }
 
     fn table(columns: Vec<Column>) -> Table {
-        Table::Lines(TableShape { columns, rate_hz: None })
+        Table::Lines(TableShape { columns: columns.into(), rate_hz: None })
     }
 
     /// The names and rows of three samples whose vector is (x, -10,000, 20,000) nT.

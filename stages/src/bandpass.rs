@@ -174,7 +174,7 @@ mod tests {
             Column::float("mag_4_uc", "nT", ""),
             Column::float("mag_1_c", "nT", "").role(Role::Truth),
         ];
-        let table = |rate_hz| Table::Lines(TableShape { columns: columns.clone(), rate_hz });
+        let table = |rate_hz| Table::Lines(TableShape { columns: columns.clone().into(), rate_hz });
         let fault_texts = |stage: &Bandpass, rate_hz: Option<f64>| {
             let faults = stage.yields(&[&table(rate_hz)]).unwrap_err();
             faults.iter().map(|f| format!("{} [{}]", f.what, f.param.clone().unwrap_or_default())).collect::<Vec<_>>()

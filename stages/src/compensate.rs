@@ -293,7 +293,7 @@ mod tests {
         assert_eq!(fault.param.as_deref(), Some("without"));
 
         let features = ["tl", "cur_1"].map(str::to_owned).to_vec();
-        let shape = |columns: Vec<Column>| TableShape { columns, rate_hz: None };
+        let shape = |columns: Vec<Column>| TableShape { columns: columns.into(), rate_hz: None };
         let fitted =
             Table::Model { shape: shape(vec![Column::text("term", ""), Column::float("value", "", "")]), features };
         let yields = |stage: &Compensate, columns: Vec<Column>, model: &Table| {

@@ -251,7 +251,7 @@ mod tests {
     #[test]
     fn unit_missing_columns_are_reported_with_their_parameter() {
         let columns = vec![Column::float("tt", "s", ""), Column::float("residual", "m", "")];
-        let table = Table::Lines(TableShape { columns, rate_hz: None });
+        let table = Table::Lines(TableShape { columns: columns.into(), rate_hz: None });
         let faults = stage(NoiseFitStatistic::Allan, Some("mag_1_c")).yields(&[&table]).unwrap_err();
         let found: Vec<_> = faults.iter().map(|f| (f.what.as_str(), f.param.as_deref().unwrap())).collect();
         let expected =

@@ -247,7 +247,10 @@ mod tests {
                 .map(|(name, unit)| Column::float(*name, unit, "").role(of(name)))
                 .collect();
             columns.push(Column::float("tt", "s", ""));
-            let (lines, map) = (Table::Lines(TableShape { columns, rate_hz: None }), Table::Map(schemas::map::shape()));
+            let (lines, map) = (
+                Table::Lines(TableShape { columns: columns.into(), rate_hz: None }),
+                Table::Map(schemas::map::shape()),
+            );
             let made = MapQuality { position, ..map_quality() }.yields(&[&lines, &map]).unwrap().columns;
             assert!(made.iter().all(|column| column.role == made[0].role));
             made[0].role
@@ -258,7 +261,8 @@ mod tests {
 
     #[test]
     fn unit_missing_positions_are_reported_and_time_must_ascend() {
-        let lines = Table::Lines(TableShape { columns: vec![Column::float("ins_lat", "rad", "")], rate_hz: None });
+        let lines =
+            Table::Lines(TableShape { columns: vec![Column::float("ins_lat", "rad", "")].into(), rate_hz: None });
         let map_table = Table::Map(schemas::map::shape());
         let stage =
             MapQuality { position: PositionSource::Ins, map_levels_m: Some(vec![400.0, 300.0]), ..map_quality() };

@@ -284,7 +284,7 @@ mod tests {
     #[test]
     fn unit_missing_positions_and_unsorted_heights_are_reported() {
         let place = [("ins_lat", "deg"), ("ins_lon", "rad")].map(|(name, unit)| Column::float(name, unit, ""));
-        let lines = Table::Lines(TableShape { columns: place.to_vec(), rate_hz: None });
+        let lines = Table::Lines(TableShape { columns: place.to_vec().into(), rate_hz: None });
         let map = Table::Map(schemas::map::shape());
         let stage =
             MapValue { position: Some(PositionSource::Ins), map_levels_m: Some(vec![400.0, 300.0]), ..map_value() };

@@ -161,7 +161,7 @@ fn lagged_entry(column: &Column) -> Option<Fault> {
 /// Resampled columns of the input `i`: those that are in no earlier input.
 fn own_columns<'a>(shapes: &[&'a TableShape], i: usize) -> Result<Vec<&'a Column>, Fault> {
     let mut own = vec![];
-    for column in shapes.get(i).map_or(&[][..], |shape| shape.columns.as_slice()) {
+    for column in shapes.get(i).into_iter().flat_map(|shape| &shape.columns) {
         let before = shapes.iter().take(i).position(|shape| shape.get(&column.name).is_some());
         match before {
             None => own.push(column),

@@ -162,8 +162,10 @@ impl Score {
     fn faults(&self, shapes: &[&TableShape], places: &ScoreSourceIndex) -> Vec<Fault> {
         let mut faults = vec![];
         if let Some(truth) = &self.truth {
-            let all: TableShape =
-                TableShape { columns: shapes.iter().flat_map(|s| s.columns.clone()).collect(), rate_hz: None };
+            let all: TableShape = TableShape {
+                columns: shapes.iter().flat_map(|s| s.columns.shared()).cloned().collect(),
+                rate_hz: None,
+            };
             faults.extend(faults_of([all.number(truth, "nT")], "truth"));
         }
         for scorer in self.metrics.named() {

@@ -234,7 +234,7 @@ mod tests {
     #[test]
     fn unit_missing_columns_are_reported_with_the_remedy() {
         let columns = ["mag_4_uc", "mag_1_c", "igrf"].map(|n| Column::float(n, "nT", ""));
-        let table = Table::Lines(TableShape { columns: columns.to_vec(), rate_hz: None });
+        let table = Table::Lines(TableShape { columns: columns.to_vec().into(), rate_hz: None });
         let fault_texts =
             |t: &Target| t.yields(&[&table]).unwrap_err().iter().map(ToString::to_string).collect::<String>();
         assert!(fault_texts(&target("c")).contains("map_value"));
@@ -251,7 +251,7 @@ mod tests {
             let mut columns: Vec<Column> =
                 place.map(|(name, unit)| Column::float(name, unit, "").role(Role::Truth)).to_vec();
             columns.push(Column::float("map_anomaly", "nT", "").role(role));
-            target("b").yields(&[&Table::Lines(TableShape { columns, rate_hz: None })]).unwrap().notes
+            target("b").yields(&[&Table::Lines(TableShape { columns: columns.into(), rate_hz: None })]).unwrap().notes
         };
         assert!(notes(Role::Truth).is_empty());
         assert!(notes(Role::Derived)[0].contains("`position = \"truth\"`"), "{:?}", notes(Role::Derived));

@@ -2,7 +2,9 @@
 
 import csv
 import io
+import json
 import os
+import re
 import subprocess
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -37,6 +39,34 @@ def test_the_answer_precedes_all_other_sections(visit):
         page = visit(FOLDER / f"{name}.html")
         assert page.locator("section").first.get_attribute("id") == "answer"
         assert page.locator("#answer .sentence").first.inner_text().strip()
+
+
+def last_run(name):
+    """The hash of the last run in the store's history."""
+    lines = (FOLDER / name / "runs" / f"{name}.jsonl").read_text().split("\n")
+    return json.loads(lines[-1])["run"]
+
+
+@pytest.mark.parametrize("source", ["report", "view"])
+def test_the_foot_has_the_run_and_the_citation(visit, view, source):
+    page = visit(view("cabin") if source == "view" else FOLDER / "cabin.html")
+    assert page.locator("footer [data-run=cabin]").inner_text() == last_run("cabin")
+    assert re.search(r"magline: .+\. Version \d+\.\d+\.\d+\.", page.locator("footer").inner_text())
+
+
+@pytest.mark.parametrize("width", [390, 1400])
+def test_the_chosen_line_is_readable(visit, width):
+    """The text of a closed list is not cut: the longest one has the reasons of a report."""
+    page = visit(FOLDER / "cabin.html", width=width)
+    texts = page.locator("#series select").evaluate_all("""all => all.map((s) => {
+        const pen = document.createElement("canvas").getContext("2d"), style = getComputedStyle(s);
+        pen.font = style.font;
+        // Room for the arrow.
+        const room = s.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight) - 16;
+        return [s.selectedOptions[0].text, pen.measureText(s.selectedOptions[0].text).width, room];
+    })""")
+    assert any("line" in text for text, _, _ in texts)
+    assert [text for text, width, room in texts if width > room] == []
 
 
 @pytest.mark.parametrize("view", VIEWS)

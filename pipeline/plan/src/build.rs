@@ -203,14 +203,15 @@ impl PlanBuilder<'_> {
 
     /// Checks that no axis column hides another column.
     fn axis_columns(&mut self, node: &TableNode) {
+        let columns = node.columns();
         for axis in node.axes.iter().filter_map(|i| self.spec.axes.get(*i)) {
             if axis.name == IN_SAMPLE && node.in_sample_meaning().is_some() {
                 let what = format!("the axis `{}` has the name of a column of `{}`", axis.name, node.name);
                 self.faults.push(Fault::new(what).at(axis.at.clone()).help("rename the axis"));
             }
-            let clash = node.columns().into_iter().find(|c| c.name == axis.name);
+            let clash = columns.iter().find(|c| c.name == axis.name);
             // In a small table, `model` or `method` may be the value of the axis of that name.
-            let own = axis.name == "model" || clash.as_ref().is_some_and(|column| self.is_own_value(node, column));
+            let own = axis.name == "model" || clash.is_some_and(|column| self.is_own_value(node, column));
             if clash.is_some() && !(node.is_small() && own) {
                 let what = format!("the axis `{}` has the name of a column of `{}`", axis.name, node.name);
                 self.faults.push(Fault::new(what).at(axis.at.clone()).help("rename the axis"));

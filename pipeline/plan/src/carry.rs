@@ -30,18 +30,18 @@ impl PlanBuilder<'_> {
             ));
             return None;
         }
-        let columns: Vec<&schemas::Column> = tables.iter().flat_map(|t| &t.shape().columns).collect();
+        let columns = || tables.iter().flat_map(|t| &t.shape().columns);
         let axes: HashSet<&str> = axes.iter().filter_map(|a| self.spec.axes.get(*a)).map(|a| a.name.as_str()).collect();
         let made: HashSet<&str> = variants.iter().flat_map(|v| &v.yields.columns).map(|c| c.name.as_str()).collect();
         let mut carried: Vec<String> = vec![];
         for (name, at) in &decl.carry {
             let own = axes.contains(name.as_str()) || made.contains(name.as_str());
-            match columns.iter().find(|c| c.name == *name) {
+            match columns().find(|c| c.name == *name) {
                 _ if own || carried.contains(name) => {}
                 Some(c) if matches!(c.role, Role::Key | Role::Time) => {}
                 Some(_) => carried.push(name.clone()),
                 None => {
-                    let mut known: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
+                    let mut known: Vec<&str> = columns().map(|c| c.name.as_str()).collect();
                     known.sort_unstable();
                     known.dedup();
                     let fault = Fault::new(format!("`{}` has no column `{name}` to carry", decl.name));

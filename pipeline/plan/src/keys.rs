@@ -1,6 +1,9 @@
 //! The keys of every column and object of a plan with its data.
 
-use std::collections::{BTreeMap, HashMap};
+use std::{
+    collections::{BTreeMap, HashMap, HashSet},
+    sync::Arc,
+};
 
 use schemas::{Fault, Grain, InputKind, keys::HashKey};
 
@@ -38,7 +41,7 @@ impl ColumnNames {
 
 /// The properties of a table that determine its keys.
 pub(super) struct NodeKeys {
-    pub(super) variants: Vec<VariantKeys>,
+    pub(super) variants: Vec<Arc<VariantKeys>>,
     /// The columns that it makes at any point.
     pub(super) makes: Vec<ColumnNumber>,
     /// Mapping from its points to the points at which its input data differ.
@@ -52,6 +55,7 @@ pub(super) struct NodeKeys {
 }
 
 /// The properties of a variant that keys need.
+#[derive(PartialEq, Eq, Hash)]
 pub(super) struct VariantKeys {
     pub(super) made: Vec<ColumnNumber>,
     /// The inputs of each of the columns in `made`.
@@ -335,7 +339,14 @@ impl NodeKeys {
         names: &mut ColumnNames,
         numbers: &mut u64,
     ) -> NodeKeys {
-        let variants: Vec<VariantKeys> = node.variants.iter().map(|v| VariantKeys::new(v, names)).collect();
+        let mut known: HashSet<Arc<VariantKeys>> = HashSet::new();
+        let mut shared = |keys: VariantKeys| {
+            let keys = known.get(&keys).cloned().unwrap_or_else(|| Arc::new(keys));
+            known.insert(keys.clone());
+            keys
+        };
+        let variants: Vec<Arc<VariantKeys>> =
+            node.variants.iter().map(|v| shared(VariantKeys::new(v, names))).collect();
         let mut makes: Vec<ColumnNumber> = variants.iter().flat_map(|v| v.made.iter().copied()).collect();
         makes.sort_unstable();
         makes.dedup();

@@ -50,7 +50,7 @@ pub struct TableNode {
 /// The inputs and outputs of a stage at some points of the sweep.
 pub struct StageVariant {
     /// Its inputs and outputs.
-    pub yields: StageSchema,
+    pub yields: Arc<StageSchema>,
     /// Schema of its table as seen by later stages.
     pub table: Arc<Table>,
     /// Its restriction of rows.
@@ -149,8 +149,16 @@ impl TableNode {
     /// The columns of all its points together, in order of first appearance.
     pub fn columns(&self) -> Vec<Column> {
         let mut seen: HashSet<&str> = HashSet::new();
-        let all = self.tables.iter().flat_map(|t| &t.shape().columns);
-        all.filter(|c| seen.insert(c.name.as_str())).cloned().collect()
+        let (mut found, mut last): (Vec<Column>, &[Arc<Column>]) = (vec![], &[]);
+        for table in &self.tables {
+            let columns = table.shape().columns.shared();
+            // Most columns are those of the table before.
+            let is_shared = |i: usize, c: &Arc<Column>| last.get(i).is_some_and(|other| Arc::ptr_eq(other, c));
+            let others = columns.iter().enumerate().filter(|(i, c)| !is_shared(*i, c)).map(|(_, c)| c.as_ref());
+            found.extend(others.filter(|c| seen.insert(c.name.as_str())).cloned());
+            last = columns;
+        }
+        found
     }
 
     /// The distinct definitions of a column over all points.

@@ -120,7 +120,7 @@ mod tests {
 
     fn shape() -> TableShape {
         let columns = vec![Column::text("flight", ""), Column::text("line", ""), Column::float("tt", "s", "")];
-        TableShape { columns, rate_hz: None }
+        TableShape { columns: columns.into(), rate_hz: None }
     }
 
     #[test]

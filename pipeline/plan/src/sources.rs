@@ -161,7 +161,7 @@ impl Flights {
     /// A table with the columns `schema` whose lines are known, without files to read.
     pub fn recorded(name: &str, schema: SchemaRef) -> Flights {
         let columns: Vec<Column> = schema.fields().iter().map(|f| describe_field(f)).collect();
-        let shape = TableShape { columns, rate_hz: None };
+        let shape = TableShape { columns: columns.into(), rate_hz: None };
         Flights { name: name.to_owned(), shape, schema, notes: vec![], read_all: false, division: None, files: vec![] }
     }
 

@@ -283,14 +283,21 @@ impl<'a> UnusedParameters<'a> {
 #[derive(Default)]
 struct VariantCollector {
     variants: Vec<StageVariant>,
-    /// First input table of each variant.
-    first: Vec<Option<usize>>,
     /// Position of the table of each variant.
     table: Vec<u32>,
     tables: Vec<Arc<Table>>,
-    /// Variants by hash.
-    alike: HashMap<u64, Vec<u32>>,
+    /// Distinct schemas by hash.
+    schemas: HashMap<u64, Vec<Arc<StageSchema>>>,
+    /// Variants by the addresses of their schema, first input table and restriction of rows; 0 for none.
+    known: HashMap<[usize; 3], u32>,
+    /// Tables by the address of their schema, and the address and sample rate of the table whose rows they continue.
+    outcomes: HashMap<(usize, usize, Option<u64>), u32>,
     tables_alike: HashMap<u64, Vec<u32>>,
+}
+
+/// Address of a shared value; 0 for none.
+fn address<T>(shared: Option<&Arc<T>>) -> usize {
+    shared.map_or(0, |shared| Arc::as_ptr(shared) as usize)
 }
 
 impl VariantCollector {
@@ -301,29 +308,47 @@ impl VariantCollector {
         first: Option<&Arc<Table>>,
         predicate: Option<&Arc<Predicate>>,
     ) -> u32 {
-        let address = first.map(|t| Arc::as_ptr(t) as usize);
-        let rows = predicate.map(Arc::as_ptr);
-        let fingerprint = of_yield(&yields, address, rows.map(|p| p as usize));
-        let same = |v: &&u32| {
-            let known = &self.variants[**v as usize];
-            self.first[**v as usize] == address
-                && known.predicate.as_ref().map(Arc::as_ptr) == rows
-                && known.yields == yields
-        };
-        if let Some(known) = self.alike.get(&fingerprint).and_then(|all| all.iter().find(same)) {
-            return *known;
-        }
-        let table = self.table(outcome(entry, &yields, first.map(AsRef::as_ref)));
+        let yields = self.schema(yields);
         let next = self.variants.len() as u32;
-        self.alike.entry(fingerprint).or_default().push(next);
+        let place = [address(Some(&yields)), address(first), address(predicate)];
+        let variant = *self.known.entry(place).or_insert(next);
+        if variant < next {
+            return variant;
+        }
+        let table = self.outcome(entry, &yields, first);
         self.variants.push(StageVariant {
             yields,
             table: self.tables[table as usize].clone(),
             predicate: predicate.cloned(),
         });
-        self.first.push(address);
         self.table.push(table);
         next
+    }
+
+    /// The schema, shared with an equal one.
+    fn schema(&mut self, yields: StageSchema) -> Arc<StageSchema> {
+        let alike = self.schemas.entry(of_schema(&yields)).or_default();
+        if let Some(known) = alike.iter().find(|known| ***known == yields) {
+            return known.clone();
+        }
+        let made = Arc::new(yields);
+        alike.push(made.clone());
+        made
+    }
+
+    /// The position of the table that a stage makes from its first input table.
+    fn outcome(&mut self, entry: &StageEntry, yields: &Arc<StageSchema>, first: Option<&Arc<Table>>) -> u32 {
+        let schema = address(Some(yields));
+        let place = match yields.passes {
+            PassThroughColumns::None => (schema, 0, first.and_then(|t| t.shape().rate_hz).map(f64::to_bits)),
+            PassThroughColumns::All | PassThroughColumns::Only(_) => (schema, address(first), None),
+        };
+        if let Some(known) = self.outcomes.get(&place) {
+            return *known;
+        }
+        let table = self.table(outcome(entry, yields, first.map(AsRef::as_ref)));
+        self.outcomes.insert(place, table);
+        table
     }
 
     fn table(&mut self, table: Table) -> u32 {
@@ -367,10 +392,10 @@ impl VariantCollector {
     }
 }
 
-/// Hash of a schema with its first input table and its restriction of rows.
-fn of_yield(yields: &StageSchema, first: Option<usize>, rows: Option<usize>) -> u64 {
+/// Hash of a schema.
+fn of_schema(yields: &StageSchema) -> u64 {
     let mut hasher = DefaultHasher::new();
-    (first, rows, &yields.reads, &yields.features).hash(&mut hasher);
+    (&yields.reads, &yields.features).hash(&mut hasher);
     yields.columns.iter().for_each(|c| (&c.name, &c.unit, &c.doc, &c.from).hash(&mut hasher));
     hasher.finish()
 }
@@ -397,9 +422,9 @@ fn question(entry: &StageEntry, stage: &AnyStage) -> HashKey {
 
 /// The table that later stages see. The inputs of its columns belong to the stage that made them.
 fn outcome(entry: &StageEntry, yields: &StageSchema, first: Option<&Table>) -> Table {
-    let made = yields.columns.iter().map(|c| Column { from: vec![], ..c.clone() });
-    let from = first.map(|t| t.shape().columns.as_slice()).unwrap_or_default();
-    let passed: Vec<Column> = match &yields.passes {
+    let made = yields.columns.iter().map(|c| Arc::new(Column { from: vec![], ..c.clone() }));
+    let from = first.map(|t| t.shape().columns.shared()).unwrap_or_default();
+    let passed: Vec<Arc<Column>> = match &yields.passes {
         PassThroughColumns::All => {
             from.iter().filter(|c| !yields.columns.iter().any(|m| m.name == c.name)).cloned().collect()
         }

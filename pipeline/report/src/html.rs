@@ -51,7 +51,7 @@ pub(crate) use board::{MoreScores, ScoreBoard};
 pub use earth::{TrackSelection, kml};
 pub(crate) use explorer::{LineScores, block as score_block, metric_json, rows as score_rows};
 pub use figure_files::{FigureFile, figure_files, figure_list};
-pub use page::page_head;
+pub use page::{page_foot, page_head};
 pub use scripts::{PageScript, SCRIPTS, STYLE};
 use source::ReportSource;
 use subject::{ReportLine, ReportSubject};

@@ -107,7 +107,12 @@ fn upstream<'a>(snapshot: &'a Snapshot, table: &'a SnapshotTable) -> Vec<&'a str
 
 fn graph(snapshot: &Snapshot, table: &SnapshotTable) -> Value {
     let names = upstream(snapshot, table);
-    let tables: Vec<_> = snapshot.tables.iter().filter(|t| names.contains(&t.name.as_str())).collect();
+    let listed = |t: &SnapshotTable| {
+        let mut listed = json!(t);
+        listed["points"] = json!(t.points.iter().collect::<Vec<_>>());
+        listed
+    };
+    let tables: Vec<_> = snapshot.tables.iter().filter(|t| names.contains(&t.name.as_str())).map(listed).collect();
     let sources: Vec<_> = snapshot.sources.iter().filter(|s| names.contains(&s.name.as_str())).collect();
     json!({ "pipeline": snapshot.pipeline, "spec": snapshot.spec, "seed": snapshot.seed, "table": table.name, "tables": tables, "sources": sources })
 }
@@ -136,7 +141,7 @@ fn openlineage(root: &Path, snapshot: &Snapshot, table: &SnapshotTable) -> Value
     let run = schemas::keys::HashKey::from_parts([
         snapshot.pipeline.as_bytes(),
         table.name.as_bytes(),
-        format!("{:?}", table.points).as_bytes(),
+        format!("{:?}", table.points.iter().collect::<Vec<_>>()).as_bytes(),
     ])
     .to_string();
     // In the form of a UUID, as the specification requires; the same tables give the same run.

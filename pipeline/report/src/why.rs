@@ -41,7 +41,7 @@ pub fn why(graph: &PlanGraph, store: &Store, table: &str) -> Result<String, Faul
             let word = |p: &Option<String>| p.clone().unwrap_or_else(|| "(all)".to_owned());
             reasons.push(format!("{}: where {} -> {}", now.name, word(&old.predicate), word(&predicate)));
         }
-        let known: BTreeMap<_, _> = old.points.iter().map(|(point, params)| (point, params)).collect();
+        let known: BTreeMap<_, _> = old.points.iter().collect();
         for it in plan.instances(node) {
             let point: BTreeMap<String, String> = it.point().iter().map(|(k, v)| (k.clone(), v.to_string())).collect();
             let spelt: Vec<String> = point.iter().map(|(k, v)| format!("{k}={v}")).collect();

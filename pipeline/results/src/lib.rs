@@ -3,6 +3,7 @@
 
 pub mod history;
 pub mod logical;
+mod points;
 pub mod pooled;
 pub mod record;
 pub mod run_changes;
@@ -12,5 +13,6 @@ pub mod text;
 pub mod trials;
 pub mod warnings;
 
+pub use points::{SnapshotPoint, SnapshotPoints};
 pub use record::{Snapshot, SnapshotTable, described, lifted, made_by_another, record, snapshots};
 pub use trials::trials;

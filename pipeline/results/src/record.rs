@@ -15,7 +15,7 @@ use schemas::{ColumnType, Fault, keys::HashKey, paths};
 use serde::{Deserialize, Serialize};
 use store::{Store, note, pipeline_name};
 
-use crate::pooled;
+use crate::{points::SnapshotPoints, pooled};
 
 /// A pipeline at its last run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -69,7 +69,7 @@ pub struct SnapshotTable {
     /// Its restriction of rows.
     pub predicate: Option<String>,
     /// The parameters at each point: the point's values, then the parameters.
-    pub points: Vec<(BTreeMap<String, String>, BTreeMap<String, String>)>,
+    pub points: SnapshotPoints,
     /// Its columns.
     pub columns: Vec<SnapshotColumn>,
     /// The lines that the table contains.
@@ -168,7 +168,7 @@ fn pooled_scores(plan: &Plan) -> Option<SnapshotTable> {
         columns: pooled::COLUMNS.iter().map(column).collect(),
         inputs: inputs.clone(),
         predicate: None,
-        points: vec![],
+        points: SnapshotPoints::default(),
         lines: 0,
         cost: None,
     })

@@ -39,7 +39,7 @@ impl<'a> TableAssembler<'a> {
         let axes = node.axes.iter().filter_map(|i| plan.spec.axes.get(*i));
         let mut fields: Vec<Field> =
             axes.map(|a| field(&a.name, axis_type(&a.values[0]), "", Role::Key, "axis of the sweep")).collect();
-        let yields: Vec<&StageSchema> = node.variants.iter().map(|v| &v.yields).collect();
+        let yields: Vec<&StageSchema> = node.variants.iter().map(|v| v.yields.as_ref()).collect();
         let mut passed = vec![];
         for column in node.columns() {
             if fields.iter().any(|f| f.name() == &column.name) {

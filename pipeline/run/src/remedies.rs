@@ -8,7 +8,7 @@ use plan::{
     spec::{Spec, StageDecl},
 };
 use results::warnings::{self, Improvement, LineFacts, LineMetrics, Remedy, Warning};
-use schemas::{Fault, Grain, SpecEntry, StageEntry};
+use schemas::{Fault, Grain, SpecEntry, StageEntry, StageRole};
 use store::Store;
 
 use super::{Event, INTERRUPTED, Listener, SilentListener, held::LineColumnCache, work::UnitWorker};
@@ -65,7 +65,7 @@ impl FlaggedLine {
         let plan = graph.plan;
         let line = warning.line.as_ref().and_then(|line| graph.lines.binary_search(line).ok());
         let (Some(line), Ok(table)) = (line, plan.table(&warning.stage)) else { return Ok(None) };
-        if plan.tables[table].entry.name != "score" {
+        if plan.tables[table].entry.role != Some(StageRole::Scores) {
             return Ok(None);
         }
         let Some(it) = plan.instances(table).find(|it| it.point() == warning.point) else { return Ok(None) };

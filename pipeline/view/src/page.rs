@@ -1,7 +1,7 @@
 //! The page: empty sections, which its scripts fill from the API.
 
 use maud::{DOCTYPE, html};
-use report::html::{SCRIPTS, page_head};
+use report::html::{SCRIPTS, page_foot, page_head};
 
 use crate::ViewData;
 
@@ -14,6 +14,11 @@ pub fn page(data: &ViewData) -> String {
     };
     let mode = if data.run.is_some() { "spec" } else { "store" };
     let pipeline = data.run.map(|run| run.pipeline());
+    let all = data.store.pipelines();
+    let runs = match pipeline {
+        Some(name) => data.store.last_runs([name].into_iter()),
+        None => data.store.last_runs(all.iter().map(String::as_str)),
+    };
     let source = |table: &str| {
         let query = url::form_urlencoded::Serializer::new(String::new()).append_pair("table", table).finish();
         format!("api/scores?{query}")
@@ -43,6 +48,7 @@ pub fn page(data: &ViewData) -> String {
                     section.series id="series" { h2 { "Lines" } }
                     section.maps id="maps" { h2 { "Maps" } }
                     section.lineage id="lineage" { h2 { "Lineage" } }
+                    (page_foot(&runs))
                 }
             }
         }

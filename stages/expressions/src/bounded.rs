@@ -120,7 +120,8 @@ mod tests {
 
     #[test]
     fn unit_potentially_large_values_are_rejected_before_evaluation() {
-        let shape = TableShape { columns: vec![Column::text("line", ""), Column::float("a", "nT", "")], rate_hz: None };
+        let shape =
+            TableShape { columns: vec![Column::text("line", ""), Column::float("a", "nT", "")].into(), rate_hz: None };
         let read = |sql: &str| Expression::new(sql, &shape, "`x`").map_err(|fault| fault.to_string());
         for sql in [
             "length(repeat('a', 2000000000)) + a",

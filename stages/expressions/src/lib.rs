@@ -8,7 +8,7 @@
 //! use schemas::{Column, TableShape};
 //!
 //! let columns = vec![Column::float("mag_2_uc", "nT", ""), Column::float("mag_3_uc", "nT", "")];
-//! let shape = TableShape { columns, rate_hz: None };
+//! let shape = TableShape { columns: columns.into(), rate_hz: None };
 //! let difference = Expression::new("mag_2_uc - mag_3_uc", &shape, "`mag_d`").unwrap();
 //! assert_eq!(difference.unit, ExpressionUnit::Of("nT".to_owned()));
 //! ```
@@ -20,7 +20,7 @@ pub mod row;
 mod sum;
 mod unit;
 
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, RecordBatchOptions, cast::AsArray, types::Float64Type};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
@@ -37,7 +37,7 @@ use datafusion::{
     prelude::SessionContext,
     sql::sqlparser::parser::ParserError,
 };
-use schemas::{Fault, TableShape};
+use schemas::{ColumnList, Fault, TableShape};
 
 pub use linear::is_linear;
 pub use unit::ExpressionUnit;
@@ -51,6 +51,22 @@ pub fn schema_of(shape: &TableShape) -> Schema {
     Schema::new(fields(shape.columns.iter()))
 }
 
+/// Columns, and their schema.
+type KnownSchema = (ColumnList, Arc<DFSchema>);
+
+/// The schema of a table's columns, which is reused for the next expression: the points of a sweep have expressions over
+/// the same columns.
+fn known_schema(shape: &TableShape) -> Result<Arc<DFSchema>, DataFusionError> {
+    static LAST: Mutex<Option<KnownSchema>> = Mutex::new(None);
+    let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((_, schema)) = last.as_ref().filter(|(columns, _)| *columns == shape.columns) {
+        return Ok(schema.clone());
+    }
+    let schema = Arc::new(DFSchema::try_from(schema_of(shape))?);
+    *last = Some((shape.columns.clone(), schema.clone()));
+    Ok(schema)
+}
+
 fn fields<'a>(columns: impl Iterator<Item = &'a schemas::Column>) -> Vec<Field> {
     columns.map(|c| Field::new(&c.name, c.column_type.data_type(), true)).collect()
 }
@@ -62,7 +78,7 @@ fn fields<'a>(columns: impl Iterator<Item = &'a schemas::Column>) -> Vec<Field> 
 /// Fails for invalid SQL, unknown columns, excessive nesting, and anything but a function of one row.
 pub fn parse(sql: &str, shape: &TableShape, subject: &str) -> Result<Expr, Fault> {
     let wrong = |e: DataFusionError| wrong(&e, shape, subject);
-    let schema = DFSchema::try_from(schema_of(shape)).map_err(wrong)?;
+    let schema = known_schema(shape).map_err(wrong)?;
     let dialect = SQL.config().options().sql_parser.dialect;
     let parsed = SQL.sql_to_expr_with_alias(sql, &dialect).map_err(wrong)?;
     deep::check(&parsed.expr, deep::PREDICATE)?;
@@ -310,7 +326,7 @@ mod tests {
             Column::float("plain", "", ""),
             Column::integer("doy", "", ""),
         ];
-        TableShape { columns, rate_hz: None }
+        TableShape { columns: columns.into(), rate_hz: None }
     }
 
     fn batch() -> RecordBatch {

@@ -345,7 +345,7 @@ fn unit_keys_without_an_effect_and_invalid_keys_are_reported() {
     assert!(idle("m3s", &[word("coupling", "projection")], "bt_scale_nt").contains("has no effect"));
     assert_eq!(idle("m3s", &[], "bt_scale_nt"), "");
     let wrong = |model: &str, given: (String, Literal), what: &str| {
-        let lines = schemas::Table::Lines(schemas::TableShape { columns: vec![], rate_hz: None });
+        let lines = schemas::Table::Lines(schemas::TableShape { columns: vec![].into(), rate_hz: None });
         let faults = stage(model, &[given]).unwrap().yields(&[&lines]).err().unwrap();
         assert!(faults.iter().any(|fault| fault.what.contains(what)), "{model}: {faults:?}");
     };

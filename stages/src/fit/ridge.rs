@@ -235,7 +235,11 @@ mod tests {
                 Column::float("y", "nT", ""),
                 Column::float("tt", "s", ""),
             ];
-            stage(model, &[]).unwrap().yields(&[&Table::Lines(TableShape { columns, rate_hz: None })]).unwrap().notes
+            stage(model, &[])
+                .unwrap()
+                .yields(&[&Table::Lines(TableShape { columns: columns.into(), rate_hz: None })])
+                .unwrap()
+                .notes
         };
         assert!(notes("ridge", 93).is_empty());
         assert!(notes("ridge", 94)[0].contains("the fit has 96 terms, and `std` is computed for up to 95"));

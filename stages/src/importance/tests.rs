@@ -109,7 +109,7 @@ fn unit_invalid_inputs_are_reported_with_their_parameter() {
     let long = Importance { block_s: 400.0, ..importance(ImportanceMethod::Permutation) };
     let fault = run(&long, &TERMS).err().unwrap();
     assert!(fault.what.contains("fewer than two blocks") && fault.param.as_deref() == Some("block_s"), "{fault}");
-    let shape = |columns: Vec<Column>| schemas::TableShape { columns, rate_hz: None };
+    let shape = |columns: Vec<Column>| schemas::TableShape { columns: columns.into(), rate_hz: None };
     let fitted = Table::Model {
         shape: shape(vec![Column::text("term", ""), Column::float("value", "", "")]),
         features: vec!["tl".into()],

@@ -134,7 +134,8 @@ fn unit_the_expected_error_is_a_column() {
             Column::float("lon", "deg", ""),
             Column::float("alt", "m", ""),
             Column::float("anomaly", "nT", ""),
-        ],
+        ]
+        .into(),
         rate_hz: None,
     });
     let yields = stage.yields(&[&table]).unwrap();

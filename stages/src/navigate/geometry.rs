@@ -131,7 +131,7 @@ mod tests {
     #[test]
     fn unit_missing_inputs_are_reported() {
         let axes = ["flux_a_x", "flux_a_y"].map(|name| schemas::Column::float(name, "nT", "")).to_vec();
-        let shape = TableShape { columns: axes, rate_hz: None };
+        let shape = TableShape { columns: axes.into(), rate_hz: None };
         let faults = geometry(DeadZones::Polar).faults(&shape, false);
         assert!(faults.len() == 1 && faults[0].what.contains("flux_a_z"), "{faults:?}");
         let idle = SensorGeometry { vector: None, ..geometry(DeadZones::Polar) };

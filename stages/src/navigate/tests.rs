@@ -55,7 +55,7 @@ fn batch(columns: &[(&str, &[f64])]) -> RecordBatch {
 
 #[test]
 fn unit_all_missing_inputs_are_reported_with_their_parameters() {
-    let bare = Table::Lines(TableShape { columns: vec![Column::float("ins_alt", "ft", "")], rate_hz: None });
+    let bare = Table::Lines(TableShape { columns: vec![Column::float("ins_alt", "ft", "")].into(), rate_hz: None });
     let levels = Literal::List(vec![Literal::Float(400.0), Literal::Float(300.0)]);
     let wanting = navigate(&[
         ("measurement_sigma_nt", text("auto")),

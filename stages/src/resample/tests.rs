@@ -129,7 +129,7 @@ fn unit_lines_between_grid_times_and_decreasing_times_are_rejected() {
 
 #[test]
 fn unit_every_column_has_the_new_rate() {
-    let table = Table::Lines(TableShape { columns: columns(), rate_hz: None });
+    let table = Table::Lines(TableShape { columns: columns().into(), rate_hz: None });
     let made = resample().yields(&[&table]).unwrap();
     assert_eq!((made.rate_hz, made.passes, made.lenient), (Some(10.0), PassThroughColumns::None, true));
     let bare = |c: &Column| Column { from: vec![], ..c.clone() };

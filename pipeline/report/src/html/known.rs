@@ -133,7 +133,7 @@ mod tests {
             column("target", &[MagneticCorrection::Diurnal]),
             column("both", &[MagneticCorrection::Core, MagneticCorrection::Diurnal, MagneticCorrection::Lag]),
         ];
-        let shape = TableShape { columns, rate_hz: None };
+        let shape = TableShape { columns: columns.into(), rate_hz: None };
         let of = |name: &str| remaining(Some(&shape), name);
         assert_eq!(of("mag_c"), ["igrf", "diurnal"]);
         assert_eq!(of("target"), ["igrf"]);

@@ -8,6 +8,8 @@ use plan::{
     spec::{Spec, SweepAxis},
 };
 
+use results::history;
+
 use super::{
     answer::with_unit,
     flow,
@@ -44,9 +46,28 @@ pub fn page_head(title: &str) -> Markup {
     }
 }
 
+/// The foot of a page: the hash of the last run of each pipeline, and the citation of `CITATION.cff`.
+pub fn page_foot(runs: &[(String, String)]) -> Markup {
+    html! {
+        footer {
+            @for (pipeline, run) in runs {
+                p.note { "Run " code data-run=(pipeline) { (run) } " of " bdi { (spelt(pipeline)) } "." }
+            }
+            p.note {
+                "Please cite: The magline developers. " cite {
+                    "magline: a batch pipeline for airborne magnetometry and magnetic navigation"
+                } ". Version " (env!("CARGO_PKG_VERSION")) "."
+            }
+        }
+    }
+}
+
 /// The page.
 pub fn page(source: &ReportSource, alerts: &ReportAlerts, defs: Markup, sections: &[Markup]) -> String {
     let spec = &source.graph.plan.spec;
+    // Results of another spec or other data have another run.
+    let last = history::past(source.store.root(), &spec.name).pop().filter(|_| !alerts.outdated);
+    let runs: Vec<(String, String)> = last.into_iter().map(|run| (spec.name.clone(), run.run)).collect();
     let has_series = sections.iter().any(|s| s.0.contains("class=\"series-index\""));
     let markup = html! {
         (DOCTYPE)
@@ -63,6 +84,7 @@ pub fn page(source: &ReportSource, alerts: &ReportAlerts, defs: Markup, sections
                     (alert_sections(source, alerts))
                     @for section in sections { (section) }
                     (plan(source))
+                    (page_foot(&runs))
                 }
                 @for script in SCRIPTS.iter().filter(|s| has_series || !s.of_series) { script { (PreEscaped(script.text)) } }
             }

@@ -52,5 +52,5 @@ fn same_table(source: &ReportSource, t: usize, old: &SnapshotTable) -> bool {
     (node.entry.name, node.entry.version) == (old.stage.as_str(), old.version)
         && inputs == before
         && predicate == old.predicate.as_ref()
-        && points.eq(old.points.iter().cloned())
+        && points.eq(old.points.iter())
 }

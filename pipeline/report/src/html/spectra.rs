@@ -5,7 +5,7 @@ use figures::chart::{ChartAxis, ChartLine, LineChart};
 use maud::Markup;
 use numerics::signal::segments::{STEP_TOLERANCE, sample_rate};
 use plan::{LineId, TableRef};
-use schemas::{Column, Fault};
+use schemas::{Column, Fault, TableShape};
 
 use super::{source::ReportSource, subject::ReportSubject};
 use crate::spectrum::amplitude_spectrum;
@@ -34,9 +34,9 @@ pub fn plots(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Re
     };
     let Some(tt) = source.floats(flights, line, "tt")? else { return Ok(vec![]) };
     let Ok(rate_hz) = sample_rate(&tt, STEP_TOLERANCE) else { return Ok(vec![]) };
-    let columns = source.shape(flights).map(|s| s.columns.as_slice()).unwrap_or_default();
+    let Some(shape) = source.shape(flights) else { return Ok(vec![]) };
     let mut lines = vec![];
-    for (class, name) in CLASSES.into_iter().zip(recorded(columns)) {
+    for (class, name) in CLASSES.into_iter().zip(recorded(shape)) {
         let Some(x) = source.floats(flights, line, &name)? else { continue };
         lines.extend(amplitude(&tt, &x).map(|points| ChartLine { name, class, points }));
     }
@@ -56,7 +56,8 @@ fn flights(source: &ReportSource, r: TableRef) -> Option<TableRef> {
 }
 
 /// The drawn signals: the temporal variation, the crustal anomaly if known, and the scalar magnetometers.
-fn recorded(columns: &[Column]) -> Vec<String> {
+fn recorded(shape: &TableShape) -> Vec<String> {
+    let columns = &shape.columns;
     let scalar = |c: &&Column| c.unit == "nT" && c.name.starts_with("mag_");
     let named = |name: &str| columns.iter().find(|c| c.name == name).map(|c| c.name.clone());
     let first = ["diurnal", "anomaly_truth"].into_iter().filter_map(named);

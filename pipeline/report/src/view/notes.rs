@@ -6,11 +6,11 @@ use std::{
     path::Path,
 };
 
-use results::record::SnapshotColumn;
+use results::{SnapshotPoints, record::SnapshotColumn};
 use schemas::{Fault, paths};
 use serde::{
     Deserialize, Deserializer,
-    de::{IgnoredAny, SeqAccess, Visitor},
+    de::{IgnoredAny, MapAccess, SeqAccess, Visitor, value::MapAccessDeserializer},
 };
 use serde_json::{Value, json};
 
@@ -162,7 +162,7 @@ impl PipelineNotes {
 
 impl<'de> Deserialize<'de> for NotedPoints {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_seq(PointsVisitor)
+        deserializer.deserialize_any(PointsVisitor)
     }
 }
 
@@ -172,8 +172,16 @@ impl<'de> Visitor<'de> for PointsVisitor {
     type Value = NotedPoints;
 
     fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("a list of points")
+        f.write_str("the points of a table")
     }
+
+    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<NotedPoints, A::Error> {
+        let points = SnapshotPoints::deserialize(MapAccessDeserializer::new(map))?;
+        let truth = points.first_parameter("truth").and_then(|text| serde_json::from_str(text).ok());
+        Ok(NotedPoints { count: points.len(), values: points.axis_values(), truth })
+    }
+
+    /// Reads the list of points that earlier versions wrote.
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut points: A) -> Result<NotedPoints, A::Error> {
         let mut found = NotedPoints::default();
@@ -210,12 +218,20 @@ mod tests {
             {"name": "t", "stage": "fit", "version": 1, "tidy": true, "axes": ["mag", "lambda"], "inputs": ["a"],
              "predicate": null, "columns": [], "lines": 3, "cost": null, "points": [
              [{"mag": "a", "lambda": "0"}, {"truth": "\"mag_1_c\""}], [{"mag": "b", "lambda": "0"}, {}], [{"mag": "a", "lambda": "1"}, {}]]}]}"#;
-        let notes: PipelineNotes = serde_json::from_str(text).unwrap();
-        let points = &notes.table("t").unwrap().points;
-        assert_eq!(points.truth.as_deref(), Some("mag_1_c"));
-        assert_eq!(
-            (points.count, &points.values["mag"], &points.values["lambda"]),
-            (3, &vec!["a".to_owned(), "b".to_owned()], &vec!["0".to_owned(), "1".to_owned()])
-        );
+        let check = |text: &str| {
+            let notes: PipelineNotes = serde_json::from_str(text).unwrap();
+            let points = &notes.table("t").unwrap().points;
+            assert_eq!(points.truth.as_deref(), Some("mag_1_c"));
+            assert_eq!(
+                (points.count, &points.values["mag"], &points.values["lambda"]),
+                (3, &vec!["a".to_owned(), "b".to_owned()], &vec!["0".to_owned(), "1".to_owned()])
+            );
+        };
+        check(text);
+        // Without repetitions, as plans are written today.
+        let mut plan: Value = serde_json::from_str(text).unwrap();
+        let points: SnapshotPoints = serde_json::from_value(plan["tables"][0]["points"].take()).unwrap();
+        plan["tables"][0]["points"] = serde_json::to_value(points).unwrap();
+        check(&plan.to_string());
     }
 }

@@ -42,10 +42,15 @@ pub struct RunProgress<'a> {
     last: Mutex<Option<Value>>,
 }
 
+/// Size and time of a file; `None` without the file.
+type RecordStamp = Option<(u64, SystemTime)>;
+
 #[derive(Default)]
 struct ProgressCount {
     counted: Option<TimedValue<Vec<TableCount>>>,
     best: Option<TimedValue<(usize, Vec<Value>)>>,
+    /// Size and time of the record of the last run, and whether that run was of this plan and data.
+    current: Option<(RecordStamp, bool)>,
     failures: BTreeMap<(String, String), (usize, String)>,
     /// Failed units whose failure is known.
     known: HashSet<HashKey>,
@@ -140,8 +145,9 @@ impl<'a> RunProgress<'a> {
         let listed: Vec<Value> = tables.iter().map(|t| self.table(t)).collect();
         let scored: usize = tables.iter().filter(|t| self.is_scores(t.table)).map(|t| t.done).sum();
         let fresh = |best: &TimedValue<(usize, Vec<Value>)>| best.value.0 == scored || best.is_fresh(POOL_EVERY);
+        let current = self.is_current(&mut state);
         if !state.best.as_ref().is_some_and(fresh) {
-            state.best = Some(TimedValue::of(|| Ok((scored, self.best()?)))?);
+            state.best = Some(TimedValue::of(|| Ok((scored, self.best(current)?)))?);
         }
         let word = match (running, done + failed) {
             (true, _) => "running",
@@ -150,12 +156,26 @@ impl<'a> RunProgress<'a> {
             (false, _) => "incomplete",
         };
         Ok(json!({
-            "pipeline": spec.name, "spec": spec.file, "state": word, "current": is_current(graph, store),
+            "pipeline": spec.name, "spec": spec.file, "state": word, "current": current,
             "units": { "done": done, "failed": failed, "total": total }, "tables": listed,
             "failures": failures(&state.failures),
             "best": state.best.as_ref().map(|b| b.value.1.as_slice()).unwrap_or_default(),
             "runs": runs(store.root(), &spec.name),
         }))
+    }
+
+    /// Whether the last run was of this plan and data. The comparison is repeated only after another run.
+    fn is_current(&self, state: &mut ProgressCount) -> bool {
+        let record = self.store.root().join("plans").join(format!("{}.json", self.graph.plan.spec.name));
+        let stamp = fs::metadata(record).and_then(|m| Ok((m.len(), m.modified()?))).ok();
+        match state.current {
+            Some((known, current)) if known == stamp => current,
+            _ => {
+                let current = is_current(self.graph, self.store);
+                state.current = Some((stamp, current));
+                current
+            }
+        }
     }
 
     fn is_scores(&self, table: usize) -> bool {
@@ -209,9 +229,9 @@ impl<'a> RunProgress<'a> {
     }
 
     /// The best point of each table of scores, from the results in the store.
-    fn best(&self) -> Result<Vec<Value>, Fault> {
+    fn best(&self, is_current: bool) -> Result<Vec<Value>, Fault> {
         let (graph, store) = (self.graph, self.store);
-        let written = if is_current(graph, store) { pooled::written(graph.plan, store)? } else { None };
+        let written = if is_current { pooled::written(graph.plan, store)? } else { None };
         let marks = if written.is_some() { warnings::written(graph.plan, store)? } else { None };
         let marks = marks.map_or_else(|| warnings::present(graph, store), Ok)?;
         let pooled = written.map_or_else(|| pooled::present(graph, store), Ok)?;
@@ -272,6 +292,12 @@ pub fn runs(root: &Path, pipeline: &str) -> Vec<Value> {
 }
 
 impl StoreView {
+    /// The hash of the last run of each of some pipelines.
+    pub fn last_runs<'n>(&self, pipelines: impl Iterator<Item = &'n str>) -> Vec<(String, String)> {
+        let last = |name: &str| Some((name.to_owned(), history::past(&self.root, name).pop()?.run));
+        pipelines.filter_map(last).collect()
+    }
+
     /// The runs of all pipelines.
     pub fn runs(&self) -> Value {
         let one = |name: &String| json!({ "pipeline": name, "runs": runs(&self.root, name) });

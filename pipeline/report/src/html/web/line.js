@@ -168,7 +168,7 @@ class LineView {
   choice(label, key, choices, value, act) {
     const options = choices.map(([own, text]) => element("option", { value: own, selected: own === value }, [text]));
     const made = /** @type {HTMLSelectElement} */ (element("select", { "data-key": key,
-      onchange: () => act(made.value) }, options));
+      title: choices.find(([own]) => own === value)?.[1] ?? "", onchange: () => act(made.value) }, options));
     return element("label", {}, [element("bdi", {}, [label]), made]);
   }
 
@@ -217,8 +217,11 @@ class LineView {
       if (other) parts.push(this.choice(`${axis.name}, B`, "q." + axis.name, values, other[axis.name],
         set("q." + axis.name)));
     }
+    // "best point, median line, worst line" becomes "best point, median, worst line", which fits a phone.
+    const reasons = (/** @type {string[]} */ why) => why.map((own, i) =>
+      why[i + 1]?.endsWith(" line") ? own.replace(/ line$/, "") : own).map(visible).join(", ");
     const name = (/** @type {LineInfo} */ l) => `${visible(l.flight)} / ${visible(l.line)}` +
-      (l.why?.length ? ` (${l.why.map(visible).join(", ")})` : "");
+      (l.why?.length ? ` (${reasons(l.why)})` : "");
     const at = this.place ? this.lines.indexOf(this.place) : -1;
     const to = (/** @type {number} */ i) => {
       const next = this.lines[i];

@@ -49,7 +49,7 @@ class RunView {
   }
 
   /** @param {RunState} state */
-  show({ state, units, tables, failures, best, runs }) {
+  show({ pipeline, state, units, tables, failures, best, runs }) {
     const words = { running: "A run is in progress", none: "No run yet",
       done: units.failed ? "The run is finished" : "All results are in the store",
       incomplete: "Results are missing, and no run is in progress" };
@@ -59,6 +59,8 @@ class RunView {
       (units.failed ? `, ${units.failed} failed` : "") + "." +
       (last ? ` Run ${last.number}: ${last.computed} computed, ${last.reused} reused, ${short(last.seconds)} s.` : "");
     if (this.summary.textContent !== text) this.summary.textContent = text;
+    const foot = document.querySelector(`footer [data-run="${CSS.escape(pipeline)}"]`);
+    if (foot && last) foot.textContent = last.run;
     this.best.replaceChildren(...best.map((b) => {
       const unit = b.unit === "1" ? "" : " " + b.unit, base = b.baseline;
       const point = Object.entries(b.point).map(([axis, value]) => `${axis} = ${value}`).join(", ");
