@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 use std::sync::Arc;
 
-use arrow_array::{Float64Array, cast::AsArray, types::Float64Type};
+use arrow_array::{Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
 
 use super::*;
 
