@@ -7,7 +7,7 @@ use arrow_array::{
 };
 use numerics::earth::dates::decimal_year;
 use plan::{LineId, PlanGraph, TableRef};
-use schemas::{Fault, StageRole};
+use schemas::Fault;
 use stages::{
     navigate::START_COLUMNS,
     score::{map, signal, track},
