@@ -8,7 +8,7 @@ use std::{
 
 use ::parquet::{arrow::ArrowWriter, file::properties::WriterProperties};
 use arrow_array::{
-    Array, ArrayRef, DictionaryArray, Float32Array, Float64Array, LargeStringArray, StringViewArray,
+    Array, ArrayRef, DictionaryArray, Float32Array, Float64Array, LargeStringArray, RecordBatch, StringViewArray,
     cast::AsArray,
     types::{Float64Type, Int32Type, Int64Type},
 };

@@ -20,7 +20,7 @@ pub struct LockHolder {
     pub since: String,
     /// Checksum of the fields above.
     #[serde(default)]
-    sum: String,
+    pub(super) sum: String,
     /// Whether the holder has released the lock.
     pub(super) free: bool,
 }
@@ -33,7 +33,7 @@ impl LockHolder {
     }
 
     /// Returns the holder with its checksum.
-    fn signed(mut self) -> LockHolder {
+    pub(super) fn signed(mut self) -> LockHolder {
         self.sum = self.sum_of();
         self
     }
