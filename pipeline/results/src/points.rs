@@ -208,7 +208,7 @@ mod tests {
         let one = |i: usize| {
             let axes = map(&[("mag", format!("mag_{}", i / 4)), ("trim", (i % 4).to_string())]);
             let mut parameters = map(&[("lambda", "0.5".to_owned()), ("target", format!("\"mag_{}\"", i / 4))]);
-            if i % 3 == 0 {
+            if i.is_multiple_of(3) {
                 parameters.insert("rank".to_owned(), (i % 2).to_string());
             }
             (axes, parameters)

@@ -182,7 +182,6 @@ impl<'de> Visitor<'de> for PointsVisitor {
     }
 
     /// Reads the list of points that earlier versions wrote.
-
     fn visit_seq<A: SeqAccess<'de>>(self, mut points: A) -> Result<NotedPoints, A::Error> {
         let mut found = NotedPoints::default();
         // The parameters of the first point only; others may be many.

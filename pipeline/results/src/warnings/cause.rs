@@ -232,7 +232,7 @@ impl<'a> LineFacts<'a> {
             // A filter that diverges also leaves the map, so samples off the map need not be the cause.
             found.push(format!("{:.0} % of the samples are off the map", 100.0 * share));
         }
-        let consistent = || row.get(&track::NEES).is_some_and(|nees| !track::NEES.metric.is_flagged(nees));
+        let consistent = || row.get(&track::NEES).is_some_and(|nees| nees <= limits::CONSISTENT_NEES);
         if found.is_empty() && kind == WarningKind::WorseThanIns && consistent() {
             found.push("the filter is consistent, but the map has too little information along this line".to_owned());
         }

@@ -38,6 +38,9 @@ pub const BIAS_SIGMAS: f64 = 2.0;
 /// their difference counts as a cause.
 pub const RESIDUAL_SIGMAS: f64 = 1.5;
 
+/// Largest NEES of a line whose filter counts as consistent in a cause; twice the expected value.
+pub const CONSISTENT_NEES: f64 = 4.0;
+
 /// Maximum difference between two dates of the core field, in years: it changes by up to 100 nT per year.
 pub const DATE_A: f64 = 0.25;
 
