@@ -3,7 +3,7 @@
 
 use serde_json::Value;
 
-use crate::support::{Bench, SPEC, numbers, read, stderr, stdout, texts};
+use crate::support::{Bench, SPEC, numbers, read, repository, stderr, stdout, texts};
 
 /// Spec of a filter with an assumed measurement noise of 0.001 nT and without offset removal.
 fn diverging() -> String {
@@ -75,28 +75,111 @@ fn user_a_cautious_filter_gives_a_warning() {
     assert!(causes[low].contains("`measurement_sigma_nt` is 500.0 nT"), "{causes:?}");
 }
 
+/// A simulated flight over the Osborne map: a calibration and 20 minutes of a survey.
+const FLIGHT: &str = r#"
+preset = "cessna"
+seed   = 5
+
+[map]
+path  = "MAP"
+alt_m = 500.0
+
+[ins]
+grade = "navigation"
+
+[[flights]]
+name = "f"
+
+[[flights.lines]]
+name  = "cal"
+kind  = "box"
+alt_m = 3000.0
+start = [-21.99, 140.63]
+
+[[flights.lines]]
+name       = "L1"
+alt_m      = 500.0
+kind       = "survey"
+duration_s = 1200.0
+waypoints  = [[-22.10, 140.58], [-21.84, 140.58], [-21.84, 140.78], [-22.10, 140.78]]
+"#;
+
+/// Navigation on this flight with keys of the user.
+const NAVIGATION: &str = r#"
+name  = "hint"
+store = "store"
+
+[tables.flights]
+path = "f.synth.toml"
+
+[tables.anomaly]
+path  = "MAP"
+alt_m = 500.0
+
+[[stages]]
+name   = "terms"
+stage  = "a_matrix"
+input  = "flights"
+vector = "flux_a"
+
+[[stages]]
+name   = "coefficients"
+stage  = "fit"
+input  = "terms"
+where  = "line = 'cal'"
+model  = "tolles_lawson"
+target = "mag_1_uc"
+
+[[stages]]
+name  = "clean"
+stage = "compensate"
+input = "terms"
+where = "line = 'L1'"
+model = "coefficients"
+mag   = "mag_1_uc"
+
+[[stages]]
+name  = "track"
+stage = "navigate"
+input = "clean"
+map   = "anomaly"
+KEYS
+
+[[stages]]
+name  = "scores"
+stage = "score"
+input = ["clean", "track"]
+truth = "mag_1_c"
+"#;
+
 #[test]
 fn user_a_reported_remedy_gives_the_reported_result() {
-    let (bench, ..) = ran(&diverging());
-    let table = read(&bench.path("store/tables/small/warnings"));
-    let columns = ["cause", "mag", "vector", "flight", "line"].map(|name| texts(&table, name));
-    let [causes, mags, vectors, flights, lines] = &columns;
-    let tried = |cause: &String| {
-        cause.contains("without `measurement_sigma_nt`, `fogm_sigma_nt`, `offset_window_s`, this line has ")
+    let map = repository().join("datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif").display().to_string();
+    let bench = Bench::new();
+    std::fs::write(bench.path("f.synth.toml"), FLIGHT.replace("MAP", &map)).unwrap();
+    let run = |keys: &str| {
+        bench.spec(&NAVIGATION.replace("MAP", &map).replace("KEYS", keys));
+        let output = bench.magline(&["run", "spec.toml"]);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        let causes = texts(&read(&bench.path("store/tables/hint/warnings")), "cause");
+        let query = "SELECT value FROM hint.scores WHERE metric = 'drms'";
+        let drms = stdout(&bench.magline(&["sql", query, "--format", "csv"]));
+        (causes, drms.lines().nth(1).and_then(|value| value.parse::<f64>().ok()).unwrap())
     };
-    let row = causes.iter().position(tried).unwrap_or_else(|| panic!("{causes:?}"));
-    // The user follows the hint.
-    bench.spec(&SPEC.replace("offset_window_s = 1.0\n", ""));
-    assert_eq!(bench.run(&[]).code, 0);
-    let query = format!(
-        "SELECT value FROM small.scores WHERE metric = 'drms' AND mag = '{}' AND vector = '{}' AND flight = '{}' AND \
-         line = '{}'",
-        mags[row], vectors[row], flights[row], lines[row]
-    );
-    let found = stdout(&bench.magline(&["sql", &query, "--format", "csv"]));
-    let drms: f64 = found.lines().nth(1).and_then(|value| value.parse().ok()).unwrap_or_else(|| panic!("{found}"));
-    let told = causes[row].split("this line has drms ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
-    assert!((told.parse::<f64>().unwrap() / drms - 1.0).abs() < 1e-3, "{} {drms}", causes[row]);
+    for (keys, remedy) in [
+        ("measurement_sigma_nt = 200.0\noffset_window_s = 1.0", "without `measurement_sigma_nt`, `offset_window_s`"),
+        ("start = \"given\"", "without `start`"),
+    ] {
+        let (causes, before_m) = run(keys);
+        let told = format!("{remedy}, this line has drms ");
+        let told = causes.iter().find_map(|cause| cause.split(&told).nth(1)).unwrap_or_else(|| panic!("{causes:?}"));
+        let told_m: f64 = told.split(' ').next().unwrap().parse().unwrap();
+        // The user follows the hint. A second run has the same causes.
+        assert_eq!(run(keys).0, causes);
+        let (left, after_m) = run("");
+        assert!((told_m / after_m - 1.0).abs() < 1e-3 && after_m < 0.8 * before_m, "{told_m} {after_m} {before_m}");
+        assert!(left.is_empty(), "{left:?}");
+    }
 }
 
 /// Spec of a filter whose assumed noise matches the small flights.
