@@ -14,7 +14,7 @@ use arrow_array::{Array, cast::AsArray};
 use plan::{LineId, Plan, PlanGraph, PlanUnit, SweepPoint, TableRef};
 use rayon::prelude::*;
 use schemas::{Fault, Grain, StageRole, TableKind, metric::Metric};
-use stages::score::{map, signal, track};
+use stages::score::{signal, track};
 use store::Store;
 
 use crate::text::number;
@@ -230,10 +230,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
         let text = format!("the map is too flat to correct the position at {:.0} % of the samples", 100.0 * share);
         add(WarningKind::Flat, (share, limits::FLAT, "1"), text);
     }
-    if let Some(error_nt) = row.get(&map::MAP_HEIGHT_ERROR)
-        && error_nt > limits::map_height_nt(facts.sigma_nt())
-    {
-        let limit = limits::map_height_nt(facts.sigma_nt());
+    if let Some((error_nt, limit)) = facts.map_height_nt() {
         let what = "the map is at a different height from the flight and is not continued to it; the expected error \
             is";
         add(WarningKind::MapHeight, (error_nt, limit, "nT"), format!("{what} {} nT rms", shown(error_nt)));
@@ -299,11 +296,8 @@ const MAX_GROUPS: usize = 10;
 /// All warnings for the end of a run, grouped by kind and table, with the place and cause of the worst. `table` is the
 /// table of all warnings.
 pub fn summary_lines(warnings: &[Warning], table: &str) -> Vec<String> {
-    let mut groups: BTreeMap<(&str, WarningKind), Vec<&Warning>> = BTreeMap::new();
-    for warning in warnings {
-        groups.entry((&warning.stage, warning.kind)).or_default().push(warning);
-    }
-    let mut out: Vec<String> = groups.values().take(MAX_GROUPS).map(|group| group_text(group)).collect();
+    let groups = groups(warnings);
+    let mut out: Vec<String> = groups.iter().take(MAX_GROUPS).map(|group| group_text(warnings, group)).collect();
     if groups.len() > MAX_GROUPS {
         out.push(format!("and {} more kinds of warnings", groups.len() - MAX_GROUPS));
     }
@@ -314,22 +308,28 @@ pub fn summary_lines(warnings: &[Warning], table: &str) -> Vec<String> {
     out
 }
 
-/// Positions of the worst warning of each kind and table of scores.
-pub fn worst(warnings: &[Warning]) -> Vec<usize> {
-    let mut worst: BTreeMap<(&str, WarningKind), usize> = BTreeMap::new();
+/// Positions of the warnings of each table of scores and kind, in this order; no group is empty.
+fn groups(warnings: &[Warning]) -> Vec<Vec<usize>> {
+    let mut groups: BTreeMap<(&str, WarningKind), Vec<usize>> = BTreeMap::new();
     for (i, warning) in warnings.iter().enumerate() {
-        let first = worst.entry((&warning.stage, warning.kind)).or_insert(i);
-        if warning.excess() > warnings[*first].excess() {
-            *first = i;
-        }
+        groups.entry((&warning.stage, warning.kind)).or_default().push(i);
     }
-    worst.into_values().collect()
+    groups.into_values().collect()
+}
+
+/// Position of the first of the worst warnings of a group.
+fn worst_of(warnings: &[Warning], group: &[usize]) -> Option<usize> {
+    group.iter().copied().reduce(|a, b| if warnings[b].excess() > warnings[a].excess() { b } else { a })
+}
+
+/// Positions of the worst warning of each table of scores and kind.
+pub fn worst(warnings: &[Warning]) -> Vec<usize> {
+    groups(warnings).iter().filter_map(|group| worst_of(warnings, group)).collect()
 }
 
 /// The first of the worst warnings represents its group.
-fn group_text(group: &[&Warning]) -> String {
-    let worst = group.iter().copied().reduce(|a, b| if b.excess() > a.excess() { b } else { a });
-    let Some(worst) = worst else { return String::new() };
+fn group_text(warnings: &[Warning], group: &[usize]) -> String {
+    let Some(worst) = worst_of(warnings, group).map(|i| &warnings[i]) else { return String::new() };
     let place = if worst.place().is_empty() { String::new() } else { format!(" ({})", worst.place()) };
     let mut text = match group.len() {
         1 => format!("{}{place}: {}", worst.stage, worst.text),

@@ -223,9 +223,7 @@ impl<'a> GraphPass<'a> {
         let found = warnings::find(self.graph, self.store, &done)?;
         let (failed, mut found) = failure::of_metrics(self.graph.plan, found);
         computed.failures.extend(failed);
-        // A damaged table of the last run has no causes to keep; this run writes it again.
-        let written = warnings::written(self.graph.plan, self.store).ok().flatten().unwrap_or_default();
-        remedies::try_remedies(self.graph, self.store, self.listener, &written, &mut found)?;
+        remedies::try_remedies(self.graph, self.store, self.listener, &mut found)?;
         judged.warnings = found;
         judged.pooled = pooled::find(self.graph, self.store, &done)?;
         Ok(())

@@ -1,7 +1,10 @@
 //! Trials of remedies: the worst line of each kind of warning is navigated and scored again with changed keys. A remedy
 //! that improves the line becomes part of the cause. Nothing is written to the store.
 
-use std::{collections::HashMap, sync::atomic::Ordering};
+use std::{
+    collections::{BTreeSet, HashMap},
+    sync::atomic::Ordering,
+};
 
 use plan::{
     LineId, Plan, PlanGraph, PlanUnit, SweepPoint,
@@ -14,7 +17,7 @@ use store::Store;
 use super::{Event, INTERRUPTED, Listener, SilentListener, held::LineColumnCache, work::UnitWorker};
 
 /// Tries the remedies of the worst warning of each kind, and adds the first that improves its line to its cause.
-/// `written` has the warnings of the last run; the cause of an equal warning is kept without a trial.
+/// A warning that equals one of the last run keeps its cause without a trial.
 ///
 /// # Errors
 /// Fails when the store cannot be read. A remedy that cannot be computed is skipped.
@@ -22,9 +25,13 @@ pub(super) fn try_remedies(
     graph: &PlanGraph,
     store: &Store,
     listener: &dyn Listener,
-    written: &[Warning],
     found: &mut [Warning],
 ) -> Result<(), Fault> {
+    if found.is_empty() {
+        return Ok(());
+    }
+    // A damaged table of the last run has no causes to keep; this run writes it again.
+    let written = warnings::written(graph.plan, store).ok().flatten().unwrap_or_default();
     let mut tried = TriedRemedies { graph, store, results: HashMap::new() };
     for i in warnings::worst(found) {
         let warning = &found[i];
@@ -135,9 +142,9 @@ fn changed(plan: &Plan, flagged: &FlaggedLine, point: &SweepPoint, remedy: &Reme
         stages.push(decl);
     }
     let mut spec = Spec { stages, search: None, trials: vec![], publish: None, ..plan.spec.clone() };
-    spec.axes.retain(|axis| {
-        tables.iter().any(|t| plan.tables[*t].axes.iter().any(|a| plan.spec.axes[*a].name == axis.name))
-    });
+    let used: BTreeSet<&str> =
+        tables.iter().flat_map(|t| &plan.tables[*t].axes).map(|axis| plan.spec.axes[*axis].name.as_str()).collect();
+    spec.axes.retain(|axis| used.contains(axis.name.as_str()));
     for axis in &mut spec.axes {
         axis.values = vec![point.get(&axis.name).or(axis.values.first())?.clone()];
     }

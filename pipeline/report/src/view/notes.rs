@@ -2,16 +2,12 @@
 
 use std::{
     collections::{BTreeMap, HashSet},
-    fmt,
     path::Path,
 };
 
 use results::{SnapshotPoints, record::SnapshotColumn};
 use schemas::{Fault, paths};
-use serde::{
-    Deserialize, Deserializer,
-    de::{IgnoredAny, MapAccess, SeqAccess, Visitor, value::MapAccessDeserializer},
-};
+use serde::{Deserialize, Deserializer};
 use serde_json::{Value, json};
 
 /// The tables and sources of a pipeline at its last run.
@@ -162,46 +158,9 @@ impl PipelineNotes {
 
 impl<'de> Deserialize<'de> for NotedPoints {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_any(PointsVisitor)
-    }
-}
-
-struct PointsVisitor;
-
-impl<'de> Visitor<'de> for PointsVisitor {
-    type Value = NotedPoints;
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("the points of a table")
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<NotedPoints, A::Error> {
-        let points = SnapshotPoints::deserialize(MapAccessDeserializer::new(map))?;
+        let points = SnapshotPoints::deserialize(deserializer)?;
         let truth = points.first_parameter("truth").and_then(|text| serde_json::from_str(text).ok());
         Ok(NotedPoints { count: points.len(), values: points.axis_values(), truth })
-    }
-
-    /// Reads the list of points that earlier versions wrote.
-    fn visit_seq<A: SeqAccess<'de>>(self, mut points: A) -> Result<NotedPoints, A::Error> {
-        let mut found = NotedPoints::default();
-        // The parameters of the first point only; others may be many.
-        if let Some((point, params)) = points.next_element::<(BTreeMap<String, String>, BTreeMap<String, String>)>()? {
-            found.truth = params.get("truth").and_then(|text| serde_json::from_str(text).ok());
-            found.count = 1;
-            found.values = point.into_iter().map(|(axis, value)| (axis, vec![value])).collect();
-        }
-        let of = |(axis, values): (&String, &Vec<String>)| (axis.clone(), values[0].clone());
-        let mut known: HashSet<(String, String)> = found.values.iter().map(of).collect();
-        while let Some((point, _)) = points.next_element::<(BTreeMap<String, String>, IgnoredAny)>()? {
-            found.count += 1;
-            for pair in point {
-                if !known.contains(&pair) {
-                    found.values.entry(pair.0.clone()).or_default().push(pair.1.clone());
-                    known.insert(pair);
-                }
-            }
-        }
-        Ok(found)
     }
 }
 

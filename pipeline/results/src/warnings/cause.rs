@@ -134,9 +134,13 @@ impl<'a> LineFacts<'a> {
         Ok(LineFacts { row, settings: Some(settings) })
     }
 
-    /// The measurement sigma, nT.
-    pub fn sigma_nt(&self) -> Option<f64> {
-        self.settings.as_ref().and_then(|s| s.sigma_nt)
+    /// Expected error of a map at another height and its limit, in nT, if the error exceeds the limit.
+    pub fn map_height_nt(&self) -> Option<(f64, f64)> {
+        let limit_nt = limits::map_height_nt(self.settings.as_ref().and_then(|s| s.sigma_nt));
+        self.row
+            .get(&map::MAP_HEIGHT_ERROR)
+            .filter(|error_nt| *error_nt > limit_nt)
+            .map(|error_nt| (error_nt, limit_nt))
     }
 
     /// Time of the first rejected GNSS position, in seconds from the start of the line.
@@ -220,7 +224,7 @@ impl<'a> LineFacts<'a> {
             let bias = row.get(&signal::BIAS_ERROR).filter(large);
             found.extend(bias.map(|bias| format!("the measurement has a bias (bias_error {} nT)", shown(bias))));
         }
-        if let Some(error) = row.get(&map::MAP_HEIGHT_ERROR).filter(|e| *e > limits::map_height_nt(sigma)) {
+        if let Some((error, _)) = self.map_height_nt() {
             found.push(format!("the map is at a different height from the flight ({} nT rms)", shown(error)));
         }
         if let Some((declared_year, flight_year)) = settings.wrong_date() {

@@ -3,9 +3,9 @@
 //! A remedy changes keys of the stage `navigate`. It is a hint only if a trial on the flagged line improved the result.
 
 use schemas::Literal;
-use stages::score::{Scorer, map, track};
+use stages::score::{Scorer, track};
 
-use super::{LineFacts, LineMetrics, NavigationSettings, WarningKind, limits, of_navigation};
+use super::{LineFacts, LineMetrics, NavigationSettings, WarningKind, of_navigation};
 use crate::text::number;
 
 /// Keys of the assumed noise. Without them, the likelihood of the innovations determines the noise.
@@ -73,10 +73,9 @@ pub fn remedies(kind: WarningKind, facts: &LineFacts, is_set: &dyn Fn(&str) -> b
         let removal = Remedy::removal("the date of the core field", &["decimal_year"], is_set);
         removal.filter(|_| settings.wrong_date().is_some())
     };
-    let is_off = facts.row.get(&map::MAP_HEIGHT_ERROR).is_some_and(|e| e > limits::map_height_nt(settings.sigma_nt));
     let levels = || {
         let removal = Remedy::removal("the height of the map", &["map_levels_m"], is_set);
-        removal.filter(|_| is_off)
+        removal.filter(|_| facts.map_height_nt().is_some())
     };
     let noise = || Remedy::removal("the assumed noise", &NOISE_KEYS, is_set);
     let start = || Remedy::removal("the assumed initial uncertainty", &START_KEYS, is_set);
@@ -104,14 +103,12 @@ pub fn remedies(kind: WarningKind, facts: &LineFacts, is_set: &dyn Fn(&str) -> b
         | WarningKind::Stage
         | WarningKind::Metric => vec![],
     };
-    let mut found: Vec<Remedy> = all.into_iter().flatten().collect();
-    let mut seen: Vec<String> = vec![];
-    found.retain(|remedy| {
-        let text = remedy.text();
-        let is_new = !seen.contains(&text);
-        seen.push(text);
-        is_new
-    });
+    let mut found: Vec<Remedy> = vec![];
+    for remedy in all.into_iter().flatten() {
+        if found.iter().all(|other| other.changes != remedy.changes) {
+            found.push(remedy);
+        }
+    }
     found
 }
 
