@@ -4,6 +4,7 @@ use std::{
     collections::BTreeMap,
     convert::Infallible,
     future::{Ready, ready},
+    io::{BufRead, BufReader, Read},
     net::TcpListener,
     process::{Child, Command, Output, Stdio},
     sync::mpsc::channel,
@@ -148,6 +149,24 @@ fn user_a_restarted_scheduler_keeps_finished_results() {
     assert_eq!(total(&last, "computed") + total(&last, "reused"), units);
     same(&bench, "whole", "store");
     assert_once(&cluster);
+}
+
+#[test]
+fn bug_a_run_waits_for_a_scheduler_that_starts_after_it() {
+    let (bench, units) = scene();
+    let mut cluster = Cluster::new(MAGLINE, bench.folder.path(), 1);
+    cluster.kill_scheduler();
+    let mut run = begun(&bench, &cluster, &["--patience", "200s"]);
+    let mut messages = BufReader::new(run.stderr.take().unwrap());
+    let mut first = String::new();
+    messages.read_line(&mut first).unwrap();
+    assert!(first.contains("waiting up to 200 s"), "{first}");
+    cluster.start_scheduler();
+    let output = run.wait_with_output().unwrap();
+    let (code, last) = ended(&output);
+    let mut rest = String::new();
+    messages.read_to_string(&mut rest).unwrap();
+    assert_eq!((code, total(&last, "computed")), (0, units), "{rest} {}", cluster.worker_stderr());
 }
 
 #[test]
@@ -316,7 +335,10 @@ fn stranger(state: &'static str) -> String {
 fn user_foreign_servers_and_schedulers_of_another_version_are_rejected() {
     let bench = Bench::new();
     let open = "--insecure-loopback";
-    let run = |at: &str| bench.magline(&["run", "spec.toml", "--engine", &format!("ballista://{at}"), open]);
+    let run = |at: &str| {
+        let engine = format!("ballista://{at}");
+        bench.magline(&["run", "spec.toml", "--engine", &engine, "--patience", "1s", open])
+    };
     let worker = |at: &str| bench.magline(&["worker", "--scheduler", at, "--cores", "1", open]);
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
     let silent = run(&free);
@@ -325,6 +347,7 @@ fn user_foreign_servers_and_schedulers_of_another_version_are_rejected() {
         silent.status.code() == Some(1) && messages.contains(&format!("cannot connect to the scheduler at {free}")),
         "{messages}"
     );
+    assert!(messages.contains("waiting up to 1 s"), "{messages}");
     assert!(messages.contains("magline scheduler --bind"), "{messages}");
     for (state, is) in [
         (r#"{"scheduler_id":"magline-9.9.9-4711"}"#, "is magline 9.9.9; this is magline"),

@@ -131,9 +131,19 @@ impl Cluster {
 
     /// Kills the scheduler and starts another one at the same address after `after`.
     pub fn another_scheduler(&mut self, after: Duration) {
+        self.kill_scheduler();
+        sleep(after);
+        self.start_scheduler();
+    }
+
+    /// Kills the scheduler.
+    pub fn kill_scheduler(&mut self) {
         self.scheduler.kill().unwrap();
         self.scheduler.wait().unwrap();
-        sleep(after);
+    }
+
+    /// Starts a scheduler at the address of the last one.
+    pub fn start_scheduler(&mut self) {
         let (scheduler, at) = scheduler(&self.program, &self.folder, &self.at);
         assert_eq!(at, self.at);
         self.scheduler = scheduler;

@@ -98,8 +98,9 @@ def check(page: Path, program: str, rewrite: bool, times: bool = False) -> list[
                 line = text.count("\n", 0, match.start()) + 1
                 if not same:
                     faults.append(f"{page}:{line}: $ {command}\n--- page\n{expected}\n--- output\n{actual}")
-                if status != 0 and "error:" not in actual:
-                    faults.append(f"{page}:{line}: $ {command}\nexit status {status}")
+                # A page may show an error, but `...` does not stand in place of one.
+                if status != 0 and "error:" not in expected:
+                    faults.append(f"{page}:{line}: $ {command}\nexit status {status}\n{actual}")
                 shown = expected + "\n" if same and expected else actual
                 new += "$ " + command.replace("\n", "\n> ") + "\n" + shown
             # Output with a fence of its own needs a longer fence around it.

@@ -64,11 +64,18 @@ pub struct DispatchLimits {
 }
 
 impl BallistaEngine {
-    /// Connects to the scheduler at HOST:PORT.
+    /// Connects to the scheduler at HOST:PORT. Calls `waits` once if no scheduler answers at first.
     ///
     /// # Errors
-    /// Fails when the scheduler does not answer, or has another version.
-    pub fn connect(authority: &str, trust: &ClusterTrust, limits: DispatchLimits) -> Result<BallistaEngine, Fault> {
+    /// Fails when the scheduler does not answer for [`DispatchLimits::patience`], or has another version or another
+    /// key.
+    pub fn connect(
+        authority: &str,
+        trust: &ClusterTrust,
+        limits: DispatchLimits,
+        waits: impl FnOnce(&str),
+    ) -> Result<BallistaEngine, Fault> {
+        await_scheduler(authority, trust, Some(limits.patience), waits)?;
         let scheduler = SchedulerClient::at(authority, trust)?;
         let seen = scheduler.look().map_err(|why| why.fault(authority))?;
         Ok(BallistaEngine { scheduler, runtime: runtime()?, session: new_instance_id(), seen, limits })
@@ -89,22 +96,28 @@ impl TaskEngine for BallistaEngine {
     }
 }
 
-/// Waits until a scheduler of this version answers. Calls `waits` once if no scheduler answers at first.
+/// Waits until a scheduler of this version answers, at most for `patience`. Calls `waits` once if no scheduler answers
+/// at first.
 ///
 /// # Errors
-/// Fails when the scheduler has another version or another key.
-pub fn await_scheduler(authority: &str, trust: &ClusterTrust, waits: impl FnOnce(&str)) -> Result<(), Fault> {
+/// Fails when the scheduler has another version or another key, or does not answer.
+pub fn await_scheduler(
+    authority: &str,
+    trust: &ClusterTrust,
+    patience: Option<Duration>,
+    waits: impl FnOnce(&str),
+) -> Result<(), Fault> {
     const AGAIN_AFTER: Duration = Duration::from_millis(500);
     let scheduler = SchedulerClient::at(authority, trust)?;
-    let mut waits = Some(waits);
+    let (begun, mut waits) = (ObservationTimer::now(), Some(waits));
     loop {
         match scheduler.name() {
             Ok(_) => return Ok(()),
-            Err(why @ (SchedulerFault::Other(_) | SchedulerFault::Stranger)) => return Err(why.fault(authority)),
-            Err(SchedulerFault::Silent(why)) => {
+            Err(SchedulerFault::Silent(why)) if !patience.is_some_and(|most| begun.longer_than(most)) => {
                 waits.take().into_iter().for_each(|waits| waits(&why));
                 std::thread::sleep(AGAIN_AFTER);
             }
+            Err(why) => return Err(why.fault(authority)),
         }
     }
 }

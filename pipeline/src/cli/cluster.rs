@@ -169,7 +169,9 @@ pub fn worker(args: &WorkerArgs) -> Result<(), ExitReason> {
         heartbeat: args.heartbeat,
         trust,
     };
-    ballista::await_scheduler(&at, &config.trust, |why| note(&format!("waiting for the scheduler at {at}: {why}")))?;
+    ballista::await_scheduler(&at, &config.trust, None, |why| {
+        note(&format!("waiting for the scheduler at {at}: {why}"));
+    })?;
     note(&format!("{} registered with the scheduler at {at}", super::counted(config.cores, "core")));
     match ballista::work(&config, Box::new(task::print))? {
         WorkerExit::Requested => Ok(()),

@@ -24,7 +24,7 @@ pub struct EngineArgs {
     /// Maximum number of retries of a unit whose worker was lost; `--retries 2` permits three attempts.
     #[arg(long, value_name = "N", default_value_t = run::RETRIES)]
     pub retries: usize,
-    /// With a cluster: the time to wait for a worker or a lost scheduler. After this time, the remaining units fail.
+    /// With a cluster: the time to wait for the scheduler and for a worker. After this time, the remaining units fail.
     #[cfg(feature = "cluster")]
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = tend::age)]
     patience: Duration,
@@ -103,7 +103,13 @@ pub fn engine(args: &EngineArgs, threads: Option<usize>) -> Result<Box<dyn run::
         EngineName::Ballista(authority) => {
             let limits = run::ballista::DispatchLimits { retries: args.retries, unit_timeout, patience: args.patience };
             let trust = run::ballista::ClusterTrust::read(args.key_file.as_deref(), args.insecure_loopback)?;
-            Ok(Box::new(run::ballista::BallistaEngine::connect(authority, &trust, limits)?))
+            let seconds = args.patience.as_secs();
+            let waits = |why: &str| {
+                super::note(&format!(
+                    "waiting up to {seconds} s (`--patience`) for the scheduler at {authority}: {why}"
+                ));
+            };
+            Ok(Box::new(run::ballista::BallistaEngine::connect(authority, &trust, limits, waits)?))
         }
         #[cfg(not(feature = "cluster"))]
         EngineName::Ballista(_) => Err(without_cluster()),

@@ -81,10 +81,10 @@ an input is wrong, nothing was run; 3 another run of the pipeline holds the lock
 /// # Errors
 /// Fails when part of the run fails, or when the run is stopped.
 pub fn run(catalogue: &[StageEntry], args: &RunArgs, compact: bool) -> Result<(), ExitReason> {
+    QUIET.store(args.quiet, Ordering::Relaxed);
     let engine = engine::engine(&args.engine, args.threads)?;
     let watch = schedule::watch(&args.schedule, &args.spec)?;
     interrupt::listen();
-    QUIET.store(args.quiet, Ordering::Relaxed);
     let ran = ran(catalogue, args, compact, &*engine, &watch);
     let (done, summary) = match ran {
         Ok((done, summary)) => (done, Some(summary)),
