@@ -179,7 +179,7 @@ fn flown<'a>(
         core,
         errors,
         measurement_sigma_nt: sigma_nt,
-        offset_window_s: stage.offset_window_s,
+        offset_window_s: stage.field.offset_window_s,
         columns: batch,
         models: &prepared.models,
         noise_factors: cosines.as_ref().map(factors),
@@ -237,14 +237,14 @@ impl NoiseSources<'_> {
         if let Some(map) = map.filter(|_| finds_noise) {
             stage.tune(flown, map, starts, expected, found)?;
         }
-        if let Some((map, length_m)) = map.zip(stage.map_error_length_m) {
+        if let Some((map, length_m)) = map.zip(stage.field.map_error_length_m) {
             flown.map_sigma_nt =
                 map.errors.own_nt(&NavigationLine { fixes: flown.fixes(), ..flown.line()? }, ins.step_m(), length_m)?;
             flown.set_sigma();
         }
         if let Some(each) = each {
             flown.restore(each);
-            flown.offset_window_s = stage.offset_window_s;
+            flown.offset_window_s = stage.field.offset_window_s;
         }
         if finds_noise && !stage.filter.keys.gates() {
             stage.reject_outliers(flown)?;

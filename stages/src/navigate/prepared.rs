@@ -90,7 +90,7 @@ impl NavigationMaps {
         let mut maps = Self {
             table: table.clone(),
             interpolation: stage.interpolation(),
-            levels_m: stage.map_levels_m.clone(),
+            levels_m: stage.field.map_levels_m.clone(),
             node_error,
             ladder: None,
             made: Mutex::default(),
@@ -98,7 +98,7 @@ impl NavigationMaps {
         let own = maps.at(None)?;
         let own_m = level_m(floats(table, "alt")?);
         maps.ladder = own_m
-            .filter(|_| stage.map_levels_m.is_none() && stage.is_auto())
+            .filter(|_| stage.field.map_levels_m.is_none() && stage.is_auto())
             .map(|own_m| MapHeightLevels { own_m, cell_m: own.errors.cell_m() });
         Ok(maps)
     }

@@ -120,7 +120,7 @@ impl Navigate {
             };
         }
         let [sigma_nt, mut fogm_sigma_nt, mut fogm_tau_s] = values;
-        if self.offset_window_s > 0.0 {
+        if self.field.offset_window_s > 0.0 {
             if self.noise.fogm_sigma_nt == Some(NumberOrAuto::Auto) {
                 fogm_sigma_nt *= std::f64::consts::SQRT_2;
             }
@@ -140,11 +140,11 @@ impl Navigate {
     pub(super) fn noise_faults(&self, shape: &TableShape) -> Vec<Fault> {
         let Some(column) = self.noise_column() else { return vec![] };
         let mut faults = faults_of([shape.number(column, "nT")], "noise_column");
-        if self.mag.len() > 1 {
+        if self.field.mag.len() > 1 {
             let what = "`noise_column` requires a single magnetometer, but `mag` names several";
             faults.push(Fault::new(what).of_param("noise_column"));
         }
-        if self.mag.iter().any(|mag| mag == column) {
+        if self.field.mag.iter().any(|mag| mag == column) {
             let what = format!("`{column}` is the measurement; `noise_column` requires the column of its noise");
             faults.push(Fault::new(what).of_param("noise_column"));
         }
@@ -167,7 +167,7 @@ impl Navigate {
 impl Navigate {
     /// Whether unset parameters are estimated from the data.
     pub(super) fn is_auto(&self) -> bool {
-        self.tuning == Tuning::Auto
+        self.field.tuning == Tuning::Auto
     }
 
     /// Whether noise and outliers of each line are estimated. The noise in the spec or the default noise of MagNav.jl
@@ -176,8 +176,8 @@ impl Navigate {
     pub(super) fn finds_noise(&self, has_map: bool) -> bool {
         let filter = &self.filter.keys;
         let compensated = |mag: &String| mag == "mag_c" || flight::is_compensated(mag);
-        let of_aircraft = filter.aircraft().is_some() && self.mag.len() == 1;
-        let alone = !filter.takes_models() || of_aircraft || self.mag.iter().all(compensated);
+        let of_aircraft = filter.aircraft().is_some() && self.field.mag.len() == 1;
+        let alone = !filter.takes_models() || of_aircraft || self.field.mag.iter().all(compensated);
         self.is_auto() && has_map && alone && filter.takes_field() && filter.needs_map()
     }
 
@@ -215,7 +215,7 @@ impl Navigate {
     pub(super) fn node_error(&self, map: &RecordBatch) -> NodeErrorSource {
         let known = || floats(map, ERROR).is_ok_and(|error| error.iter().any(|nt| *nt > 0.0));
         match self.interpolation() {
-            _ if self.map_error_length_m.is_some() || self.is_auto() && known() => NodeErrorSource::Column,
+            _ if self.field.map_error_length_m.is_some() || self.is_auto() && known() => NodeErrorSource::Column,
             MapInterpolation::Cubic if self.is_auto() => NodeErrorSource::Interpolation,
             MapInterpolation::Cubic | MapInterpolation::Quadratic | MapInterpolation::Linear => NodeErrorSource::None,
         }
@@ -262,7 +262,7 @@ impl Navigate {
 
     /// Coefficients of the aircraft field that are states of the filter while the noise is estimated.
     fn aircraft_states<'a>(&self, flown: &'a FilterInput) -> Result<Option<AircraftCoefficientStates<'a>>, Fault> {
-        let of_filter = self.filter.keys.aircraft().filter(|_| self.mag.len() == 1);
+        let of_filter = self.filter.keys.aircraft().filter(|_| self.field.mag.len() == 1);
         of_filter.map(|(keys, walk_per_hour)| keys.states(flown, walk_per_hour)).transpose()
     }
 
@@ -284,7 +284,7 @@ impl Navigate {
         let tuned = match known.iter().find(|(other, _)| *other == asked) {
             Some((_, tuned)) => tuned.clone(),
             None => {
-                let of_map = self.map_error_length_m.is_none();
+                let of_map = self.field.map_error_length_m.is_none();
                 let tuned = LineNoiseEstimate::most_likely(flown, of_map, map, starts, given)?;
                 known.push((asked, tuned.clone()));
                 tuned
