@@ -52,7 +52,7 @@ pub use filter::{
 };
 pub use filters::FILTERS;
 pub(crate) use flown::with_filter_input;
-use further::{AuxiliaryMeasurements, latency_columns};
+use further::{AuxiliaryMeasurements, constant_columns};
 pub use geometry::{DeadZones, SensorGeometry};
 pub(crate) use nekf::{Nekf, feature_faults, features_of, is_near_rate, mean_rate_hz, network_terms};
 pub(crate) use prepared::NavigationMap;
@@ -104,7 +104,7 @@ stage! {
     /// over a known field. With `offset_window_s` the offset removes the slow error of the first seconds, and the
     /// variance and time constant of the remaining error are doubled. With `measurement_sigma_nt = "auto"` the error of
     /// bilinear interpolation between nodes is added to the white noise.
-    Navigate = "navigate", version 11, grain Line,
+    Navigate = "navigate", version 12, grain Line,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
     groups [field: FieldKeys, noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec],
     example r#"
@@ -340,7 +340,7 @@ impl Stage for Navigate {
         columns.extend(self.start_columns().into_iter().map(made));
         columns.extend(self.noise_columns(map.is_some()).into_iter().map(made));
         columns.extend(filter.columns(&flight).into_iter().map(made));
-        columns.extend(self.has_latency(map.is_some()).then(latency_columns).into_iter().flatten().map(made));
+        columns.extend(constant_columns(self.has_constants(map.is_some())).into_iter().map(made));
         columns.extend(filter.further().into_iter().flat_map(AuxiliaryMeasurements::columns).map(made));
         columns.extend(filter.aiding().into_iter().flat_map(Aiding::columns).map(made));
         let mut yields = StageSchema::append(columns, &reads);
@@ -377,7 +377,8 @@ impl LineStage for Navigate {
 
     fn prepare_key(&self) -> String {
         let (own_error, tuning) = (self.field.map_error_length_m.is_some(), self.field.tuning.word());
-        format!("{} {:?} {own_error} {tuning}", self.interpolation().word(), self.field.map_levels_m)
+        let (levels, reach_m) = (&self.field.map_levels_m, self.height_reach_m());
+        format!("{} {levels:?} {reach_m} {own_error} {tuning}", self.interpolation().word())
     }
 }
 

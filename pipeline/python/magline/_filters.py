@@ -95,6 +95,7 @@ def ekf(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -380,6 +381,17 @@ def ekf(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
         stamps are exact.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -513,6 +525,7 @@ def iekf(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -805,6 +818,17 @@ def iekf(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
         stamps are exact.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -938,6 +962,7 @@ def ukf(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -1236,6 +1261,17 @@ def ukf(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
         stamps are exact.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -1372,6 +1408,7 @@ def ekf_adaptive(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -1688,6 +1725,17 @@ def ekf_adaptive(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
         stamps are exact.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -1832,6 +1880,7 @@ def ekf_online_tl(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -2178,6 +2227,17 @@ def ekf_online_tl(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
         stamps are exact.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -2327,6 +2387,7 @@ def fixed_lag(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -2680,6 +2741,17 @@ def fixed_lag(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
         stamps are exact.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -2815,6 +2887,7 @@ def rts(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -3116,6 +3189,17 @@ def rts(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
         stamps are exact.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -3252,6 +3336,7 @@ def mpf(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -3567,6 +3652,17 @@ def mpf(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
         stamps are exact.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -3701,6 +3797,7 @@ def mpf_then_ekf(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -4007,6 +4104,17 @@ def mpf_then_ekf(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
         stamps are exact.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect
@@ -4136,6 +4244,7 @@ def crlb(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -4421,6 +4530,17 @@ def crlb(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: with `tuning = "auto"` 1.0 if the lag increases the likelihood clearly; else time
         stamps are exact.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of each component (nose, right, down) of the change of the aircraft's
         permanent field since its calibration. The change is three further states. Their effect

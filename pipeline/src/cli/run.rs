@@ -47,7 +47,8 @@ outside 0.2 to 20; its expected value is 2 (nees_low, nees_high). The NIS is out
 1 (nis_low, nis_high). The innovations are correlated more than the assumed noise allows: `whiteness` is below 0.8 and \
 `correlated_nis` above 1.5; their expected values are 0.95 and 1 (not_white). The table <name>.warnings has one row for \
 each flag, with the likely cause. It also has rows for an initial position that is too uncertain for a filter that \
-linearises the map (wide_start), late time stamps of the magnetometer (late), rejected GNSS positions (gnss), lines mostly off the map (off_map), flat maps (flat), \
+linearises the map (wide_start), late time stamps of the magnetometer (late), a constant error of the height on the map \
+(height_bias), rejected GNSS positions (gnss), lines mostly off the map (off_map), flat maps (flat), \
 a map at a different height from the flight (map_height), a low anomaly retention (retention), fits (fit), maps (map) \
 and metrics that cannot be computed (metric). Warnings do not change the exit \
 status.

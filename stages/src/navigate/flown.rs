@@ -190,7 +190,8 @@ fn flown<'a>(
         gnss: None,
         permanent: None,
         latency_sigma_s: None,
-        has_latency: stage.has_latency(map.is_some()),
+        map_height_sigma_m: None,
+        has_constants: stage.has_constants(map.is_some()),
         second_order: stage.is_auto(),
         start_range: None,
         counts: vec![],
@@ -233,7 +234,8 @@ impl NoiseSources<'_> {
         let Self { stage, ins, map, expected } = self;
         let finds_noise = stage.finds_noise(map.is_some());
         flown.permanent = stage.given_permanent(flown);
-        flown.latency_sigma_s = stage.given_latency_s().filter(|sigma_s| *sigma_s > 0.0);
+        [flown.latency_sigma_s, flown.map_height_sigma_m] =
+            stage.given_constants().map(|sigma| sigma.filter(|sigma| *sigma > 0.0));
         if let Some(map) = map.filter(|_| finds_noise) {
             stage.tune(flown, map, starts, expected, found)?;
         }

@@ -199,16 +199,22 @@ impl Navigate {
         flown.permanent_states(GaussMarkov { sigma, tau_s: keys.permanent_change_tau_s.unwrap_or(f64::INFINITY) })
     }
 
-    /// Prior standard deviation of the lag of the magnetometer, in s: 0 without a state for the lag, `None` if the
-    /// likelihood decides.
-    pub(super) fn given_latency_s(&self) -> Option<f64> {
+    /// Prior standard deviations of the lag of the magnetometer, in s, and of the height bias on the map, in m: 0 without a
+    /// state, `None` if the likelihood decides.
+    pub(super) fn given_constants(&self) -> [Option<f64>; 2] {
         let keys = self.filter.keys.further().filter(|_| self.filter.keys.takes_scalar_states());
-        keys.map_or(Some(0.0), |keys| keys.mag_latency_sigma_s)
+        keys.map_or([Some(0.0); 2], |keys| [keys.mag_latency_sigma_s, keys.map_height_sigma_m])
     }
 
-    /// Whether the track has the columns of the lag.
-    pub(super) fn has_latency(&self, has_map: bool) -> bool {
-        self.given_latency_s().map_or_else(|| self.finds_noise(has_map), |sigma_s| sigma_s > 0.0)
+    /// Whether the track has the columns of the lag, and those of the height bias.
+    pub(super) fn has_constants(&self, has_map: bool) -> [bool; 2] {
+        self.given_constants().map(|given| given.map_or_else(|| self.finds_noise(has_map), |sigma| sigma > 0.0))
+    }
+
+    /// Distance below and above a line to which the map is continued for a height bias that a key requests, in m.
+    pub(super) fn height_reach_m(&self) -> f64 {
+        let [_, map_height_sigma_m] = self.given_constants();
+        2.0 * map_height_sigma_m.unwrap_or(0.0)
     }
 
     /// Source of the error of the map's nodes.
@@ -278,8 +284,8 @@ impl Navigate {
     ) -> Result<(), Fault> {
         let given = self.not_searched(expected);
         let aircraft = self.aircraft_states(flown)?;
-        let latency_sigma_s = if aircraft.is_some() { Some(0.0) } else { self.given_latency_s() };
-        let given: GivenNoise = (given, aircraft.as_ref(), latency_sigma_s);
+        let constants = if aircraft.is_some() { [Some(0.0); 2] } else { self.given_constants() };
+        let given: GivenNoise = (given, aircraft.as_ref(), constants);
         let asked = LineNoiseInputs::new(flown, given);
         let tuned = match known.iter().find(|(other, _)| *other == asked) {
             Some((_, tuned)) => tuned.clone(),
@@ -351,12 +357,12 @@ impl FilterInput<'_> {
     /// Removes outliers of compensated magnetometers.
     fn reject_outliers(&mut self) -> Result<(), Fault> {
         let line = NavigationLine { fixes: self.fixes(), ..self.line()? };
-        let permanent = || self.permanent.as_ref().map(PermanentStates::model);
-        let rejected = likelihood::outliers(&line, permanent(), self.latency_sigma_s).map_err(data)?;
+        let states = self.scalar_states();
+        let rejected = likelihood::outliers(&line, &states).map_err(data)?;
         let mut of_each = vec![];
         for FilterMagnetometer { measured_nt, .. } in &self.magnetometers {
             let line = NavigationLine { measurement_nt: measured_nt, ..line };
-            let rejected = likelihood::outliers(&line, permanent(), self.latency_sigma_s).map_err(data)?;
+            let rejected = likelihood::outliers(&line, &states).map_err(data)?;
             of_each.push(measured_nt.iter().zip(rejected).map(|(nt, out)| if out { f64::NAN } else { *nt }).collect());
         }
         self.magnetometers.iter_mut().zip(of_each).for_each(|(mag, own)| mag.measured_nt = own);

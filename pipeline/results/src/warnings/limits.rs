@@ -63,8 +63,12 @@ pub const WIDE_START: f64 = 1.5;
 
 /// Lag of the magnetometer that is flagged: in s, and in standard deviations of its estimate.
 pub const LAG_S: f64 = 0.05;
-/// See [`LAG_S`].
+/// See [`LAG_S`] and [`HEIGHT_BIAS_M`].
 pub const LAG_SIGMAS: f64 = 4.0;
+
+/// Height bias on the map that is flagged: in m, and in [`LAG_SIGMAS`] standard deviations of its estimate. The weather
+/// changes the height of a barometer by less within an hour.
+pub const HEIGHT_BIAS_M: f64 = 10.0;
 
 /// Minimum anomaly retention of a compensation.
 pub const RETENTION: f64 = 0.9;

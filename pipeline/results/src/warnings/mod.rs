@@ -39,6 +39,8 @@ pub enum WarningKind {
     WideStart,
     /// The time stamps of the magnetometer are late or early.
     Late,
+    /// The height of the aircraft on the map has a constant error.
+    HeightBias,
     /// The test of GNSS positions rejected some.
     Gnss,
     /// Most of the line is off the map, where the filter only predicts.
@@ -61,7 +63,7 @@ pub enum WarningKind {
 
 impl WarningKind {
     /// All kinds.
-    pub const ALL: [WarningKind; 17] = [
+    pub const ALL: [WarningKind; 18] = [
         WarningKind::WorseThanIns,
         WarningKind::NeesHigh,
         WarningKind::NeesLow,
@@ -70,6 +72,7 @@ impl WarningKind {
         WarningKind::NotWhite,
         WarningKind::WideStart,
         WarningKind::Late,
+        WarningKind::HeightBias,
         WarningKind::Gnss,
         WarningKind::OffMap,
         WarningKind::Flat,
@@ -92,6 +95,7 @@ impl WarningKind {
             WarningKind::NotWhite => "not_white",
             WarningKind::WideStart => "wide_start",
             WarningKind::Late => "late",
+            WarningKind::HeightBias => "height_bias",
             WarningKind::Gnss => "gnss",
             WarningKind::OffMap => "off_map",
             WarningKind::Flat => "flat",
@@ -116,6 +120,7 @@ impl WarningKind {
             | WarningKind::NotWhite => true,
             WarningKind::WideStart
             | WarningKind::Late
+            | WarningKind::HeightBias
             | WarningKind::Gnss
             | WarningKind::OffMap
             | WarningKind::Flat => false,
@@ -146,6 +151,7 @@ impl WarningKind {
             WarningKind::NotWhite => "the innovations are correlated in time, so the covariance is too small",
             WarningKind::WideStart => "the initial position is too uncertain for a filter that linearises the map",
             WarningKind::Late => "the time stamps of the magnetometer have a constant lag",
+            WarningKind::HeightBias => "the height of the aircraft on the map has a constant error",
             WarningKind::Gnss => "GNSS positions contradict the INS and are rejected",
             WarningKind::OffMap => "most samples are off the map",
             WarningKind::Flat => "the map is too flat to correct the position at most samples",
@@ -334,6 +340,15 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
              corrects its own measurements; other stages use the time stamps as they are"
         );
         add(WarningKind::Late, (by_s, limits::LAG_S.max(limits::LAG_SIGMAS * sigma_s), "s"), text);
+    }
+    if let Some((bias_m, sigma_m)) = facts.height_bias_m() {
+        let (by_m, what) = (bias_m.abs(), if bias_m > 0.0 { "above" } else { "below" });
+        let text = format!(
+            "the measured field is that of a height {by_m:.0} m {what} the height of the INS on the map (standard \
+             deviation {sigma_m:.0} m); the filter corrects its own prediction, but not `alt`"
+        );
+        let limit_m = limits::HEIGHT_BIAS_M.max(limits::LAG_SIGMAS * sigma_m);
+        add(WarningKind::HeightBias, (by_m, limit_m, "m"), text);
     }
     if let Some((count, fixes)) = row.counted("gnss_rejected").filter(|(count, _)| *count > 0.0) {
         let first = facts
