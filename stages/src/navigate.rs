@@ -8,6 +8,7 @@ mod ekf;
 mod ekf_adaptive;
 mod ekf_online_nn;
 mod ekf_online_tl;
+mod field_keys;
 mod filter;
 mod filters;
 mod fixed_lag;
@@ -38,19 +39,20 @@ use numerics::{maps::map_surface::MapInterpolation, navigation::ins_error::InsEr
 use prepared::NavigationMaps;
 use schemas::{
     ChoiceRegistry, ChoiceSelection, Column, Fault, LineInput, LineOutput, LinePoint, LineStage, MagneticCorrection,
-    NumberOrAuto, PassThroughColumns, Rule, Stage, StageEntry, StageSchema, Table, TableShape, stage,
+    NumberOrAuto, PassThroughColumns, Stage, StageEntry, StageSchema, Table, TableShape, stage,
 };
 
 use aiding::{Aiding, GnssPositions, both};
 pub(crate) use aiding::{GNSS_UPDATE, GnssOutcome};
 pub use calibrations::CalibrationPrior;
+pub use field_keys::FieldKeys;
 pub use filter::{
     FilterDecl, FilterFlight, FilterGroups, FilterInput, FilterMagnetometer, FilterPoint, FilterTrack,
     NavigationFilter, UpdateOutcome, filter, navigate_points,
 };
 pub use filters::FILTERS;
 pub(crate) use flown::with_filter_input;
-use further::{AuxiliaryMeasurements, latency_columns};
+use further::{AuxiliaryMeasurements, constant_columns};
 pub use geometry::{DeadZones, SensorGeometry};
 pub(crate) use nekf::{Nekf, feature_faults, features_of, is_near_rate, mean_rate_hz, network_terms};
 pub(crate) use prepared::NavigationMap;
@@ -102,9 +104,10 @@ stage! {
     /// over a known field. With `offset_window_s` the offset removes the slow error of the first seconds, and the
     /// variance and time constant of the remaining error are doubled. With `measurement_sigma_nt = "auto"` the error of
     /// bilinear interpolation between nodes is added to the white noise.
-    Navigate = "navigate", version 11, grain Line, role EstimatesTrack,
+    Navigate = "navigate", version 12, grain Line, role EstimatesTrack,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
-    groups [noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec], example r#"
+    groups [field: FieldKeys, noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec],
+    example r#"
 [[stages]]
 name            = "navigate"
 stage           = "navigate"
@@ -115,38 +118,6 @@ core_field      = false
 "#;
     /// Navigation filter.
     filter: ChoiceSelection<FilterDecl>, unit "";
-    /// Source of unset parameters. `auto` estimates the noise of each line from the likelihood of its innovations,
-    /// rejects outliers, and continues a map of known height to the flight heights. `magnav` uses the defaults of
-    /// MagNav.jl, no gate, and the map at its own height. A key in the spec overrides either.
-    tuning: Tuning, unit "", default Tuning::Auto;
-    /// Measured field of one or several magnetometers. A filter that cannot process magnetometers separately uses their
-    /// mean at each sample, with the noise of a mean of independent readings. Each magnetometer has its own offset.
-    mag: Vec<String>, unit "nT", default vec!["mag_c".to_owned()];
-    /// Predicts the core field as part of the measurement. `false`: the measurement is an anomaly.
-    core_field: bool, unit "", default true;
-    /// Subtracts the column `diurnal` from the measurement, so that the filter need not estimate the temporal
-    /// variation. A sample with a NaN in `diurnal` has no measurement.
-    remove_diurnal: Option<bool>, unit "",
-        absent "true if the flight has the column and the measurement still contains it";
-    /// Date of the core field as a decimal year. Replaces the flight's date.
-    decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
-    /// Interpolation of the map. The field above its sources is smooth, so a spline is closer to it than a bilinear map.
-    map_interpolation: Option<MapInterpolation>, unit "",
-        absent "`cubic` with `tuning = \"auto\"`, else `linear`";
-    /// Heights above the ellipsoid, ascending, to which the map is continued. Between them the map is interpolated
-    /// linearly.
-    map_levels_m: Option<Vec<f64>>, unit "m",
-        absent "continued to the flight heights with `tuning = \"auto\"`, else used at its own height";
-    /// Correlation length of the map error, for a map with the column `error` (`map_grid`, `track_map`); typically the
-    /// spacing of its survey lines. The equivalent white noise is added to the measurement noise of each sample. An
-    /// extended Kalman filter predicts the position at which the map error is looked up.
-    map_error_length_m: Option<f64>, unit "m",
-        absent "the map is assumed exact; `tuning = \"auto\"` estimates a factor on the column `error`, or on the \
-            interpolation error that the map implies", rule Rule::Positive;
-    /// Length of the window from the start of a line over which the mean of measurement minus prediction is computed.
-    /// This offset is subtracted before filtering, because compensation leaves a constant undetermined. 0 subtracts
-    /// nothing.
-    offset_window_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
 }
 
 const POSITION: [&str; 3] = ["ins_lat", "ins_lon", "ins_alt"];
@@ -184,28 +155,28 @@ impl Navigate {
     /// Interpolation of the map.
     fn interpolation(&self) -> MapInterpolation {
         let usual = if self.is_auto() { MapInterpolation::Cubic } else { MapInterpolation::Linear };
-        self.map_interpolation.unwrap_or(usual)
+        self.field.map_interpolation.unwrap_or(usual)
     }
 
     /// Magnetometers that the filter uses.
     fn magnetometers(&self) -> &[String] {
-        if self.filter.keys.takes_field() { &self.mag } else { &[] }
+        if self.filter.keys.takes_field() { &self.field.mag } else { &[] }
     }
 
     /// Whether the temporal variation is subtracted.
     fn removes_diurnal(&self, shape: &TableShape) -> bool {
         let there = shape.get(DIURNAL).is_some();
-        corrects(shape, self.magnetometers(), MagneticCorrection::Diurnal, self.remove_diurnal, there)
+        corrects(shape, self.magnetometers(), MagneticCorrection::Diurnal, self.field.remove_diurnal, there)
             && self.filter.keys.takes_field()
     }
 
     /// Faults of corrections that have already been applied.
     fn corrections_twice(&self, shape: &TableShape) -> Vec<Fault> {
         let mags = self.magnetometers();
-        let there = shape.get(DIURNAL).is_some() || self.remove_diurnal.is_some();
-        let diurnal =
-            twice(shape, mags, MagneticCorrection::Diurnal, self.remove_diurnal, REMOVE_DIURNAL).filter(|_| there);
-        let core = twice(shape, mags, MagneticCorrection::Core, Some(self.core_field), CORE_FIELD);
+        let there = shape.get(DIURNAL).is_some() || self.field.remove_diurnal.is_some();
+        let diurnal = twice(shape, mags, MagneticCorrection::Diurnal, self.field.remove_diurnal, REMOVE_DIURNAL)
+            .filter(|_| there);
+        let core = twice(shape, mags, MagneticCorrection::Core, Some(self.field.core_field), CORE_FIELD);
         diurnal.into_iter().chain(core).collect()
     }
 
@@ -239,14 +210,14 @@ impl Navigate {
     }
 
     fn dated_by_flight(&self, shape: &TableShape) -> bool {
-        self.core_field && self.decimal_year.is_none() && dated_by_flight(shape)
+        self.field.core_field && self.field.decimal_year.is_none() && dated_by_flight(shape)
     }
 
     fn notes(&self, shape: &TableShape) -> Vec<String> {
         let mut notes = vec![];
         notes.extend(self.start_note(shape));
-        notes.extend(note(shape, self.magnetometers(), MagneticCorrection::Diurnal, self.remove_diurnal));
-        if self.remove_diurnal.is_none() && self.removes_diurnal(shape) {
+        notes.extend(note(shape, self.magnetometers(), MagneticCorrection::Diurnal, self.field.remove_diurnal));
+        if self.field.remove_diurnal.is_none() && self.removes_diurnal(shape) {
             notes.push(format!(
                 "`{DIURNAL}` is subtracted from the measurement; set `remove_diurnal = false` to keep it"
             ));
@@ -262,8 +233,8 @@ impl Navigate {
 
     /// Date of the core field; `None` if the measurement does not contain the core field.
     fn core_year(&self, batch: &RecordBatch) -> Result<Option<f64>, Fault> {
-        match self.decimal_year {
-            _ if !self.core_field => Ok(None),
+        match self.field.decimal_year {
+            _ if !self.field.core_field => Ok(None),
             Some(year) => Ok(Some(year)),
             None => first_year(batch).map(Some),
         }
@@ -291,32 +262,32 @@ impl Stage for Navigate {
     fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut faults = faults_of(self.magnetometers().iter().map(|mag| shape.number(mag, "nT")), "mag");
-        if self.mag.is_empty() {
+        if self.field.mag.is_empty() {
             faults.push(Fault::new("`mag` names no magnetometer").of_param("mag"));
         }
-        if let Some(twice) = self.mag.iter().enumerate().find(|(i, mag)| self.mag[..*i].contains(mag)) {
+        if let Some(twice) = self.field.mag.iter().enumerate().find(|(i, mag)| self.field.mag[..*i].contains(mag)) {
             faults.push(Fault::new(format!("`{}` is a duplicate", twice.1)).of_param("mag"));
         }
         faults.extend(faults_of(["ins_lat", "ins_lon"].map(|c| shape.number(c, "deg")), "input"));
         faults.extend(faults_of([shape.number("ins_alt", "m")], "input"));
-        faults.extend(check_levels(self.map_levels_m.as_ref(), "map_levels_m"));
+        faults.extend(check_levels(self.field.map_levels_m.as_ref(), "map_levels_m"));
         faults.extend(self.auto_faults(shape));
         faults.extend(self.start_faults(shape));
         faults.extend(self.noise_faults(shape));
-        if self.remove_diurnal == Some(true) {
+        if self.field.remove_diurnal == Some(true) {
             let found = shape.number(DIURNAL, "nT").map_err(|f| f.help("set `remove_diurnal = false`"));
             faults.extend(faults_of([found], "remove_diurnal"));
         }
         faults.extend(self.corrections_twice(shape));
-        if self.core_field && self.decimal_year.is_none() && !dated_by_flight(shape) {
+        if self.field.core_field && self.field.decimal_year.is_none() && !dated_by_flight(shape) {
             let what = "the core field needs a date, but the flight has no `year` and `doy`";
             faults.push(Fault::new(what).help(WAYS_OUT).of_param("decimal_year"));
         }
         let flight = FilterFlight {
             shape,
-            mags: &self.mag,
+            mags: &self.field.mag,
             has_direction: self.geometry.vector.is_some(),
-            core_field: self.core_field,
+            core_field: self.field.core_field,
             interpolation: self.interpolation(),
         };
         let filter = &self.filter.keys;
@@ -330,7 +301,7 @@ impl Stage for Navigate {
         let map = tables.iter().position(|table| matches!(table, Table::Map(_)));
         let models: Vec<usize> = (0..tables.len()).filter(|i| matches!(tables[*i], Table::Model { .. })).collect();
         faults.extend(self.input_faults(map.is_some(), !models.is_empty()));
-        if let (Some(_), Some(Table::Map(shape))) = (self.map_error_length_m, map.map(|at| tables[at]))
+        if let (Some(_), Some(Table::Map(shape))) = (self.field.map_error_length_m, map.map(|at| tables[at]))
             && let Err(fault) = shape.number(schemas::map::ERROR, "nT")
         {
             let help = "make the map with `map_grid` and `cross_validate`, or add the column to a Parquet map";
@@ -369,7 +340,7 @@ impl Stage for Navigate {
         columns.extend(self.start_columns().into_iter().map(made));
         columns.extend(self.noise_columns(map.is_some()).into_iter().map(made));
         columns.extend(filter.columns(&flight).into_iter().map(made));
-        columns.extend(self.has_latency(map.is_some()).then(latency_columns).into_iter().flatten().map(made));
+        columns.extend(constant_columns(self.has_constants(map.is_some())).into_iter().map(made));
         columns.extend(filter.further().into_iter().flat_map(AuxiliaryMeasurements::columns).map(made));
         columns.extend(filter.aiding().into_iter().flat_map(Aiding::columns).map(made));
         let mut yields = StageSchema::append(columns, &reads);
@@ -405,8 +376,9 @@ impl LineStage for Navigate {
     }
 
     fn prepare_key(&self) -> String {
-        let (own_error, tuning) = (self.map_error_length_m.is_some(), self.tuning.word());
-        format!("{} {:?} {own_error} {tuning}", self.interpolation().word(), self.map_levels_m)
+        let (own_error, tuning) = (self.field.map_error_length_m.is_some(), self.field.tuning.word());
+        let (levels, reach_m) = (&self.field.map_levels_m, self.height_reach_m());
+        format!("{} {levels:?} {reach_m} {own_error} {tuning}", self.interpolation().word())
     }
 }
 
@@ -417,7 +389,7 @@ impl Navigate {
             Table::Map(shape) => shape.get(schemas::map::ERROR).is_some(),
             Table::Lines(_) | Table::Model { .. } | Table::Scores(_) => false,
         };
-        self.map_error_length_m.is_some() || self.is_auto() && there
+        self.field.map_error_length_m.is_some() || self.is_auto() && there
     }
 
     /// Faults of the tables other than the flight.

@@ -5,7 +5,6 @@ use std::{ops::ControlFlow, sync::Arc};
 use arrow_array::StringArray;
 use numerics::{
     earth::core_field::CoreField,
-    maps::map_surface::MapInterpolation,
     navigation::{
         ins_error::{InsErrorModel, InsErrorSpec},
         ins_series::InsSeries,
@@ -23,9 +22,9 @@ use crate::{
     columns::{array, data, faults_of, floats, shape},
     model_columns::RATE,
     navigate::{
-        FilterGroups, FilterInput, FilterTrack, MeasurementNoise, Navigate, NavigationFilter, NavigationMap,
-        NavigationResources, Nekf, SensorGeometry, StartKeys, Tuning, feature_faults, features_of, is_near_rate,
-        mean_rate_hz, network_terms, with_filter_input,
+        FieldKeys, FilterGroups, FilterInput, FilterTrack, MeasurementNoise, Navigate, NavigationFilter, NavigationMap,
+        NavigationResources, Nekf, SensorGeometry, StartKeys, feature_faults, features_of, is_near_rate, mean_rate_hz,
+        network_terms, with_filter_input,
     },
     trained::{list, term},
 };
@@ -47,7 +46,8 @@ stage! {
     ///
     /// Source: Gnadt 2022, section 5.9.3; Kingma & Ba 2015.
     NoiseNetworkStage = "noise_network", version 1, grain Survey, inputs [input: Lines, map: Map],
-    groups [noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec], example r#"
+    groups [field: FieldKeys, noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec],
+    example r#"
 [[stages]]
 name            = "noise_network"
 stage           = "noise_network"
@@ -75,30 +75,6 @@ epochs          = 2
     learning_rate: f64, unit "1", default 0.01, rule Rule::Positive;
     /// Seed of the initial weights.
     seed: usize, unit "", default 0usize;
-    /// Source of unset parameters, as in `navigate`.
-    tuning: Tuning, unit "", default Tuning::Auto;
-    /// Measured field of one or several magnetometers. The filter uses their mean.
-    mag: Vec<String>, unit "nT", default vec!["mag_c".to_owned()];
-    /// Predicts the core field as part of the measurement. `false`: the measurement is an anomaly.
-    core_field: bool, unit "", default true;
-    /// Subtracts the column `diurnal` from the measurement. A sample with a NaN in `diurnal` has no measurement.
-    remove_diurnal: Option<bool>, unit "",
-        absent "true if the flight has the column and the measurement still contains it";
-    /// Date of the core field as a decimal year. Replaces the flight's date.
-    decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
-    /// Interpolation of the map.
-    map_interpolation: Option<MapInterpolation>, unit "",
-        absent "`cubic` with `tuning = \"auto\"`, else `linear`";
-    /// Heights above the ellipsoid, ascending, to which the map is continued.
-    map_levels_m: Option<Vec<f64>>, unit "m",
-        absent "continued to the flight heights with `tuning = \"auto\"`, else used at its own height";
-    /// Correlation length of the map error, for a map with the column `error`.
-    map_error_length_m: Option<f64>, unit "m",
-        absent "the map is assumed exact; `tuning = \"auto\"` estimates a factor on the column `error`, or on the \
-            interpolation error that the map implies", rule Rule::Positive;
-    /// Length of the window from the start of a line over which the mean of measurement minus prediction is computed
-    /// and subtracted. 0 subtracts nothing.
-    offset_window_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
 }
 
 /// Columns of the true position.
@@ -124,15 +100,7 @@ impl NoiseNetworkStage {
     fn navigation(&self) -> Navigate {
         Navigate {
             filter: ChoiceSelection::new(&Nekf::FILTER, Arc::new(PreparingFilter)),
-            tuning: self.tuning,
-            mag: self.mag.clone(),
-            core_field: self.core_field,
-            remove_diurnal: self.remove_diurnal,
-            decimal_year: self.decimal_year,
-            map_interpolation: self.map_interpolation,
-            map_levels_m: self.map_levels_m.clone(),
-            map_error_length_m: self.map_error_length_m,
-            offset_window_s: self.offset_window_s,
+            field: self.field.clone(),
             noise: self.noise.clone(),
             start: self.start.clone(),
             geometry: self.geometry.clone(),

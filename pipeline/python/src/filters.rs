@@ -201,8 +201,15 @@ impl ArrayNavigation {
             let column = table.column_by_name(name).and_then(|array| array.as_primitive_opt::<Float64Type>());
             Ok(column.and_then(|column| column.values().first()).copied().filter(|value| value.is_finite()))
         };
+        let last = |name: &str| {
+            let column = track.column_by_name(name).and_then(|array| array.as_primitive_opt::<Float64Type>());
+            column.and_then(|column| column.values().last()).copied().filter(|value| value.is_finite())
+        };
+        let constant = |name: &str| last(name).zip(last(&format!("{name}_sigma")));
         let settings = NavigationSettings {
             gnss_rejected_s: self.gnss_rejected_s(track),
+            lag_s: constant("mag_latency"),
+            height_bias_m: constant("map_height_bias"),
             ..NavigationSettings::new(&stage.canonical(), first)?
         };
         Ok(of_navigation(&row, settings))

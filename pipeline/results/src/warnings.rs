@@ -205,6 +205,15 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
         );
         add(WarningKind::Late, (by_s, limits::LAG_S.max(limits::LAG_SIGMAS * sigma_s), "s"), text);
     }
+    if let Some((bias_m, sigma_m)) = facts.height_bias_m() {
+        let (by_m, what) = (bias_m.abs(), if bias_m > 0.0 { "above" } else { "below" });
+        let text = format!(
+            "the measured field is that of a height {by_m:.0} m {what} the height of the INS on the map (standard \
+             deviation {sigma_m:.0} m); the filter corrects its own prediction, but not `alt`"
+        );
+        let limit_m = limits::HEIGHT_BIAS_M.max(limits::LAG_SIGMAS * sigma_m);
+        add(WarningKind::HeightBias, (by_m, limit_m, "m"), text);
+    }
     if let Some(share) = row.gated()
         && share > limits::GATED
     {

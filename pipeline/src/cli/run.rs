@@ -49,9 +49,10 @@ outside 0.2 to 20; its expected value is 2 (nees_low, nees_high). The NIS is out
 measurements (gated). The table <name>.warnings has one row for each flag, with the likely cause. For the worst line \
 of each kind, `run` repeats the navigation with changed keys; the cause has the first change that improves this line, \
 and its result. The table also has rows for an initial position that is too uncertain for a filter that linearises the \
-map (wide_start), late time stamps of the magnetometer (late), rejected GNSS positions (gnss), lines mostly off the \
-map (off_map), flat maps (flat), a map at a different height from the flight (map_height), a low anomaly retention \
-(retention), fits (fit), maps (map) and metrics that cannot be computed (metric). Warnings do not change the exit \
+map (wide_start), late time stamps of the magnetometer (late), a constant error of the height on the map \
+(height_bias), rejected GNSS positions (gnss), lines mostly off the map (off_map), flat maps (flat), a map at a \
+different height from the flight (map_height), a low anomaly retention (retention), fits (fit), maps (map) and metrics \
+that cannot be computed (metric). Warnings do not change the exit \
 status.
 
 Events of --json, one object per line, each with the key `event`:

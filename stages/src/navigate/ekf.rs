@@ -116,7 +116,7 @@ impl Ekf {
 
     fn track(&self, flown: &FilterInput, mut out: NavigationOutput) -> Result<FilterTrack, Fault> {
         let mut more = if self.save_state { state_arrays(&mut out)? } else { vec![] };
-        more.extend(flown.latency_arrays(Default::default()));
+        more.extend(flown.constant_arrays(Default::default()));
         Ok(FilterTrack { more, ..FilterTrack::from_output(flown, out, self.gate_nis)? })
     }
 }

@@ -97,7 +97,8 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
     }
 
     /// Whether the filter can have states of the scalar measurement: a change of the aircraft's permanent field
-    /// ([`FilterInput::permanent`]) and a lag of the magnetometer ([`FilterInput::latency_sigma_s`]).
+    /// ([`FilterInput::permanent`]), a lag of the magnetometer ([`FilterInput::latency_sigma_s`]) and a height bias
+    /// ([`FilterInput::map_height_sigma_m`]).
     fn takes_scalar_states(&self) -> bool {
         false
     }

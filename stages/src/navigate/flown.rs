@@ -179,7 +179,7 @@ fn flown<'a>(
         core,
         errors,
         measurement_sigma_nt: sigma_nt,
-        offset_window_s: stage.offset_window_s,
+        offset_window_s: stage.field.offset_window_s,
         columns: batch,
         models: &prepared.models,
         noise_factors: cosines.as_ref().map(factors),
@@ -190,7 +190,8 @@ fn flown<'a>(
         gnss: None,
         permanent: None,
         latency_sigma_s: None,
-        has_latency: stage.has_latency(map.is_some()),
+        map_height_sigma_m: None,
+        has_constants: stage.has_constants(map.is_some()),
         second_order: stage.is_auto(),
         start_range: None,
         counts: vec![],
@@ -233,18 +234,19 @@ impl NoiseSources<'_> {
         let Self { stage, ins, map, expected } = self;
         let finds_noise = stage.finds_noise(map.is_some());
         flown.permanent = stage.given_permanent(flown);
-        flown.latency_sigma_s = stage.given_latency_s().filter(|sigma_s| *sigma_s > 0.0);
+        [flown.latency_sigma_s, flown.map_height_sigma_m] =
+            stage.given_constants().map(|sigma| sigma.filter(|sigma| *sigma > 0.0));
         if let Some(map) = map.filter(|_| finds_noise) {
             stage.tune(flown, map, starts, expected, found)?;
         }
-        if let Some((map, length_m)) = map.zip(stage.map_error_length_m) {
+        if let Some((map, length_m)) = map.zip(stage.field.map_error_length_m) {
             flown.map_sigma_nt =
                 map.errors.own_nt(&NavigationLine { fixes: flown.fixes(), ..flown.line()? }, ins.step_m(), length_m)?;
             flown.set_sigma();
         }
         if let Some(each) = each {
             flown.restore(each);
-            flown.offset_window_s = stage.offset_window_s;
+            flown.offset_window_s = stage.field.offset_window_s;
         }
         if finds_noise && !stage.filter.keys.gates() {
             stage.reject_outliers(flown)?;

@@ -76,6 +76,16 @@ params! {
     mag_latency_sigma_s: Option<f64>, unit "s",
         absent "time stamps are exact; with `tuning = \"auto\"` 1.0 if a lag clearly increases the likelihood",
         rule Rule::NotNegative;
+    /// Prior standard deviation of a height bias: the height of the aircraft above its assumed height on the map. It
+    /// comes from a barometer with a constant error, from a geoid height that is missing, or from a wrong map height.
+    /// If set, the bias is a state of the filter, constant along the line. It changes the prediction of the scalar
+    /// field only, and not `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+    /// `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits this state. Appends
+    /// `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`, `iekf` and `ukf`.
+    map_height_sigma_m: Option<f64>, unit "m",
+        absent "with `tuning = \"auto\"` 50 if the levels of the map contain the bias and it increases the \
+            likelihood clearly; else the height is exact",
+        rule Rule::NotNegative;
     /// Standard deviation of the change of the aircraft's permanent field since its calibration, for each component
     /// (nose, right, down). The three components are further states. Their effect on the scalar field follows from the
     /// attitude and the core field. A constant offset of 100 nT (standard deviation) is a fourth state. Requires
@@ -107,7 +117,8 @@ impl AuxiliaryMeasurements {
 
     /// Whether a line is filtered with states or measurements in addition to those of the scalar field.
     pub(super) fn applies_to(&self, flown: &FilterInput) -> bool {
-        self.is_any() || flown.permanent.is_some() || flown.latency_sigma_s.is_some()
+        let constants = [flown.latency_sigma_s, flown.map_height_sigma_m];
+        self.is_any() || flown.permanent.is_some() || constants.iter().any(Option::is_some)
     }
 
     /// Whether states for a change of the permanent field are requested.
@@ -118,6 +129,11 @@ impl AuxiliaryMeasurements {
     /// Whether a state for the lag is requested.
     fn has_latency(&self) -> bool {
         self.mag_latency_sigma_s.is_some_and(|sigma_s| sigma_s > 0.0)
+    }
+
+    /// Whether a state for the height bias is requested.
+    fn has_map_height(&self) -> bool {
+        self.map_height_sigma_m.is_some_and(|sigma_m| sigma_m > 0.0)
     }
 
     /// Whether the direction of the field is required.
@@ -251,11 +267,12 @@ impl AuxiliaryMeasurements {
         Err(vec![Fault::new(format!("without the scalar field {what_for} cannot be estimated")).of_param("use_scalar")])
     }
 
-    /// Rejects the lag of the magnetometer and the change of the permanent field in a filter that does not estimate
-    /// them.
+    /// Rejects the lag of the magnetometer, the height bias and the change of the permanent field in a filter that does
+    /// not estimate them.
     pub(super) fn no_scalar_states(&self) -> Result<Vec<String>, Vec<Fault>> {
         let states = [
             (self.has_latency(), "mag_latency_sigma_s", "the lag"),
+            (self.has_map_height(), "map_height_sigma_m", "this bias"),
             (self.has_permanent(), "permanent_change_sigma_nt", "this change"),
         ];
         let fault = |(_, key, what): (bool, &str, &str)| {
@@ -318,9 +335,8 @@ impl AuxiliaryMeasurements {
         });
         let map_error =
             self.map_sigma_nt.map(|sigma_nt| MapErrorProcess { sigma_nt, length_m: self.map_sigma_length_m });
-        let (latency_sigma_s, flat_over_m) = (flown.latency_sigma_s, self.flat_over_m);
-        let permanent = flown.permanent.as_ref().map(PermanentStates::model);
-        Ok(Aids { difference, vector, height, map_error, permanent, latency_sigma_s, flat_over_m })
+        let flat_over_m = self.flat_over_m;
+        Ok(Aids { difference, vector, height, map_error, flat_over_m, ..flown.scalar_states() })
     }
 
     /// Filters a line with these measurements.
@@ -377,31 +393,46 @@ impl AuxiliaryMeasurements {
         if states {
             more.extend(state_arrays(&mut out.navigation)?);
         }
-        more.extend(flown.latency_arrays(std::mem::take(&mut out.latency_s)));
+        let constants = [&mut out.latency_s, &mut out.map_height_m].map(std::mem::take);
+        more.extend(flown.constant_arrays(constants));
         more.extend(self.arrays(std::mem::take(&mut out.aids), std::mem::take(&mut out.slope_nt_per_m)));
         Ok(FilterTrack { update: updates(&out.usage), more, ..FilterTrack::without_updates(out.navigation) })
     }
 }
 
-/// Columns of the lag of the magnetometer.
-pub(super) fn latency_columns() -> [Column; 2] {
+/// Columns of the constant states of the scalar measurement: the lag of the magnetometer, and the height bias on the map.
+pub(super) fn constant_columns([has_latency, has_map_height]: [bool; 2]) -> Vec<Column> {
     let none = "without a state for it";
-    [
-        Column::float("mag_latency", "s", format!("estimated lag of the magnetometer's time stamps; 0 {none}")),
-        Column::float("mag_latency_sigma", "s", format!("standard deviation of `mag_latency`; NaN {none}")),
-    ]
+    let lag = format!("estimated lag of the magnetometer's time stamps; 0 {none}");
+    let height = format!("estimated height of the aircraft above its assumed height on the map; 0 {none}");
+    let named = [(has_latency, "mag_latency", "s", lag), (has_map_height, "map_height_bias", "m", height)];
+    let of = |(_, name, unit, what): (bool, &str, &'static str, String)| {
+        let sigma = format!("standard deviation of `{name}`; NaN {none}");
+        [Column::float(name, unit, what), Column::float(format!("{name}_sigma"), unit, sigma)]
+    };
+    named.into_iter().filter(|(is, ..)| *is).flat_map(of).collect()
 }
 
 impl FilterInput<'_> {
-    /// Arrays of [`latency_columns`], from the estimated lag and its standard deviation, which are empty without a
-    /// state.
-    pub(super) fn latency_arrays(&self, latency_s: [Vec<f64>; 2]) -> Vec<ArrayRef> {
+    /// Arrays of [`constant_columns`], from the estimated lag and height bias and their standard deviations, which are
+    /// empty without a state.
+    pub(super) fn constant_arrays(&self, constants: [[Vec<f64>; 2]; 2]) -> Vec<ArrayRef> {
         let rows = self.ins.len();
-        let [lag_s, sigma_s] = latency_s;
-        match self.has_latency {
-            false => vec![],
-            true if lag_s.is_empty() => [0.0, f64::NAN].map(|value| array(vec![value; rows])).to_vec(),
-            true => [lag_s, sigma_s].map(array).to_vec(),
+        let of = |[values, sigmas]: [Vec<f64>; 2]| match values.is_empty() {
+            true => [0.0, f64::NAN].map(|value| array(vec![value; rows])),
+            false => [values, sigmas].map(array),
+        };
+        let there = constants.into_iter().zip(self.has_constants).filter(|(_, has)| *has);
+        there.flat_map(|(constant, _)| of(constant)).collect()
+    }
+
+    /// Further states of the scalar measurement.
+    pub(super) fn scalar_states(&self) -> Aids<'_> {
+        Aids {
+            permanent: self.permanent.as_ref().map(PermanentStates::model),
+            latency_sigma_s: self.latency_sigma_s,
+            map_height_sigma_m: self.map_height_sigma_m,
+            ..Aids::default()
         }
     }
 }

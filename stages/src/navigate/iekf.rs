@@ -78,7 +78,7 @@ impl NavigationFilter for Iekf {
         };
         let mut output = iekf::run(&line, &parameters).map_err(data)?.line;
         let mut more = if self.save_state { state_arrays(&mut output)? } else { vec![] };
-        more.extend(flown.latency_arrays(Default::default()));
+        more.extend(flown.constant_arrays(Default::default()));
         Ok(FilterTrack { more, ..FilterTrack::from_output(flown, output, self.gate_nis)? })
     }
 }

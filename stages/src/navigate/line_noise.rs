@@ -28,7 +28,7 @@ const SHORT_INTERVAL_S: f64 = 1.0;
 pub(super) struct LineNoiseInputs {
     map: *const u8,
     given: NoiseParameters,
-    latency_sigma_s: Option<f64>,
+    constants: [Option<f64>; 2],
     offset_window_s: f64,
     start: Vec<u64>,
     values: Vec<u64>,
@@ -38,7 +38,7 @@ pub(super) struct LineNoiseInputs {
 }
 
 impl LineNoiseInputs {
-    pub(super) fn new(flown: &FilterInput, (given, aircraft, latency_sigma_s): GivenNoise) -> Self {
+    pub(super) fn new(flown: &FilterInput, (given, aircraft, constants): GivenNoise) -> Self {
         let errors = &flown.errors;
         let first = errors.initial_covariance(flown.ins.lat_deg[0].to_radians(), flown.ins.alt_m[0]);
         let density = errors.noise_density();
@@ -50,13 +50,13 @@ impl LineNoiseInputs {
         let aircraft = aircraft.map(AircraftCoefficientStates::hash);
         let map = flown.map.map_or(std::ptr::null(), |map| std::ptr::from_ref(map).cast());
         let offset_window_s = flown.offset_window_s;
-        Self { map, given, latency_sigma_s, offset_window_s, start, values, aircraft }
+        Self { map, given, constants, offset_window_s, start, values, aircraft }
     }
 }
 
-/// Fixed parameters, the aircraft field if its coefficients are states, and the prior standard deviation of the lag as
-/// in [`NoiseSearch::latency_sigma_s`].
-pub(super) type GivenNoise<'a> = (NoiseParameters, Option<&'a AircraftCoefficientStates<'a>>, Option<f64>);
+/// Fixed parameters, the aircraft field if its coefficients are states, and the prior standard deviations of the lag and
+/// the height bias as in [`NoiseSearch`].
+pub(super) type GivenNoise<'a> = (NoiseParameters, Option<&'a AircraftCoefficientStates<'a>>, [Option<f64>; 2]);
 
 /// Estimated noise of a line.
 #[derive(Clone)]
@@ -98,7 +98,7 @@ impl LineNoiseEstimate {
         of_map: bool,
         map: &NavigationMap,
         start: Option<StateMatrix>,
-        (given, aircraft, latency_sigma_s): GivenNoise,
+        (given, aircraft, [latency_sigma_s, map_height_sigma_m]): GivenNoise,
     ) -> Result<Self, Fault> {
         let aircraft = aircraft.map(AircraftCoefficientStates::model);
         let errors = InsErrorModel { start, ..flown.errors };
@@ -109,9 +109,19 @@ impl LineNoiseEstimate {
         let [_, _, _, permanent_nt, _] = given;
         let directions = if permanent_nt == Some(0.0) { None } else { flown.field_directions(&rows) };
         let direction = directions.as_deref();
-        let map_nt = None;
         let (line, rows, scale) = (&line, &rows, &scale);
-        let first = NoiseSearch { line, rows, scale, known_nt, map_nt, direction, aircraft, latency_sigma_s, given };
+        let first = NoiseSearch {
+            line,
+            rows,
+            scale,
+            known_nt,
+            map_nt: None,
+            direction,
+            aircraft,
+            latency_sigma_s,
+            map_height_sigma_m,
+            given,
+        };
         let mut noise = likelihood::search(&first).map_err(data)?;
         let mut map_nt = None;
         if let Some(found) = &noise
@@ -140,7 +150,7 @@ impl LineNoiseEstimate {
     fn with_more_measurements(
         mut self,
         flown: &FilterInput,
-        (given, aircraft, latency_sigma_s): GivenNoise,
+        (given, aircraft, [latency_sigma_s, map_height_sigma_m]): GivenNoise,
     ) -> Result<Self, Fault> {
         let (Some(noise), Some(few), None) = (&self.noise, &self.rows, aircraft) else { return Ok(self) };
         let rows = likelihood::rows_at(flown.ins.tt_s, SHORT_INTERVAL_S);
@@ -160,6 +170,7 @@ impl LineNoiseEstimate {
             direction: directions.as_deref(),
             aircraft: None,
             latency_sigma_s,
+            map_height_sigma_m,
             given,
         };
         if let Some(more) = likelihood::denser(&search, noise, few.len()).map_err(data)? {
@@ -183,6 +194,7 @@ impl LineNoiseEstimate {
             let process = noise.permanent.map(|[sigma, tau_s]| GaussMarkov { sigma: sigma.value, tau_s: tau_s.value });
             flown.permanent = process.and_then(|process| flown.permanent_states(process));
             flown.latency_sigma_s = noise.latency_sigma_s;
+            flown.map_height_sigma_m = noise.map_height_sigma_m;
             let factor = noise.map_factor.sqrt();
             let of_map = |nt: &Vec<f64>| nt.iter().map(|nt| if nt.is_finite() { factor * nt } else { 0.0 }).collect();
             flown.map_sigma_nt = self.map_nt.as_ref().filter(|_| factor > 0.0).map(of_map);

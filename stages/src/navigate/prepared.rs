@@ -46,6 +46,8 @@ struct MapHeightLevels {
     own_m: f64,
     /// Length of a cell of the map, in m.
     cell_m: f64,
+    /// Distance below and above a line that a height bias may take, in m.
+    reach_m: f64,
 }
 
 /// Height difference from the map's own height, in cells, below which the map is not continued.
@@ -64,10 +66,11 @@ impl MapHeightLevels {
     /// Levels for a line between two heights, m. There are no levels if the map's own height is close enough, and there
     /// is one level for level flight.
     fn levels_m(&self, low_m: f64, high_m: f64) -> Option<Vec<f64>> {
-        let Self { own_m, cell_m } = *self;
-        let near = SAME_HEIGHT * cell_m;
+        let Self { own_m, cell_m, reach_m } = *self;
+        let (near, lowest_m) = (SAME_HEIGHT * cell_m, own_m - DOWNWARD * cell_m);
+        let (low_m, high_m) = ((low_m - reach_m).max(lowest_m.min(low_m)), high_m + reach_m);
         let within = (own_m - low_m).abs() <= near && (high_m - own_m).abs() <= near;
-        if within || low_m < own_m - DOWNWARD * cell_m || !(low_m.is_finite() && high_m.is_finite()) {
+        if within || low_m < lowest_m || !(low_m.is_finite() && high_m.is_finite()) {
             return None;
         }
         if high_m - low_m <= 2.0 * near {
@@ -90,7 +93,7 @@ impl NavigationMaps {
         let mut maps = Self {
             table: table.clone(),
             interpolation: stage.interpolation(),
-            levels_m: stage.map_levels_m.clone(),
+            levels_m: stage.field.map_levels_m.clone(),
             node_error,
             ladder: None,
             made: Mutex::default(),
@@ -98,8 +101,8 @@ impl NavigationMaps {
         let own = maps.at(None)?;
         let own_m = level_m(floats(table, "alt")?);
         maps.ladder = own_m
-            .filter(|_| stage.map_levels_m.is_none() && stage.is_auto())
-            .map(|own_m| MapHeightLevels { own_m, cell_m: own.errors.cell_m() });
+            .filter(|_| stage.field.map_levels_m.is_none() && stage.is_auto())
+            .map(|own_m| MapHeightLevels { own_m, cell_m: own.errors.cell_m(), reach_m: stage.height_reach_m() });
         Ok(maps)
     }
 
@@ -142,7 +145,7 @@ fn level_m(alt_m: &[f64]) -> Option<f64> {
 mod tests {
     use super::*;
 
-    const MAP: MapHeightLevels = MapHeightLevels { own_m: 500.0, cell_m: 100.0 };
+    const MAP: MapHeightLevels = MapHeightLevels { own_m: 500.0, cell_m: 100.0, reach_m: 0.0 };
 
     #[test]
     fn unit_a_line_has_the_levels_around_its_heights() {
@@ -156,6 +159,16 @@ mod tests {
         assert_eq!(MAP.levels_m(390.0, 420.0), None);
         assert!(MAP.levels_m(420.0, 440.0).is_some());
         assert_eq!(MAP.levels_m(f64::INFINITY, f64::NEG_INFINITY), None);
+    }
+
+    #[test]
+    fn unit_a_height_bias_has_levels_within_its_reach() {
+        let levels = MapHeightLevels { reach_m: 80.0, ..MAP }.levels_m(500.0, 500.0).unwrap();
+        assert!(levels[0] <= 420.0 && *levels.last().unwrap() >= 580.0, "{levels:?}");
+        // Never below the lowest level, and never less than the line.
+        let levels = MapHeightLevels { reach_m: 500.0, ..MAP }.levels_m(450.0, 500.0).unwrap();
+        assert!((levels[0] - 400.0).abs() < 1e-9 && *levels.last().unwrap() >= 1000.0, "{levels:?}");
+        assert_eq!(MapHeightLevels { reach_m: 80.0, ..MAP }.levels_m(390.0, 420.0), None);
     }
 
     #[test]

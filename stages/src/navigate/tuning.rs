@@ -120,7 +120,7 @@ impl Navigate {
             };
         }
         let [sigma_nt, mut fogm_sigma_nt, mut fogm_tau_s] = values;
-        if self.offset_window_s > 0.0 {
+        if self.field.offset_window_s > 0.0 {
             if self.noise.fogm_sigma_nt == Some(NumberOrAuto::Auto) {
                 fogm_sigma_nt *= std::f64::consts::SQRT_2;
             }
@@ -140,11 +140,11 @@ impl Navigate {
     pub(super) fn noise_faults(&self, shape: &TableShape) -> Vec<Fault> {
         let Some(column) = self.noise_column() else { return vec![] };
         let mut faults = faults_of([shape.number(column, "nT")], "noise_column");
-        if self.mag.len() > 1 {
+        if self.field.mag.len() > 1 {
             let what = "`noise_column` requires a single magnetometer, but `mag` names several";
             faults.push(Fault::new(what).of_param("noise_column"));
         }
-        if self.mag.iter().any(|mag| mag == column) {
+        if self.field.mag.iter().any(|mag| mag == column) {
             let what = format!("`{column}` is the measurement; `noise_column` requires the column of its noise");
             faults.push(Fault::new(what).of_param("noise_column"));
         }
@@ -167,7 +167,7 @@ impl Navigate {
 impl Navigate {
     /// Whether unset parameters are estimated from the data.
     pub(super) fn is_auto(&self) -> bool {
-        self.tuning == Tuning::Auto
+        self.field.tuning == Tuning::Auto
     }
 
     /// Whether noise and outliers of each line are estimated. The noise in the spec or the default noise of MagNav.jl
@@ -176,8 +176,8 @@ impl Navigate {
     pub(super) fn finds_noise(&self, has_map: bool) -> bool {
         let filter = &self.filter.keys;
         let compensated = |mag: &String| mag == "mag_c" || flight::is_compensated(mag);
-        let of_aircraft = filter.aircraft().is_some() && self.mag.len() == 1;
-        let alone = !filter.takes_models() || of_aircraft || self.mag.iter().all(compensated);
+        let of_aircraft = filter.aircraft().is_some() && self.field.mag.len() == 1;
+        let alone = !filter.takes_models() || of_aircraft || self.field.mag.iter().all(compensated);
         self.is_auto() && has_map && alone && filter.takes_field() && filter.needs_map()
     }
 
@@ -199,23 +199,29 @@ impl Navigate {
         flown.permanent_states(GaussMarkov { sigma, tau_s: keys.permanent_change_tau_s.unwrap_or(f64::INFINITY) })
     }
 
-    /// Prior standard deviation of the lag of the magnetometer, in s: 0 without a state for the lag, `None` if the
-    /// likelihood decides.
-    pub(super) fn given_latency_s(&self) -> Option<f64> {
+    /// Prior standard deviations of the lag of the magnetometer, in s, and of the height bias on the map, in m: 0 without a
+    /// state, `None` if the likelihood decides.
+    pub(super) fn given_constants(&self) -> [Option<f64>; 2] {
         let keys = self.filter.keys.further().filter(|_| self.filter.keys.takes_scalar_states());
-        keys.map_or(Some(0.0), |keys| keys.mag_latency_sigma_s)
+        keys.map_or([Some(0.0); 2], |keys| [keys.mag_latency_sigma_s, keys.map_height_sigma_m])
     }
 
-    /// Whether the track has the columns of the lag.
-    pub(super) fn has_latency(&self, has_map: bool) -> bool {
-        self.given_latency_s().map_or_else(|| self.finds_noise(has_map), |sigma_s| sigma_s > 0.0)
+    /// Whether the track has the columns of the lag, and those of the height bias.
+    pub(super) fn has_constants(&self, has_map: bool) -> [bool; 2] {
+        self.given_constants().map(|given| given.map_or_else(|| self.finds_noise(has_map), |sigma| sigma > 0.0))
+    }
+
+    /// Distance below and above a line to which the map is continued for a height bias that a key requests, in m.
+    pub(super) fn height_reach_m(&self) -> f64 {
+        let [_, map_height_sigma_m] = self.given_constants();
+        2.0 * map_height_sigma_m.unwrap_or(0.0)
     }
 
     /// Source of the error of the map's nodes.
     pub(super) fn node_error(&self, map: &RecordBatch) -> NodeErrorSource {
         let known = || floats(map, ERROR).is_ok_and(|error| error.iter().any(|nt| *nt > 0.0));
         match self.interpolation() {
-            _ if self.map_error_length_m.is_some() || self.is_auto() && known() => NodeErrorSource::Column,
+            _ if self.field.map_error_length_m.is_some() || self.is_auto() && known() => NodeErrorSource::Column,
             MapInterpolation::Cubic if self.is_auto() => NodeErrorSource::Interpolation,
             MapInterpolation::Cubic | MapInterpolation::Quadratic | MapInterpolation::Linear => NodeErrorSource::None,
         }
@@ -262,7 +268,7 @@ impl Navigate {
 
     /// Coefficients of the aircraft field that are states of the filter while the noise is estimated.
     fn aircraft_states<'a>(&self, flown: &'a FilterInput) -> Result<Option<AircraftCoefficientStates<'a>>, Fault> {
-        let of_filter = self.filter.keys.aircraft().filter(|_| self.mag.len() == 1);
+        let of_filter = self.filter.keys.aircraft().filter(|_| self.field.mag.len() == 1);
         of_filter.map(|(keys, walk_per_hour)| keys.states(flown, walk_per_hour)).transpose()
     }
 
@@ -278,13 +284,13 @@ impl Navigate {
     ) -> Result<(), Fault> {
         let given = self.not_searched(expected);
         let aircraft = self.aircraft_states(flown)?;
-        let latency_sigma_s = if aircraft.is_some() { Some(0.0) } else { self.given_latency_s() };
-        let given: GivenNoise = (given, aircraft.as_ref(), latency_sigma_s);
+        let constants = if aircraft.is_some() { [Some(0.0); 2] } else { self.given_constants() };
+        let given: GivenNoise = (given, aircraft.as_ref(), constants);
         let asked = LineNoiseInputs::new(flown, given);
         let tuned = match known.iter().find(|(other, _)| *other == asked) {
             Some((_, tuned)) => tuned.clone(),
             None => {
-                let of_map = self.map_error_length_m.is_none();
+                let of_map = self.field.map_error_length_m.is_none();
                 let tuned = LineNoiseEstimate::most_likely(flown, of_map, map, starts, given)?;
                 known.push((asked, tuned.clone()));
                 tuned
@@ -351,12 +357,12 @@ impl FilterInput<'_> {
     /// Removes outliers of compensated magnetometers.
     fn reject_outliers(&mut self) -> Result<(), Fault> {
         let line = NavigationLine { fixes: self.fixes(), ..self.line()? };
-        let permanent = || self.permanent.as_ref().map(PermanentStates::model);
-        let rejected = likelihood::outliers(&line, permanent(), self.latency_sigma_s).map_err(data)?;
+        let states = self.scalar_states();
+        let rejected = likelihood::outliers(&line, &states).map_err(data)?;
         let mut of_each = vec![];
         for FilterMagnetometer { measured_nt, .. } in &self.magnetometers {
             let line = NavigationLine { measurement_nt: measured_nt, ..line };
-            let rejected = likelihood::outliers(&line, permanent(), self.latency_sigma_s).map_err(data)?;
+            let rejected = likelihood::outliers(&line, &states).map_err(data)?;
             of_each.push(measured_nt.iter().zip(rejected).map(|(nt, out)| if out { f64::NAN } else { *nt }).collect());
         }
         self.magnetometers.iter_mut().zip(of_each).for_each(|(mag, own)| mag.measured_nt = own);

@@ -90,7 +90,7 @@ impl NavigationFilter for Ukf {
         let mut track = FilterTrack::from_output(flown, out.navigation, self.gate_nis)?;
         track.more.push(array(out.nonlinear_sd_nt));
         track.more.extend(states);
-        track.more.extend(flown.latency_arrays(Default::default()));
+        track.more.extend(flown.constant_arrays(Default::default()));
         Ok(track)
     }
 }

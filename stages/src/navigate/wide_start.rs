@@ -72,7 +72,7 @@ impl NoiseSources<'_> {
         flown: &mut FilterInput,
         found: &mut Vec<(LineNoiseInputs, LineNoiseEstimate)>,
     ) -> Result<(), Fault> {
-        if !self.stage.finds_noise(self.map.is_some()) && self.stage.map_error_length_m.is_none() {
+        if !self.stage.finds_noise(self.map.is_some()) && self.stage.field.map_error_length_m.is_none() {
             return Ok(());
         }
         let Some((ins, errors)) = self.located(flown)? else { return Ok(()) };

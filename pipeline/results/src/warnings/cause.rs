@@ -34,6 +34,8 @@ pub struct NavigationSettings {
     pub gnss_rejected_s: Option<f64>,
     /// Lag of the magnetometer and its standard deviation at the last sample, in s; `None` without a state for it.
     pub lag_s: Option<(f64, f64)>,
+    /// Height bias on the map and its standard deviation at the last sample, in m; `None` without a state for it.
+    pub height_bias_m: Option<(f64, f64)>,
     /// Standard deviation of the initial position, and the largest one over which the map is linear, in m. `None` for a
     /// filter that does not linearise the map.
     pub start_m: Option<(f64, f64)>,
@@ -50,7 +52,7 @@ pub enum NavigationSide {
 
 impl NavigationSettings {
     /// Settings of a navigation with the parameters `params` in canonical spelling. `first` returns the first value of
-    /// a column. Unset: `gnss_rejected_s` and `lag_s`.
+    /// a column. Unset: `gnss_rejected_s`, `lag_s` and `height_bias_m`.
     ///
     /// # Errors
     /// Fails when `first` fails.
@@ -85,6 +87,7 @@ impl NavigationSettings {
             dates: declared_year.zip(flight_year),
             gnss_rejected_s: None,
             lag_s: None,
+            height_bias_m: None,
             start_m: start?.zip(limit?),
         })
     }
@@ -123,12 +126,14 @@ impl<'a> LineFacts<'a> {
             (NavigationSide::Flight, Some(input)) => value(graph, store, (input, line), name, End::First),
             (NavigationSide::Flight, None) => Ok(None),
         };
+        let last = |name: &str| value(graph, store, (track, line), name, End::Last);
         let settings = NavigationSettings {
             gnss_rejected_s: match row.counted(&track::GNSS_REJECTED) {
                 Some((count, _)) if count > 0.0 => gnss_rejected_s(graph, store, track, line)?,
                 Some(_) | None => None,
             },
-            lag_s: lag_s(|name| value(graph, store, (track, line), name, End::Last))?,
+            lag_s: constant("mag_latency", last)?,
+            height_bias_m: constant("map_height_bias", last)?,
             ..NavigationSettings::new(&it.params(), read)?
         };
         Ok(LineFacts { row, settings: Some(settings) })
@@ -161,6 +166,13 @@ impl<'a> LineFacts<'a> {
         self.settings.as_ref().and_then(|s| s.lag_s).filter(exceeds)
     }
 
+    /// Height bias on the map and its standard deviation, in m, if the bias exceeds its limits.
+    pub fn height_bias_m(&self) -> Option<(f64, f64)> {
+        let exceeds =
+            |(bias_m, sigma_m): &(f64, f64)| bias_m.abs() > limits::HEIGHT_BIAS_M.max(limits::LAG_SIGMAS * sigma_m);
+        self.settings.as_ref().and_then(|s| s.height_bias_m).filter(exceeds)
+    }
+
     fn diverged(&self) -> bool {
         self.row.get(&track::DRMS).zip(self.row.get(&track::INS_DRMS)).is_some_and(|(drms, ins)| drms > ins)
     }
@@ -181,6 +193,13 @@ impl<'a> LineFacts<'a> {
                     "the logger stamps samples when they arrive, or a low-pass filter delays the signal: set the lag of \
                      this column to {lag_s:.2} in `lag_s` of `resample`, before the calibration; an error of the initial \
                      position has a similar effect, so check `start` first"
+                )
+            }).into_iter().collect(),
+            WarningKind::HeightBias => self.height_bias_m().map(|(bias_m, _)| {
+                format!(
+                    "the barometer has a constant error (pressure setting, temperature), the INS or the map lacks the \
+                     height of the geoid, or the map is at another height: add {bias_m:.0} m to `ins_alt` with `derive`, \
+                     or subtract it from `alt_m` of the map"
                 )
             }).into_iter().collect(),
             WarningKind::Gnss => {
@@ -289,11 +308,11 @@ fn gnss_rejected_s(graph: &PlanGraph, store: &Store, track: TableRef, line: Line
     Ok(tt.filter(|tt| row < tt.len()).map(|tt| tt.value(row) - tt.value(0)))
 }
 
-/// Lag of a track's magnetometer and its standard deviation, in s, by the last values of its columns.
-fn lag_s(last: impl Fn(&str) -> Result<Option<f64>, Fault>) -> Result<Option<(f64, f64)>, Fault> {
-    let lag = last("mag_latency")?;
-    let sigma = if lag.is_some() { last("mag_latency_sigma")? } else { None };
-    Ok(lag.zip(sigma))
+/// Estimate of a constant state of a track and its standard deviation, by the last values of its columns.
+fn constant(name: &str, last: impl Fn(&str) -> Result<Option<f64>, Fault>) -> Result<Option<(f64, f64)>, Fault> {
+    let estimate = last(name)?;
+    let sigma = if estimate.is_some() { last(&format!("{name}_sigma"))? } else { None };
+    Ok(estimate.zip(sigma))
 }
 
 /// End of a column.

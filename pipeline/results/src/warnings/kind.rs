@@ -19,6 +19,8 @@ pub enum WarningKind {
     WideStart,
     /// The time stamps of the magnetometer are late or early.
     Late,
+    /// The height of the aircraft on the map has a constant error.
+    HeightBias,
     /// The gate rejects many measurements as outliers.
     Gated,
     /// The test of GNSS positions rejected some.
@@ -43,7 +45,7 @@ pub enum WarningKind {
 
 impl WarningKind {
     /// All kinds.
-    pub const ALL: [WarningKind; 18] = [
+    pub const ALL: [WarningKind; 19] = [
         WarningKind::WorseThanIns,
         WarningKind::NeesHigh,
         WarningKind::NeesLow,
@@ -52,6 +54,7 @@ impl WarningKind {
         WarningKind::NotWhite,
         WarningKind::WideStart,
         WarningKind::Late,
+        WarningKind::HeightBias,
         WarningKind::Gated,
         WarningKind::Gnss,
         WarningKind::OffMap,
@@ -75,6 +78,7 @@ impl WarningKind {
             WarningKind::NotWhite => "not_white",
             WarningKind::WideStart => "wide_start",
             WarningKind::Late => "late",
+            WarningKind::HeightBias => "height_bias",
             WarningKind::Gated => "gated",
             WarningKind::Gnss => "gnss",
             WarningKind::OffMap => "off_map",
@@ -101,6 +105,7 @@ impl WarningKind {
             | WarningKind::Gated => true,
             WarningKind::WideStart
             | WarningKind::Late
+            | WarningKind::HeightBias
             | WarningKind::Gnss
             | WarningKind::OffMap
             | WarningKind::Flat => false,
@@ -131,6 +136,7 @@ impl WarningKind {
             WarningKind::NotWhite => "the innovations are correlated in time, so the covariance is too small",
             WarningKind::WideStart => "the initial position is too uncertain for a filter that linearises the map",
             WarningKind::Late => "the time stamps of the magnetometer have a constant lag",
+            WarningKind::HeightBias => "the height of the aircraft on the map has a constant error",
             WarningKind::Gated => "the filter rejects many measurements as outliers, so it may have lost the position",
             WarningKind::Gnss => "GNSS positions contradict the INS and are rejected",
             WarningKind::OffMap => "most samples are off the map",

@@ -10,13 +10,17 @@ pub const WIDE_START: f64 = 1.5;
 
 /// Lag of the magnetometer that is flagged: in s, and in standard deviations of its estimate.
 pub const LAG_S: f64 = 0.05;
-/// See [`LAG_S`].
+/// See [`LAG_S`] and [`HEIGHT_BIAS_M`].
 pub const LAG_SIGMAS: f64 = 4.0;
 
 /// Maximum share of measurements that the gate rejects. On 252 simulated lines of two aircraft with default settings,
 /// the share is at most 0.05 on lines where the filter keeps the position, and 0.08 to 0.38 on the four lines where a
 /// filter with rejections loses it.
 pub const GATED: f64 = 0.1;
+
+/// Height bias on the map that is flagged: in m, and in [`LAG_SIGMAS`] standard deviations of its estimate. The weather
+/// changes the height of a barometer by less within an hour.
+pub const HEIGHT_BIAS_M: f64 = 10.0;
 
 /// Number of standard errors by which a retention must be below its limit.
 pub const RETENTION_ERRORS: f64 = 2.0;

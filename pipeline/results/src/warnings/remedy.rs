@@ -95,6 +95,7 @@ pub fn remedies(kind: WarningKind, facts: &LineFacts, is_set: &dyn Fn(&str) -> b
             vec![start(), Some(Remedy::set("the test of GNSS positions", "gnss_test", Literal::Bool(false)))]
         }
         WarningKind::Late
+        | WarningKind::HeightBias
         | WarningKind::OffMap
         | WarningKind::Flat
         | WarningKind::Retention

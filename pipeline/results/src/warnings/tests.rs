@@ -197,6 +197,22 @@ fn unit_a_significant_lag_is_flagged() {
     );
 }
 
+#[test]
+fn unit_a_significant_height_bias_is_flagged() {
+    let row = LineMetrics::from([("nis", 1.0)]);
+    let of = |height_bias_m| judge(&facts(&row, NavigationSettings { height_bias_m, ..given(5.0) }));
+    let found = of(Some((61.0, 4.0)));
+    assert_eq!(kinds(&found), ["height_bias"]);
+    assert_eq!((found[0].value, found[0].limit, found[0].unit), (61.0, 16.0, "m"));
+    assert!(found[0].text.contains("61 m above the height of the INS"), "{}", found[0].text);
+    assert!(found[0].cause.as_ref().unwrap().contains("add 61 m to `ins_alt`"), "{:?}", found[0].cause);
+    let low = of(Some((-30.0, 2.0)));
+    assert!(low[0].text.contains("30 m below") && low[0].cause.as_ref().unwrap().contains("add -30 m"));
+    assert!(
+        [Some((30.0, 8.0)), Some((9.0, 0.5)), Some((0.0, f64::NAN)), None].into_iter().all(|bias| of(bias).is_empty())
+    );
+}
+
 fn warning(kind: WarningKind, value: f64, limit: f64, line: &str) -> Warning {
     Warning {
         stage: "scores".into(),

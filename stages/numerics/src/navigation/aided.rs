@@ -80,6 +80,8 @@ pub struct AidedOutput {
     /// Lag of the scalar magnetometer at each sample, and its standard deviation, in s; empty if the lag is not a
     /// state.
     pub latency_s: [Vec<f64>; 2],
+    /// Height bias on the map at each sample, and its standard deviation, in m; empty if the bias is not a state.
+    pub map_height_m: [Vec<f64>; 2],
 }
 
 impl AidedOutput {

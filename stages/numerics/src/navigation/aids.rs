@@ -7,16 +7,16 @@
 //! direction û of the core field
 //!
 //! ```text
-//! scalar       z = map(p - v τ) + core(p - v τ) + S + e + ûᵀ C q + c + white noise
+//! scalar       z = (map + core)(p - v τ + b_m) + S + e + ûᵀ C q + c + white noise
 //! difference   d = f(p + a/2) − f(p − a/2) + |a_h| g_h + a_u g_u + b_d + white noise,   f = map + core,   a = C_true r
 //! vector       m = C_trueᵀ (core vector(p) + û (map(p) + S) + a_c) + b_v + white noise,   C_trueᵀ = Cᵀ (I + [ψ×])
 //! height       h = altitude of p + b_h + white noise
 //! ```
 //!
-//! with the lag τ of the scalar magnetometer at the velocity v, the map error e with a correlation length along the
-//! track, the change q of the aircraft's permanent field since its calibration (body frame) with a constant offset c, the
-//! biases b, and the part a_c of the crustal field vector that a scalar map does not determine. f contains the core
-//! field if the scalar measurement does.
+//! with the lag τ of the scalar magnetometer at the velocity v, the height b_m of the aircraft above the position p on
+//! the map, the map error e with a correlation length along the track, the change q of the aircraft's permanent field
+//! since its calibration (body frame) with a constant offset c, the biases b, and the part a_c of the crustal field
+//! vector that a scalar map does not determine. f contains the core field if the scalar measurement does.
 //!
 //! Rows of H, predictions and variances of a sample are computed in one place, for the state of any filter. Filters
 //! differ in their linearisation points and in their use of a row.
@@ -145,6 +145,10 @@ pub struct Aids<'a> {
     /// Standard deviation of the lag of the scalar magnetometer before the line, in s. The lag is a constant state: a
     /// sample with time stamp `t` was measured at `t` minus the lag.
     pub latency_sigma_s: Option<f64>,
+    /// Standard deviation before the line of the height of the aircraft above its assumed height on the map, in m. This
+    /// height bias is a constant state. It is the error of the INS's barometer, or that of the map's height with the
+    /// opposite sign, and requires a map that changes with height.
+    pub map_height_sigma_m: Option<f64>,
     /// Largest standard deviation of a measurement, divided by the map's slope, in m, for which the map observes the
     /// position.
     pub flat_over_m: Option<f64>,
@@ -221,9 +225,10 @@ impl AidInnovations {
 impl Aids<'_> {
     /// Whether there is any further measurement.
     pub fn is_any(&self) -> bool {
-        let Self { difference, vector, height, map_error, permanent, latency_sigma_s, flat_over_m } = self;
+        let Self { difference, vector, height, map_error, permanent, .. } = self;
+        let numbers = [self.latency_sigma_s, self.map_height_sigma_m, self.flat_over_m];
         let measured = difference.is_some() || vector.is_some() || height.is_some();
-        measured || permanent.is_some() || map_error.is_some() || latency_sigma_s.is_some() || flat_over_m.is_some()
+        measured || permanent.is_some() || map_error.is_some() || numbers.iter().any(Option::is_some)
     }
 
     /// Whether the map is too flat for a measurement of this variance and a horizontal slope in nT/m.
@@ -281,6 +286,9 @@ impl Aids<'_> {
         }
         if let Some(sigma_s) = self.latency_sigma_s {
             require("mag_latency_sigma_s", sigma_s, Rule::Positive)?;
+        }
+        if let Some(sigma_m) = self.map_height_sigma_m {
+            require("map_height_sigma_m", sigma_m, Rule::Positive)?;
         }
         Ok(self.flat_over_m.map_or(Ok(()), |flat_m| require("flat_over_m", flat_m, Rule::Positive))?)
     }

@@ -5,7 +5,8 @@ use std::sync::{Arc, OnceLock};
 
 use crate::earth::core_field::CoreField;
 use crate::earth::geodesy::EarthModel;
-use crate::maps::map_stack::FieldMap;
+use crate::maps::continuation::{MAGNAV_ALPHA_M2, MapDerivative, MapSpectrum, Padding};
+use crate::maps::map_stack::{FieldMap, MapStack, StackOptions};
 use crate::maps::map_surface::{GeographicGrid, MapInterpolation, MapSurface};
 use crate::navigation::crlb::{self, TruePath};
 use crate::navigation::ekf::{self, EkfParameters};
@@ -30,6 +31,24 @@ pub(crate) fn world() -> &'static OsborneWorld {
     WORLD.get_or_init(|| OsborneWorld {
         map: FieldMap::Flat(MapSurface::new(&grid().unwrap(), MapInterpolation::Cubic)),
         core: Arc::new(core_field().unwrap()),
+    })
+}
+
+/// Osborne map at heights from 400 to 700 m, continued upward from the lowest.
+pub(crate) fn levels() -> &'static FieldMap {
+    static LEVELS: OnceLock<FieldMap> = OnceLock::new();
+    LEVELS.get_or_init(|| {
+        let grid = grid().unwrap();
+        let plane = grid.plane();
+        let spectrum = MapSpectrum::new(&plane, 300.0, &Padding::default()).unwrap();
+        let (mut heights_m, mut maps, mut slopes) = (vec![], vec![], vec![]);
+        for up_m in (0..=6).map(|level| 50.0 * f64::from(level)) {
+            heights_m.push(400.0 + up_m);
+            maps.push(grid.with_values(spectrum.at_height(up_m, MAGNAV_ALPHA_M2).unwrap().values).unwrap());
+            slopes.push(spectrum.derivative(MapDerivative::Up, up_m, MAGNAV_ALPHA_M2).unwrap().values);
+        }
+        let options = StackOptions { interpolation: MapInterpolation::Cubic, ..StackOptions::default() };
+        FieldMap::Stack(MapStack::with_vertical(&heights_m, &maps, &slopes, options).unwrap())
     })
 }
 
@@ -78,6 +97,20 @@ impl OsborneFlight {
             map.at(lat, lon, alt).unwrap().value_nt + core.magnitude_nt(lat, lon, alt) + temporal_nt(&self.errors[row])
         };
         (0..columns[0].len()).map(|row| of(row) + sigma_nt * normals.draw()).collect()
+    }
+
+    /// The flight with an INS whose height is `below_m` too low, and readings over the map of [`levels`] with white noise
+    /// of this standard deviation.
+    pub(crate) fn below(mut self, below_m: f64, seed: u64, sigma_nt: f64) -> (Self, Vec<f64>) {
+        self.ins.columns[3].iter_mut().for_each(|alt_m| *alt_m -= below_m);
+        let mut normals = NormalGenerator::new(seed);
+        let of = |(row, error): (usize, &StateVector)| {
+            let [lat, lon, alt] = [1, 2, 3].map(|column: usize| self.truth.columns[column][row]);
+            levels().at(lat, lon, alt).unwrap().value_nt + world().core.magnitude_nt(lat, lon, alt) + temporal_nt(error)
+        };
+        let field_nt: Vec<f64> = self.errors.iter().enumerate().map(of).collect();
+        let measured_nt = field_nt.iter().map(|field| field + sigma_nt * normals.draw()).collect();
+        (self, measured_nt)
     }
 
     /// Line for the filters.

@@ -19,13 +19,14 @@
 //! likelihood by more than a threshold, they are used, with the most likely standard deviation and time constant.
 //!
 //! A magnetometer with late time stamps measures the field of earlier positions. Its lag becomes a state if that
-//! increases the likelihood by more than a threshold.
+//! increases the likelihood by more than a threshold. So does a constant error of the height on a map that changes with
+//! height.
 //!
 //! For an uncompensated magnetometer, the coefficients of the aircraft field are states of the filter, with their prior.
 
 mod aircraft;
+mod constant;
 mod interval;
-mod latency;
 mod outliers;
 mod permanent;
 mod thinned;
@@ -60,6 +61,8 @@ pub struct LineNoise {
     pub permanent: Option<[IntervalEstimate; 2]>,
     /// Prior standard deviation of the lag of the magnetometer, in s, if it is given or detected.
     pub latency_sigma_s: Option<f64>,
+    /// Prior standard deviation of the height bias on the map, in m, if it is given or detected.
+    pub map_height_sigma_m: Option<f64>,
     /// Factor on the variance of the map's own error at each sample, increased for the correlation of the innovations;
     /// 0 if no map error is given or detected.
     pub map_factor: f64,
@@ -110,6 +113,9 @@ pub struct NoiseSearch<'a> {
     /// Prior standard deviation of the lag of the magnetometer, in s; 0 for none, `None` to search for a lag. An
     /// `aircraft` field has no lag.
     pub latency_sigma_s: Option<f64>,
+    /// Prior standard deviation of the height bias on the map, in m; 0 for none, `None` to search for a bias on a map
+    /// that changes with height. An `aircraft` field has no such bias.
+    pub map_height_sigma_m: Option<f64>,
     /// Given parameters: white noise in nT, standard deviation of the process in nT, its time constant in s, standard
     /// deviation of the change of the permanent field in nT (0 for none), and its time constant in s.
     pub given: NoiseParameters,
@@ -163,8 +169,10 @@ pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationE
     search.line.check()?;
     let thinned = ThinnedLine::new(search.line, search.rows);
     let terms = search.aircraft.map(|aircraft| aircraft.at(search.rows)).unwrap_or_default();
-    let latency_sigma_s = search.latency_sigma_s.filter(|sigma_s| *sigma_s > 0.0);
-    let mut likelihood = NoiseLikelihood { search, thinned: &thinned, terms: &terms, map_factor: 0.0, latency_sigma_s };
+    let [latency_sigma_s, map_height_sigma_m] =
+        [search.latency_sigma_s, search.map_height_sigma_m].map(|sigma| sigma.filter(|sigma| *sigma > 0.0));
+    let (thinned, terms, map_factor) = (&thinned, &terms, 0.0);
+    let mut likelihood = NoiseLikelihood { search, thinned, terms, map_factor, latency_sigma_s, map_height_sigma_m };
     let grid = search.grid();
     let scored = likelihood.scores(&grid);
     let most_used = scored.iter().map(|score| score.used).max().unwrap_or(0);
@@ -177,6 +185,7 @@ pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationE
     let mut best = likelihood.best_of(order.iter().take(STARTS).map(|at| grid[*at]), least_used);
     best = likelihood.with_permanent(best, least_used);
     (best, likelihood) = likelihood.with_latency(best, least_used);
+    (best, likelihood) = likelihood.with_map_height(best, least_used);
     if search.map_nt.is_some() {
         for map_factor in MAP_FACTORS {
             let other = NoiseLikelihood { map_factor, ..likelihood };
@@ -204,6 +213,7 @@ pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationE
             [permanent_nt, tau_s.scaled(if is_given { 1.0 } else { 1.0 / factor })]
         }),
         latency_sigma_s: likelihood.latency_sigma_s,
+        map_height_sigma_m: likelihood.map_height_sigma_m,
         map_factor: factor * map_factor,
         inflation,
         log_likelihood,
@@ -254,6 +264,8 @@ struct NoiseLikelihood<'a> {
     map_factor: f64,
     /// Prior standard deviation of the lag, in s; `None` without a state for it.
     latency_sigma_s: Option<f64>,
+    /// Prior standard deviation of the height bias, in m; `None` without a state for it.
+    map_height_sigma_m: Option<f64>,
 }
 
 /// Logarithm of the likelihood, with the prior, and the number of predicted measurements.
@@ -281,7 +293,7 @@ impl NoiseLikelihood<'_> {
         if let Some(aircraft) = self.search.aircraft {
             return points.par_iter().map(|point| self.output_with_aircraft(&aircraft, point)).collect();
         }
-        if self.latency_sigma_s.is_some() || points.iter().any(has_permanent) {
+        if self.has_constants() || points.iter().any(has_permanent) {
             return points
                 .par_iter()
                 .map(|point| self.output_with_states(point).map(|output| output.navigation))
@@ -395,7 +407,7 @@ impl NoiseLikelihood<'_> {
     /// one parameter changes, because their filter takes longer.
     fn around(&self, point: NoisePoint, factor: f64) -> Vec<NoisePoint> {
         let free = self.search.free(&point);
-        let is_slow = self.latency_sigma_s.is_some() || has_permanent(&point);
+        let is_slow = self.has_constants() || has_permanent(&point);
         let together: Vec<&[usize]> = if is_slow { free.chunks(1).collect() } else { vec![&free] };
         together.into_iter().flat_map(|parameters| Self::grid_around(point, factor, parameters)).collect()
     }

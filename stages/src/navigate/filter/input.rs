@@ -65,8 +65,11 @@ pub struct FilterInput<'a> {
     /// Prior standard deviation of the lag of the magnetometer, in s, for a filter that estimates the lag. `None`
     /// without a state for the lag.
     pub latency_sigma_s: Option<f64>,
-    /// Whether the track has the columns of the lag.
-    pub(in crate::navigate) has_latency: bool,
+    /// Prior standard deviation of the height bias on the map, in m, for a filter that estimates the bias. `None` without
+    /// a state for the bias.
+    pub map_height_sigma_m: Option<f64>,
+    /// Whether the track has the columns of the lag, and those of the height bias.
+    pub(in crate::navigate) has_constants: [bool; 2],
     /// Whether the curvature of the map over the position's uncertainty counts as measurement noise.
     pub second_order: bool,
     /// Uncertainty of the initial position, and the largest one over which the map is linear within the assumed noise.

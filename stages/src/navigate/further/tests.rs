@@ -127,8 +127,10 @@ fn unit_impossible_measurements_are_rejected_before_the_run() {
     refused("permanent_change_sigma_nt = 5.0", "requires `core_field = true`");
     refused("permanent_change_sigma_nt = 0.0\npermanent_change_tau_s = 9.0", "no effect without");
     refused("permanent_change_sigma_nt = -1.0", "permanent_change_sigma_nt");
+    refused("map_height_sigma_m = -1.0", "map_height_sigma_m");
     for filter in ["rts", "mpf", "crlb", "ekf_adaptive", "fixed_lag"] {
         assert_refused(filter, "permanent_change_sigma_nt = 5.0", "available only in `ekf`, `iekf` and `ukf`");
+        assert_refused(filter, "map_height_sigma_m = 5.0", "available only in `ekf`, `iekf` and `ukf`");
     }
     assert_refused("slam", "flat_over_m = 10.0", "belongs to");
     assert_refused("mpf", "flat_over_m = 10.0", "not available");

@@ -26,7 +26,7 @@ struct AidedFieldMeasurement {
     further: (usize, f64),
     /// Index of the lag state, and the entry of H for this state.
     latency: (usize, f64),
-    /// Entries of H for the change of the permanent field, or for the errors of the map's slope.
+    /// Entries of H for the change of the permanent field and the height bias, or for the errors of the map's slope.
     lasting: JacobianBlock,
 }
 
@@ -203,9 +203,13 @@ impl<'a> AidedFilter<'a> {
         }
         let x = &self.now.x;
         let covariance = |row: usize, column: usize| self.now.p.at(row, column);
-        if let Some(state) = self.states.latency {
-            self.output.latency_s[0].push(x[state]);
-            self.output.latency_s[1].push(covariance(state, state).sqrt());
+        let constants = [
+            (self.states.latency, &mut self.output.latency_s),
+            (self.states.map_height, &mut self.output.map_height_m),
+        ];
+        for (state, [values, sigmas]) in constants {
+            values.extend(state.map(|state| x[state]));
+            sigmas.extend(state.map(|state| covariance(state, state).sqrt()));
         }
         self.output.navigation.push(self.line.ins, row, |k| x[k], covariance, innovation, self.line.errors.earth);
         Ok(())
@@ -238,7 +242,7 @@ impl<'a> AidedFilter<'a> {
 
     /// Field at the predicted position of a row. Outputs the horizontal slope of the field, in nT/m.
     pub(crate) fn look(&mut self, row: usize) -> Option<(FieldValue, f64)> {
-        let at = moved(self.position(), self.delayed(row));
+        let at = moved(self.position(), self.displaced(row));
         let centre = self.field.at_error(self.line.ins, row, at);
         let slope = centre.map_or(f64::NAN, |at| self.line.slope_nt_per_m(row, &at));
         self.output.slope_nt_per_m.push(slope);
@@ -258,11 +262,17 @@ impl<'a> AidedFilter<'a> {
         [(ins.vn_mps[row] + x[VN]) / north_m, (ins.ve_mps[row] + x[VE]) / east_m, -(ins.vd_mps[row] + x[VD])]
     }
 
-    /// Displacement from the position of a row to the position where its scalar field was measured.
-    fn delayed(&self, row: usize) -> [f64; 3] {
-        let Some(state) = self.states.latency else { return [0.0; 3] };
-        let delay_s = self.now.x[state];
-        self.per_second(row).map(|way| -delay_s * way)
+    /// Displacement from the position of a row to the position on the map where its scalar field was measured.
+    fn displaced(&self, row: usize) -> [f64; 3] {
+        let delay_s = self.states.latency.map(|state| self.now.x[state]);
+        let mut by = delay_s.map_or([0.0; 3], |delay_s| self.per_second(row).map(|way| -delay_s * way));
+        by[2] += self.height_bias_m();
+        by
+    }
+
+    /// Estimated height bias on the map, in m.
+    fn height_bias_m(&self) -> f64 {
+        self.states.map_height.map_or(0.0, |state| self.now.x[state])
     }
 
     /// Index of the lag, its entry of H for a field of this slope, and the contribution of its present estimate.
@@ -280,9 +290,12 @@ impl<'a> AidedFilter<'a> {
             return MeasurementOutcome::Missing;
         };
         let Some((centre, slope)) = centre else { return MeasurementOutcome::OffMap };
-        // The field is evaluated at the position of the estimated lag, so H x counts the change from there.
-        let (latency, part_nt) = self.latency(row, &centre);
-        let (value_nt, further, delayed) = (value_nt + part_nt, self.states.of_map(), self.delayed(row));
+        // The field is evaluated at the position of the estimated lag and height, so H x counts the change from there.
+        let (latency, mut part_nt) = self.latency(row, &centre);
+        if self.states.map_height.is_some() {
+            part_nt += centre.d_alt_nt_per_m * self.height_bias_m();
+        }
+        let (value_nt, further, displaced) = (value_nt + part_nt, self.states.of_map(), self.displaced(row));
         let of = AidedFieldMeasurement {
             value_nt,
             variance_nt2,
@@ -290,10 +303,10 @@ impl<'a> AidedFilter<'a> {
             tilt: [0.0; 3],
             further,
             latency,
-            lasting: self.states.of_permanent(self.aids, row),
+            lasting: self.states.of_scalar(self.aids, row, centre.d_alt_nt_per_m),
         };
         let (line, flat) = (self.line, self.aids.is_flat(variance_nt2, slope));
-        self.correct(of, row, centre, flat, |field, error| field.at_error(line.ins, row, moved(error, delayed)))
+        self.correct(of, row, centre, flat, |field, error| field.at_error(line.ins, row, moved(error, displaced)))
     }
 
     fn difference(&mut self, row: usize) -> MeasurementOutcome {
@@ -351,7 +364,9 @@ impl<'a> AidedFilter<'a> {
         self.rejected = 0;
         if flat {
             let of_block = of.lasting.first..of.lasting.first + of.lasting.count;
-            let corrects = |state: usize| state == S || state == of.further.0 || of_block.contains(&state);
+            let height = self.states.map_height;
+            let in_block = |state: usize| of_block.contains(&state) && Some(state) != height;
+            let corrects = |state: usize| state == S || state == of.further.0 || in_block(state);
             self.now.consider(first.residual_nt, s, &mut self.gain, &mut self.spare, corrects);
             return MeasurementOutcome::Flat(innovation);
         }

@@ -10,17 +10,20 @@ use crate::earth::attitude::{body_to_ned, tilted};
 use crate::earth::core_field::CoreField;
 use crate::earth::geodesy::EarthModel;
 use crate::maps::MapInterpolation;
+use crate::maps::map_stack::FieldMap;
+use crate::maps::map_surface::{GeographicGrid, MapSurface, VerticalDerivative};
 use crate::navigation::ekf::{self, EkfInput, EkfParameters};
 use crate::navigation::iekf::{self, IekfParameters};
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, TILT_N};
-use crate::navigation::scenes::{AnalyticScene, hills, positions, uneven};
+use crate::navigation::scenes::{AnalyticScene, LAT_DEG, LON_DEG, hills, positions, uneven};
 use crate::navigation::ukf;
 use crate::signal::gauss_markov::GaussMarkov;
 
 mod exact;
 mod flights;
 mod latency;
+mod map_height;
 mod others;
 mod particles;
 
@@ -92,6 +95,22 @@ fn bowl(north: f64, east: f64) -> f64 {
     0.03 * north + 2e-5 * north * north - 1.5e-5 * east * east + 1e-5 * north * east
 }
 
+/// The bowl on a map of 520 m with a vertical slope that changes from place to place.
+fn bowl_in_height() -> FieldMap {
+    let (north, east) = crate::navigation::scenes::m_per_deg();
+    let axis = |middle: f64, m_per_deg: f64| -> Vec<f64> {
+        (-70..=70).map(|k| middle + 100.0 * f64::from(k) / m_per_deg).collect()
+    };
+    let at = |lat: f64, lon: f64| [(lat - LAT_DEG) * north, (lon - LON_DEG) * east];
+    let (lat, lon) = (axis(LAT_DEG, north), axis(LON_DEG, east));
+    let places: Vec<[f64; 2]> = lat.iter().flat_map(|lat| lon.iter().map(|lon| at(*lat, *lon))).collect();
+    let nodes: Vec<f64> = places.iter().map(|[north, east]| bowl(*north, *east)).collect();
+    let d_alt_nt_per_m: Vec<f64> = places.iter().map(|[north, east]| -0.4 + 3e-4 * north - 2e-4 * east).collect();
+    let vertical = VerticalDerivative { d_alt_nt_per_m: &d_alt_nt_per_m, alt_m: 520.0 };
+    let grid = GeographicGrid::new(&lat, &lon, &nodes).unwrap();
+    FieldMap::Flat(MapSurface::with_vertical(&grid, vertical, MapInterpolation::Cubic).unwrap())
+}
+
 /// Readings of the further measurements.
 struct Read {
     difference_nt: Vec<f64>,
@@ -143,6 +162,7 @@ fn aids(read: &Read) -> Aids<'_> {
         map_error: Some(MapErrorProcess { sigma_nt: 4.0, length_m: 300.0 }),
         permanent: None,
         latency_sigma_s: None,
+        map_height_sigma_m: None,
         flat_over_m: None,
     }
 }
@@ -155,8 +175,9 @@ struct Dense<'a> {
     p: DMatrix<f64>,
 }
 
-/// Further states: magnetometer difference, height, map error, three biases, and three components of the crustal field.
-const FURTHER: usize = 9;
+/// Further states: magnetometer difference, height, map error, height bias on the map, three biases of the vector, and
+/// three components of the crustal field.
+const FURTHER: usize = 10;
 const DIM: usize = STATES + FURTHER;
 
 impl Dense<'_> {
@@ -176,7 +197,8 @@ impl Dense<'_> {
     }
 
     fn scalar(&self, row: usize, x: &DVector<f64>) -> f64 {
-        self.map_nt(self.place(row, x)) + x[S] + x[STATES + 2]
+        let (lat, lon, alt) = self.place(row, x);
+        self.map_nt((lat, lon, alt + x[STATES + 3])) + x[S] + x[STATES + 2]
     }
 
     fn difference(&self, row: usize, x: &DVector<f64>) -> f64 {
@@ -192,9 +214,9 @@ impl Dense<'_> {
     fn vector(&self, row: usize, axis: usize, x: &DVector<f64>) -> f64 {
         let (lat, lon, alt) = self.place(row, x);
         let core = Vector3::from(self.read.core.field_ned_nt(lat, lon, alt));
-        let crustal = Vector3::new(x[STATES + 6], x[STATES + 7], x[STATES + 8]);
+        let crustal = Vector3::new(x[STATES + 7], x[STATES + 8], x[STATES + 9]);
         let ned = core + core.normalize() * (self.map_nt((lat, lon, alt)) + x[S]) + crustal;
-        (self.rotation(row, x).transpose() * ned)[axis] + x[STATES + 3 + axis]
+        (self.rotation(row, x).transpose() * ned)[axis] + x[STATES + 4 + axis]
     }
 
     /// Corrects with measurements whose predictions are functions of the state, all at once.
@@ -255,16 +277,20 @@ fn transition(line: &NavigationLine<'_>, row: usize, lasting: &[(f64, f64)]) -> 
 
 #[test]
 fn law_all_measurements_together_equal_a_dense_filter_with_numerical_derivatives() {
-    let scene = AnalyticScene { fixes: None, ..scene(bowl) };
+    let scene = AnalyticScene { fixes: None, map: bowl_in_height(), ..scene(bowl) };
     let read = read(&scene);
     scene.with(|line| {
-        let found = run(line, &aids(&read), &keep(Linearisation::Once)).unwrap();
+        let all = Aids { map_height_sigma_m: Some(30.0), ..aids(&read) };
+        let found = run(line, &all, &keep(Linearisation::Once)).unwrap();
         // At 60 m/s north and 30 m/s east.
         let speed = 60_f64.hypot(30.0);
         let along = |sigma: f64, length_m: f64| (sigma, length_m / speed);
         let bias = (40.0, 1000.0);
         let crustal = along(30.0, 2000.0);
-        let lasting = [(0.5, 300.0), (5.0, 600.0), along(4.0, 300.0), bias, bias, bias, crustal, crustal, crustal];
+        let height = (30.0, f64::INFINITY);
+        let of_vector = [bias, bias, bias, crustal, crustal, crustal];
+        let scalars = [(0.5, 300.0), (5.0, 600.0), along(4.0, 300.0), height];
+        let lasting = [&scalars[..], &of_vector].concat();
         let mut p = DMatrix::zeros(DIM, DIM);
         let first = line.errors.initial_covariance(line.ins.lat_deg[0].to_radians(), line.ins.alt_m[0]);
         (0..STATES).for_each(|k| p[(k, k)] = first[k][k]);
@@ -291,8 +317,13 @@ fn law_all_measurements_together_equal_a_dense_filter_with_numerical_derivatives
                     assert!(off < 1e-3, "{row}, covariance {a} {b}: {off:e}");
                 }
             }
+            let ([bias_m, sigma_m], state) = (found.map_height_m.each_ref().map(|of| of[row]), STATES + 3);
+            let expected_m = dense.p[(state, state)].sqrt();
+            assert!((bias_m - dense.x[state]).abs() / expected_m < 1e-3, "{row}: {bias_m}");
+            assert!((sigma_m / expected_m - 1.0).abs() < 1e-3, "{row}: {sigma_m}");
         }
-        let without = Aids { difference: None, ..aids(&read) };
+        assert!(found.map_height_m[1][ROWS - 1] < 25.0, "the height bias is observed");
+        let without = Aids { difference: None, ..all };
         let without = run(line, &without, &keep(Linearisation::Once)).unwrap().navigation;
         let area = |of: &NavigationOutput| of.sd_n_m[ROWS - 1] * of.sd_e_m[ROWS - 1];
         assert!(area(&found.navigation) < area(&without));

@@ -65,7 +65,7 @@ pub(crate) struct LinearisedAid {
 pub(crate) struct JacobianBlock {
     pub(crate) first: usize,
     pub(crate) count: usize,
-    pub(crate) entries: [f64; 4],
+    pub(crate) entries: [f64; 5],
 }
 
 impl JacobianBlock {
@@ -318,7 +318,7 @@ impl Aids<'_> {
                 own: (bias + axis, 1.0),
                 lasting: {
                     let [north, east, down] = predicted.crustal[axis];
-                    JacobianBlock { first: crustal, count: 3, entries: [north, east, down, 0.0] }
+                    JacobianBlock { first: crustal, count: 3, entries: [north, east, down, 0.0, 0.0] }
                 },
             }
         })))
@@ -388,7 +388,7 @@ impl DifferenceAid<'_> {
         let along = rotation(line.ins, row) * Vector3::from(self.baseline_m);
         let horizontal_nt = along.x.hypot(along.y) * self.slope.horizontal_nt_per_m;
         let upward_nt = -along.z * self.slope.upward_at(row);
-        JacobianBlock { first, count: 2, entries: [horizontal_nt, upward_nt, 0.0, 0.0] }
+        JacobianBlock { first, count: 2, entries: [horizontal_nt, upward_nt, 0.0, 0.0, 0.0] }
     }
 
     /// Half of the baseline at a row.

@@ -24,6 +24,8 @@ pub(crate) struct AidStates {
     pub(crate) map_error: Option<usize>,
     /// Index of the first of the three components of the change of the permanent field; the constant offset follows.
     pub(crate) permanent: Option<usize>,
+    /// Index of the height bias on the map, in m; directly after the states of the permanent field.
+    pub(crate) map_height: Option<usize>,
     /// Index of the first of the two errors of the map's slope, horizontal and upward, in standard deviations.
     pub(crate) slope: Option<usize>,
     /// Index of the lag of the scalar magnetometer, in s.
@@ -50,6 +52,7 @@ impl AidStates {
             states.add(constant(OFFSET_SIGMA_NT));
             nose
         });
+        states.map_height = aids.map_height_sigma_m.map(|sigma_m| states.add(constant(sigma_m)));
         states.latency = aids.latency_sigma_s.map(|sigma_s| states.add(constant(sigma_s)));
         states.vector = aids.vector.map(|of| {
             let biases = [(); 3].map(|()| states.add(of.bias));
@@ -82,13 +85,19 @@ impl AidStates {
         self.map_error.map_or((S, 0.0), |state| (state, 1.0))
     }
 
-    /// Entries of H of a scalar measurement for the change of the permanent field at a row.
-    pub(crate) fn of_permanent(&self, aids: &Aids<'_>, row: usize) -> JacobianBlock {
-        let there = self.permanent.zip(aids.permanent);
-        there.map_or_else(JacobianBlock::default, |(first, of)| {
+    /// Entries of H of a scalar measurement for the change of the permanent field at a row, and for the height bias at
+    /// this vertical slope in nT/m.
+    pub(crate) fn of_scalar(&self, aids: &Aids<'_>, row: usize, d_alt_nt_per_m: f64) -> JacobianBlock {
+        let mut block = self.permanent.zip(aids.permanent).map_or_else(JacobianBlock::default, |(first, of)| {
             let [nose, right, down] = of.direction[row];
-            JacobianBlock { first, count: 4, entries: [nose, right, down, 1.0] }
-        })
+            JacobianBlock { first, count: 4, entries: [nose, right, down, 1.0, 0.0] }
+        });
+        if let Some(state) = self.map_height {
+            block.first = state - block.count;
+            block.entries[block.count] = d_alt_nt_per_m;
+            block.count += 1;
+        }
+        block
     }
 
     /// Variance of a state before the line, if the state is one of these.

@@ -24,9 +24,10 @@ pub fn denser(search: &NoiseSearch<'_>, noise: &LineNoise, rows: usize) -> Resul
     search.line.check()?;
     let thinned = ThinnedLine::new(search.line, search.rows);
     let terms = search.aircraft.map(|aircraft| aircraft.at(search.rows)).unwrap_or_default();
-    let latency_sigma_s = noise.latency_sigma_s;
+    let LineNoise { latency_sigma_s, map_height_sigma_m, .. } = *noise;
     let map_factor = noise.map_factor / (noise.inflation * noise.inflation);
-    let likelihood = NoiseLikelihood { search, thinned: &thinned, terms: &terms, map_factor, latency_sigma_s };
+    let (thinned, terms) = (&thinned, &terms);
+    let likelihood = NoiseLikelihood { search, thinned, terms, map_factor, latency_sigma_s, map_height_sigma_m };
     let [permanent_nt, permanent_tau_s] = noise.permanent.map_or([0.0; 2], |of| of.map(|estimate| estimate.value));
     let white_nt = noise.sigma_nt.value / noise.inflation;
     let point =

@@ -1,6 +1,6 @@
 //! Measurements that an extended Kalman filter of the scalar field rejects.
 
-use crate::navigation::aided::{self, AidedParameters, Aids, PermanentChange, SampleUsage};
+use crate::navigation::aided::{self, AidedParameters, Aids, SampleUsage};
 use crate::navigation::field::PredictedField;
 use crate::navigation::gaussian::recursion::{self, FilterRecursion};
 use crate::navigation::gaussian::{Sensitivity, StateEstimate};
@@ -14,21 +14,16 @@ pub const GATE_NIS: f64 = 19.5;
 pub(super) const RECOVERED_AFTER: usize = 20;
 
 /// Whether each measurement of a line is an outlier: its NIS exceeds [`GATE_NIS`] in an extended Kalman filter that
-/// does not use it. After 20 rejections in a row the next measurement is used, regardless of its innovation. The change
-/// of the aircraft's permanent field, and the lag with this prior standard deviation in s, are states of this filter if
-/// they are given.
+/// does not use it. After 20 rejections in a row the next measurement is used, regardless of its innovation. The filter
+/// has the further states of `aids`, such as the change of the aircraft's permanent field and the lag.
 ///
 /// # Errors
 /// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when a state or variance is not finite.
-pub fn outliers(
-    line: &NavigationLine<'_>,
-    permanent: Option<PermanentChange<'_>>,
-    latency_sigma_s: Option<f64>,
-) -> Result<Vec<bool>, NavigationError> {
-    if permanent.is_some() || latency_sigma_s.is_some() {
+pub fn outliers(line: &NavigationLine<'_>, aids: &Aids<'_>) -> Result<Vec<bool>, NavigationError> {
+    if aids.is_any() {
         let (gate_nis, recover_after) = (Some(GATE_NIS), Some(RECOVERED_AFTER));
         let parameters = AidedParameters { gate_nis, recover_after, ..AidedParameters::default() };
-        let output = aided::run(line, &Aids { permanent, latency_sigma_s, ..Aids::default() }, &parameters)?;
+        let output = aided::run(line, aids, &parameters)?;
         return Ok(output.usage.iter().map(|usage| *usage == SampleUsage::Gated).collect());
     }
     line.check()?;

@@ -71,7 +71,7 @@ impl NoiseLikelihood<'_> {
         std::array::from_fn(|at| self.search.given[at].unwrap_or(point[at]))
     }
 
-    /// Output of the filter with the further states of a point: the permanent field, and the lag.
+    /// Output of the filter with the further states of a point: the permanent field, the lag, and the height bias.
     pub(super) fn output_with_states(&self, point: &NoisePoint) -> Result<AidedOutput, NavigationError> {
         let [.., sigma, tau_s] = *point;
         let (ins, sigma_nt) = (self.thinned.ins(), self.sigma_nt(point));
@@ -80,7 +80,8 @@ impl NoiseLikelihood<'_> {
         let direction = self.search.direction.filter(|_| has_permanent(point));
         let permanent = direction.map(|direction| PermanentChange { direction, process });
         let parameters = AidedParameters { gate_nis: Some(GATE_NIS), ..AidedParameters::default() };
-        let aids = Aids { permanent, latency_sigma_s: self.latency_sigma_s, ..Aids::default() };
+        let Self { latency_sigma_s, map_height_sigma_m, .. } = *self;
+        let aids = Aids { permanent, latency_sigma_s, map_height_sigma_m, ..Aids::default() };
         aided::run(&line, &aids, &parameters)
     }
 }

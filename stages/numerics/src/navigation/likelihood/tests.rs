@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
 use crate::navigation::aided::field_direction;
-use crate::navigation::flights::{OsborneFlight, world};
+use crate::navigation::flights::{OsborneFlight, levels, world};
 use crate::navigation::ins_error::InsErrors;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::online::CoefficientPrior;
@@ -43,6 +43,7 @@ fn found_late(flight: &OsborneFlight, measured_nt: &[f64]) -> LineNoise {
         direction: None,
         aircraft: None,
         latency_sigma_s: None,
+        map_height_sigma_m: Some(0.0),
         given: [None; PARAMETERS],
     };
     search(&search_of).unwrap().unwrap()
@@ -58,6 +59,43 @@ fn law_a_lag_is_found_and_no_lag_is_found_where_there_is_none() {
     };
     let of = |delay_s: f64| (0..6).filter(lag(delay_s)).count();
     let found = [1.0, -1.0, 0.0].map(of);
+    assert!(found[0] >= 5 && found[1] >= 5 && found[2] == 0, "{found:?} of 6");
+}
+
+#[test]
+fn law_a_height_bias_is_found_and_no_bias_is_found_where_there_is_none() {
+    let bias = |below_m: f64| {
+        move |seed: &u64| {
+            let (flight, measured_nt) = flown_from(*seed, 5.0, 0.02).below(below_m, 50 + seed, SIGMA_NT);
+            let (series, sigma_nt) = (flight.ins.series(), vec![1.0; measured_nt.len()]);
+            let rows = rows_at(series.tt_s, 2.0);
+            let found = |map| {
+                let line = NavigationLine { map, ..flight.line(&series, &measured_nt, &sigma_nt) };
+                let search_of = NoiseSearch {
+                    line: &line,
+                    rows: &rows,
+                    scale: &sigma_nt,
+                    known_nt: None,
+                    map_nt: None,
+                    direction: None,
+                    aircraft: None,
+                    latency_sigma_s: None,
+                    map_height_sigma_m: None,
+                    given: [None; PARAMETERS],
+                };
+                search(&search_of).unwrap().unwrap()
+            };
+            // A map that does not change with height has no bias.
+            if *seed == 0 {
+                assert_eq!(found(&world().map).map_height_sigma_m, None, "{below_m}");
+            }
+            let noise = found(levels());
+            assert_eq!(noise.latency_sigma_s, None, "{below_m} {seed}");
+            noise.map_height_sigma_m.is_some()
+        }
+    };
+    let of = |below_m: f64| (0..6).filter(bias(below_m)).count();
+    let found = [60.0, -60.0, 0.0].map(of);
     assert!(found[0] >= 5 && found[1] >= 5 && found[2] == 0, "{found:?} of 6");
 }
 
@@ -82,6 +120,7 @@ fn found_with(
         direction: direction.as_deref(),
         aircraft: None,
         latency_sigma_s: Some(0.0),
+        map_height_sigma_m: Some(0.0),
         given,
     };
     search(&search_of).unwrap().unwrap()
@@ -141,7 +180,7 @@ fn law_spikes_are_outliers_and_healthy_measurements_are_not() {
     flight.model.fogm_sigma_nt = noise.fogm_sigma_nt.value;
     let series = flight.ins.series();
     let sigma_nt = vec![noise.sigma_nt.value; measured.len()];
-    let rejected = outliers(&flight.line(&series, &measured, &sigma_nt), None, None).unwrap();
+    let rejected = outliers(&flight.line(&series, &measured, &sigma_nt), &Aids::default()).unwrap();
     let healthy = (0..measured.len()).filter(|row| rejected[*row] && !spikes.contains(row)).count();
     assert!(spikes.iter().all(|row| rejected[*row]), "every spike");
     assert!(healthy <= 2, "{healthy}");
@@ -164,6 +203,7 @@ fn unit_too_few_measurements_give_no_noise() {
         direction: None,
         aircraft: None,
         latency_sigma_s: None,
+        map_height_sigma_m: Some(0.0),
         given: [None; PARAMETERS],
     };
     assert_eq!(search(&all).unwrap(), None);
@@ -203,6 +243,7 @@ fn law_the_noise_is_estimated_beside_an_unknown_aircraft_field() {
             direction: None,
             aircraft: Some(aircraft),
             latency_sigma_s: Some(0.0),
+            map_height_sigma_m: Some(0.0),
             given: [None; PARAMETERS],
         };
         let noise = search(&search_of).unwrap().unwrap();
@@ -315,6 +356,7 @@ fn law_more_measurements_are_used_only_if_their_errors_are_independent() {
                 direction: None,
                 aircraft: None,
                 latency_sigma_s: Some(0.0),
+                map_height_sigma_m: Some(0.0),
                 given: [None; PARAMETERS],
             };
             let noise = search(&search_of).unwrap().unwrap();
