@@ -153,8 +153,10 @@ fn user_a_restarted_scheduler_keeps_finished_results() {
 
 #[test]
 fn bug_a_run_waits_for_a_scheduler_that_starts_after_it() {
-    let (bench, units) = scene();
+    let bench = Bench::new();
+    let units = bench.run(&["--set", "store=whole"]).total("computed");
     let mut cluster = Cluster::new(MAGLINE, bench.folder.path(), 1);
+    // The worker, which may not have been registered, waits as well.
     cluster.kill_scheduler();
     let mut run = begun(&bench, &cluster, &["--patience", "200s"]);
     let mut messages = BufReader::new(run.stderr.take().unwrap());

@@ -95,6 +95,7 @@ def ekf(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -165,9 +166,9 @@ def ekf(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
-        interpolation error that the map implies.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -382,6 +383,17 @@ def ekf(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
         likelihood.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change of the aircraft's permanent field since its
         calibration, for each component (nose, right, down). The three components are further
@@ -515,6 +527,7 @@ def iekf(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -586,9 +599,9 @@ def iekf(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
-        interpolation error that the map implies.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -809,6 +822,17 @@ def iekf(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
         likelihood.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change of the aircraft's permanent field since its
         calibration, for each component (nose, right, down). The three components are further
@@ -942,6 +966,7 @@ def ukf(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -1014,9 +1039,9 @@ def ukf(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
-        interpolation error that the map implies.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -1242,6 +1267,17 @@ def ukf(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
         likelihood.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change of the aircraft's permanent field since its
         calibration, for each component (nose, right, down). The three components are further
@@ -1378,6 +1414,7 @@ def ekf_adaptive(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -1458,9 +1495,9 @@ def ekf_adaptive(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
-        interpolation error that the map implies.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -1697,6 +1734,17 @@ def ekf_adaptive(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
         likelihood.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change of the aircraft's permanent field since its
         calibration, for each component (nose, right, down). The three components are further
@@ -1841,6 +1889,7 @@ def ekf_online_tl(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -1927,9 +1976,9 @@ def ekf_online_tl(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
-        interpolation error that the map implies.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -2190,6 +2239,17 @@ def ekf_online_tl(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
         likelihood.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change of the aircraft's permanent field since its
         calibration, for each component (nose, right, down). The three components are further
@@ -2339,6 +2399,7 @@ def fixed_lag(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -2424,9 +2485,9 @@ def fixed_lag(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
-        interpolation error that the map implies.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -2694,6 +2755,17 @@ def fixed_lag(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
         likelihood.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change of the aircraft's permanent field since its
         calibration, for each component (nose, right, down). The three components are further
@@ -2829,6 +2901,7 @@ def rts(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -2907,9 +2980,9 @@ def rts(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
-        interpolation error that the map implies.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -3132,6 +3205,17 @@ def rts(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
         likelihood.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change of the aircraft's permanent field since its
         calibration, for each component (nose, right, down). The three components are further
@@ -3268,6 +3352,7 @@ def mpf(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -3346,9 +3431,9 @@ def mpf(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
-        interpolation error that the map implies.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -3585,6 +3670,17 @@ def mpf(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
         likelihood.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change of the aircraft's permanent field since its
         calibration, for each component (nose, right, down). The three components are further
@@ -3719,6 +3815,7 @@ def mpf_then_ekf(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -3801,9 +3898,9 @@ def mpf_then_ekf(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
-        interpolation error that the map implies.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -4027,6 +4124,17 @@ def mpf_then_ekf(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
         likelihood.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change of the aircraft's permanent field since its
         calibration, for each component (nose, right, down). The three components are further
@@ -4156,6 +4264,7 @@ def crlb(
     map_sigma_nt: float | None = None,
     map_sigma_length_m: float | None = None,
     mag_latency_sigma_s: float | None = None,
+    map_height_sigma_m: float | None = None,
     permanent_change_sigma_nt: float | None = None,
     permanent_change_tau_s: float | None = None,
     flat_over_m: float | None = None,
@@ -4229,9 +4338,9 @@ def crlb(
         Correlation length of the map error, for a map with the column `error` (`map_grid`,
         `track_map`); typically the spacing of its survey lines. The equivalent white noise is
         added to the measurement noise of each sample. An extended Kalman filter predicts the
-        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-        is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
-        interpolation error that the map implies.
+        position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+        `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+        between the nodes that follows from the map; else the map is assumed exact.
     offset_window_s : float, optional
         Length of the window from the start of a line over which the mean of measurement minus
         prediction is computed. This offset is subtracted before filtering, because compensation
@@ -4443,6 +4552,17 @@ def crlb(
         `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: s. Allowed: 0 or above.
         Unset: time stamps are exact; with `tuning = "auto"` 1.0 if a lag clearly increases the
         likelihood.
+    map_height_sigma_m : float, optional
+        Prior standard deviation of a height bias: the height of the aircraft above its assumed
+        height on the map. It comes from a barometer with a constant error, from a geoid height
+        that is missing, or from a wrong map height. If set, the bias is a state of the filter,
+        constant along the line. It changes the prediction of the scalar field only, and not
+        `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
+        `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits
+        this state. Appends `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`,
+        `iekf` and `ukf`. Unit: m. Allowed: 0 or above. Unset: with `tuning = "auto"` 50 if the
+        levels of the map contain the bias and it increases the likelihood clearly; else the
+        height is exact.
     permanent_change_sigma_nt : float, optional
         Standard deviation of the change of the aircraft's permanent field since its
         calibration, for each component (nose, right, down). The three components are further

@@ -2471,33 +2471,44 @@ class StageMethods:
         seed : int, optional
             Seed of the initial weights. Default: `0`.
         tuning : {"auto", "magnav"}, optional
-            Source of unset parameters, as in `navigate`. Default: `"auto"`.
+            Source of unset parameters. `auto` estimates the noise of each line from the likelihood
+            of its innovations, rejects outliers, and continues a map of known height to the flight
+            heights. `magnav` uses the defaults of MagNav.jl, no gate, and the map at its own
+            height. A key in the spec overrides either. Default: `"auto"`.
         mag : ListLike, optional
-            Measured field of one or several magnetometers. The filter uses their mean. Unit: nT.
-            Default: `["mag_c"]`.
+            Measured field of one or several magnetometers. A filter that cannot process
+            magnetometers separately uses their mean at each sample, with the noise of a mean of
+            independent readings. Each magnetometer has its own offset. Unit: nT. Default:
+            `["mag_c"]`.
         core_field : bool, optional
             Predicts the core field as part of the measurement. `false`: the measurement is an
             anomaly. Default: `true`.
         remove_diurnal : bool, optional
-            Subtracts the column `diurnal` from the measurement. A sample with a NaN in `diurnal`
-            has no measurement. Unset: true if the flight has the column and the measurement still
-            contains it.
+            Subtracts the column `diurnal` from the measurement, so that the filter need not
+            estimate the temporal variation. A sample with a NaN in `diurnal` has no measurement.
+            Unset: true if the flight has the column and the measurement still contains it.
         decimal_year : float, optional
             Date of the core field as a decimal year. Replaces the flight's date. Unit: a. Allowed:
             1900 to 2030. Unset: the flight's own date.
         map_interpolation : {"linear", "quadratic", "cubic"}, optional
-            Interpolation of the map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
+            Interpolation of the map. The field above its sources is smooth, so a spline is closer
+            to it than a bilinear map. Unset: `cubic` with `tuning = "auto"`, else `linear`.
         map_levels_m : ListLike, optional
-            Heights above the ellipsoid, ascending, to which the map is continued. Unit: m. Unset:
-            continued to the flight heights with `tuning = "auto"`, else used at its own height.
+            Heights above the ellipsoid, ascending, to which the map is continued. Between them the
+            map is interpolated linearly. Unit: m. Unset: continued to the flight heights with
+            `tuning = "auto"`, else used at its own height.
         map_error_length_m : float, optional
-            Correlation length of the map error, for a map with the column `error`. Unit: m.
-            Allowed: above 0. Unset: the map is assumed exact; `tuning = "auto"` estimates a factor
-            on the column `error`, or on the interpolation error that the map implies.
+            Correlation length of the map error, for a map with the column `error` (`map_grid`,
+            `track_map`); typically the spacing of its survey lines. The equivalent white noise is
+            added to the measurement noise of each sample. An extended Kalman filter predicts the
+            position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+            `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+            between the nodes that follows from the map; else the map is assumed exact.
         offset_window_s : float, optional
             Length of the window from the start of a line over which the mean of measurement minus
-            prediction is computed and subtracted. 0 subtracts nothing. Unit: s. Allowed: 0 or
-            above. Default: `0.0`.
+            prediction is computed. This offset is subtracted before filtering, because compensation
+            leaves a constant undetermined. 0 subtracts nothing. Unit: s. Allowed: 0 or above.
+            Default: `0.0`.
         measurement_sigma_nt : float | {"auto"}, optional
             Standard deviation of the white noise of a measurement: sensor, map and residual of the
             compensation. `"auto"` uses the residual of the calibration, from the column
@@ -2694,6 +2705,7 @@ class StageMethods:
         map_sigma_nt: float | Axis | None = None,
         map_sigma_length_m: float | Axis | None = None,
         mag_latency_sigma_s: float | Axis | None = None,
+        map_height_sigma_m: float | Axis | None = None,
         permanent_change_sigma_nt: float | Axis | None = None,
         permanent_change_tau_s: float | Axis | None = None,
         flat_over_m: float | Axis | None = None,
@@ -2850,9 +2862,9 @@ class StageMethods:
             Correlation length of the map error, for a map with the column `error` (`map_grid`,
             `track_map`); typically the spacing of its survey lines. The equivalent white noise is
             added to the measurement noise of each sample. An extended Kalman filter predicts the
-            position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: the map
-            is assumed exact; `tuning = "auto"` estimates a factor on the column `error`, or on the
-            interpolation error that the map implies.
+            position at which the map error is looked up. Unit: m. Allowed: above 0. Unset: with
+            `tuning = "auto"` the likelihood gives the weight of the column `error`, or of the error
+            between the nodes that follows from the map; else the map is assumed exact.
         offset_window_s : float, optional
             Length of the window from the start of a line over which the mean of measurement minus
             prediction is computed. This offset is subtracted before filtering, because compensation
@@ -3120,6 +3132,18 @@ class StageMethods:
             omits this state. Appends `mag_latency` and `mag_latency_sigma`. Available in `ekf`,
             `iekf` and `ukf`. Unit: s. Allowed: 0 or above. Unset: time stamps are exact; with
             `tuning = "auto"` 1.0 if a lag clearly increases the likelihood.
+        map_height_sigma_m : float, optional
+            For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
+            `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Prior standard deviation of a height bias: the
+            height of the aircraft above its assumed height on the map. It comes from a barometer
+            with a constant error, from a geoid height that is missing, or from a wrong map height.
+            If set, the bias is a state of the filter, constant along the line. It changes the
+            prediction of the scalar field only, and not `alt`. Requires a map at the heights of the
+            bias: `map_levels_m`, or with this key and `tuning = "auto"` a continuation to twice
+            this height below and above the line. 0 omits this state. Appends `map_height_bias` and
+            `map_height_bias_sigma`. Available in `ekf`, `iekf` and `ukf`. Unit: m. Allowed: 0 or
+            above. Unset: with `tuning = "auto"` 50 if the levels of the map contain the bias and it
+            increases the likelihood clearly; else the height is exact.
         permanent_change_sigma_nt : float, optional
             For `ekf`, `iekf`, `ukf`, `ekf_adaptive`, `ekf_online_tl`, `ekf_online_nn`, `fixed_lag`,
             `rts`, `mpf`, `mpf_then_ekf`, `crlb`: Standard deviation of the change of the aircraft's

@@ -115,7 +115,10 @@ pub fn work(config: &WorkerConfig, on_receipt: ReceiptHandler) -> Result<WorkerE
         .mode(0o700)
         .create(&own)
         .map_err(|e| Fault::machine(format!("cannot make the folder {}: {e}", own.display())))?;
-    let ended = crew.attended(&scheduler, || executed(config, name, &own));
+    // `None` if the scheduler was lost since the caller found it.
+    let started = scheduler.name().ok();
+    let is_lost = || started.is_none() || scheduler.name().ok() != started;
+    let ended = crew.attended(&scheduler, || executed(config, name, &own, is_lost));
     // The receipts were fetched; remaining files are in a temporary folder.
     let _ = fs::remove_dir_all(&own);
     match (AT_ODDS.get(), ended) {
@@ -128,7 +131,14 @@ fn short() -> String {
     Uuid::new_v4().simple().to_string().chars().take(8).collect()
 }
 
-fn executed(config: &WorkerConfig, name: String, folder: &Path) -> Result<WorkerExit, Fault> {
+/// Executes tasks in `folder` until the end of this worker. `is_lost` returns whether the scheduler has ended since this
+/// worker started.
+fn executed(
+    config: &WorkerConfig,
+    name: String,
+    folder: &Path,
+    is_lost: impl Fn() -> bool,
+) -> Result<WorkerExit, Fault> {
     let listeners = listeners(config)?;
     let port = |listener: &TcpListener| listener.local_addr().map_or(0, |a| a.port());
     let ports = (port(&listeners.0), port(&listeners.1));
@@ -153,6 +163,8 @@ fn executed(config: &WorkerConfig, name: String, folder: &Path) -> Result<Worker
     match ended {
         Ok(()) if INTERRUPTED.load(Ordering::SeqCst) => Ok(WorkerExit::Requested),
         Ok(()) => Ok(WorkerExit::Alone),
+        // A scheduler that ends during the registration does not reject the worker.
+        Err(_) if is_lost() => Ok(WorkerExit::Alone),
         Err(e) => {
             let what = format!("the scheduler at {}:{} rejects this worker: {e}", config.host, config.port);
             Err(Fault::machine(what).help(format!(
