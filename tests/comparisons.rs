@@ -74,17 +74,17 @@ fn unit_linear_models_and_networks_are_fitted_on_the_same_lines() {
             }
         }
     }
-    // Two linear models of thesis_000_networks.toml, one with three networks; three of thesis_000_sweep.toml.
+    // Two linear models of gnadt_2022_networks.toml, one with three networks; three of gnadt_2022_sweep.toml.
     assert_eq!(compared, 3 + 1 + 3);
 }
 
 #[test]
 fn unit_networks_are_compared_over_ten_seeds() {
-    for name in ["thesis_000_networks.toml", "thesis_000_network_navigation.toml"] {
+    for name in ["gnadt_2022_networks.toml", "gnadt_2022_network_navigation.toml"] {
         let example = example(name);
         assert!(example.axis("seed").len() >= 10, "{name}: {:?}", example.axis("seed"));
     }
-    let sql = fs::read_to_string(repository().join("datasets/examples/thesis_000_networks.sql")).unwrap();
+    let sql = fs::read_to_string(repository().join("datasets/examples/gnadt_2022_networks.sql")).unwrap();
     assert!(sql.contains("better_than_pls"), "the query counts the seeds that are better than PLS");
 }
 

@@ -194,7 +194,7 @@ fn rms(folder: &Path, table: &str, words: &[(&str, &str)], figures: &[(&str, f64
 }
 
 #[test]
-fn ref_models_rank_as_in_thesis_000() {
+fn ref_models_rank_as_in_gnadt_2022() {
     let fewer = [
         "axes.mag=[\"mag_4_uc\", \"mag_5_uc\"]",
         "axes.other=[\"mag_4_uc\"]",
@@ -202,10 +202,10 @@ fn ref_models_rank_as_in_thesis_000() {
         "axes.vectors=[[\"TL_A_flux_a\"], [\"TL_A_flux_a\", \"TL_A_flux_c\"]]",
         "axes.ridge=[0.025]",
     ];
-    let (folder, last) = run_with("thesis_000.toml", &fewer);
+    let (folder, last) = run_with("gnadt_2022.toml", &fewer);
     assert_eq!(last["failed"], 0);
     let of = |model: &str, train: &str, figures: &[(&str, f64)]| {
-        rms(folder.path(), &format!("thesis_000/{model}_scores"), &[("train", train)], figures)
+        rms(folder.path(), &format!("gnadt_2022/{model}_scores"), &[("train", train)], figures)
     };
     // Table 3.3: Tolles-Lawson is best with one box.
     let classical = of("classical", "box", &[("lambda", 0.025)]);
@@ -220,11 +220,11 @@ fn ref_models_rank_as_in_thesis_000() {
     assert!((net / plsr - 1.0).abs() < 0.4, "{net} {plsr}");
     // Tables 4.10, 4.13 and 4.14: magnetometer 5 is best. Partial least squares on hours is better than Tolles-Lawson
     // on a box. A second vector magnetometer and more features reduce the error.
-    let pooled = |table: &str, words: &[(&str, &str)]| rms(folder.path(), &format!("thesis_000/{table}"), words, &[]);
+    let pooled = |table: &str, words: &[(&str, &str)]| rms(folder.path(), &format!("gnadt_2022/{table}"), words, &[]);
     let (four, five) = (pooled("box", &[("mag", "mag_4_uc")]), pooled("box", &[("mag", "mag_5_uc")]));
     assert!(five < four);
     for mag in ["mag_4_uc", "mag_5_uc"] {
-        let single = read(&folder.path().join("store/tables/thesis_000/single"));
+        let single = read(&folder.path().join("store/tables/gnadt_2022/single"));
         let (mags, values) = (texts(&single, "mag"), numbers(&single, "value"));
         let errors: Vec<f64> = (0..values.len()).filter(|i| mags[*i] == mag).map(|i| values[i]).collect();
         assert!(errors.len() == 2 && errors[1] < errors[0] && errors[0] < five, "{errors:?}");
@@ -234,7 +234,7 @@ fn ref_models_rank_as_in_thesis_000() {
         );
         assert!(one < two && two < five, "{one} {two}");
     }
-    let overfitting = read(&folder.path().join("store/tables/thesis_000/overfitting"));
+    let overfitting = read(&folder.path().join("store/tables/gnadt_2022/overfitting"));
     assert!(texts(&overfitting, "metric").contains(&"overfitting_ratio".to_owned()));
 }
 
@@ -273,7 +273,7 @@ fn ref_errors_decrease_from_tolles_lawson_to_partial_least_squares_to_a_network(
         "axes.model=[\"m2c\"]",
         "axes.seed=[1]",
     ];
-    let spec = repository().join("datasets/examples/thesis_000_networks.toml").display().to_string();
+    let spec = repository().join("datasets/examples/gnadt_2022_networks.toml").display().to_string();
     let folder = TempDir::new().unwrap();
     let store = format!("store={}", folder.path().join("store").display());
     let sets = fewer.iter().chain([&store.as_str()]).flat_map(|set| ["--set", *set]).collect::<Vec<_>>();
@@ -282,7 +282,7 @@ fn ref_errors_decrease_from_tolles_lawson_to_partial_least_squares_to_a_network(
         assert!(output.status.success(), "{}", stderr(&output));
     }
     let error = |table: &str, axis: &str, model: &str| {
-        let scores = read(&folder.path().join("store/tables/thesis_000_networks").join(table));
+        let scores = read(&folder.path().join("store/tables/gnadt_2022_networks").join(table));
         let (metrics, values) = (texts(&scores, "metric"), numbers(&scores, "value"));
         let models = texts(&scores, axis);
         values[(0..values.len()).find(|&i| metrics[i] == "std_error" && models[i] == model).unwrap()]
@@ -307,7 +307,7 @@ fn sgl_paths(flights: &Path, map: &Path) -> [String; 3] {
 fn user_the_specs_for_the_real_survey_accept_its_columns() {
     let folder = TempDir::new().unwrap();
     let samples = repository().join("datasets/samples");
-    let specs = ["thesis_000.toml", "thesis_000_networks.toml", "thesis_000_sweep.toml", "thesis_000_navigation.toml"];
+    let specs = ["gnadt_2022.toml", "gnadt_2022_networks.toml", "gnadt_2022_sweep.toml", "gnadt_2022_navigation.toml"];
     for spec in specs.into_iter().chain(["published/ridge.toml", "published/sgl_lines.toml"]) {
         let path = repository().join("datasets/examples").join(spec).display().to_string();
         for file in ["Flt1003_sample.xyz", "sgl_2020.h5"] {
@@ -358,7 +358,7 @@ fn user_the_spec_for_sgl_lines_reports_missing_files_and_runs_on_the_twin() {
 }
 
 #[test]
-fn ref_the_best_ridge_parameter_is_that_of_thesis_000() {
+fn ref_the_best_ridge_parameter_is_that_of_gnadt_2022() {
     let fewer = ["axes.terms=[[\"permanent\", \"induced\", \"eddy\"]]", "axes.ridge=[0.0, 0.1, 10.0]"];
     let (folder, last) = run_with("published/ridge.toml", &fewer);
     assert_eq!(last["failed"], 0);
@@ -368,11 +368,11 @@ fn ref_the_best_ridge_parameter_is_that_of_thesis_000() {
 }
 
 #[test]
-fn ref_a_drone_is_compensated_as_in_thesis_004() {
-    let (folder, last) = run("thesis_004.toml");
+fn ref_a_drone_is_compensated_as_in_van_der_meer_2025() {
+    let (folder, last) = run("van_der_meer_2025.toml");
     assert_eq!(last["failed"], 0);
     let mean = |side: &str, model: &str, mag: &str, metric: &str| {
-        let scores = read(&folder.path().join(format!("store/tables/thesis_004/{side}_{model}_scores")));
+        let scores = read(&folder.path().join(format!("store/tables/van_der_meer_2025/{side}_{model}_scores")));
         let (mags, metrics, values) = (texts(&scores, side), texts(&scores, "metric"), numbers(&scores, "value"));
         let chosen: Vec<f64> =
             (0..values.len()).filter(|i| mags[*i] == mag && metrics[*i] == metric).map(|i| values[i]).collect();

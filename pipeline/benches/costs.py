@@ -12,9 +12,9 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-EXAMPLES = ["tolles_lawson", "navigation", "osborne", "map", "retention", "thesis_000", "thesis_004", "survey_to_map",
-            "monte_carlo", "cold_start", "second_aircraft", "thesis_000_2021", "thesis_001_calibration", "uav", "search",
-            "real_sensors", "thesis_000_networks"]
+EXAMPLES = ["tolles_lawson", "navigation", "osborne", "map", "retention", "gnadt_2022", "van_der_meer_2025", "survey_to_map",
+            "monte_carlo", "cold_start", "second_aircraft", "gnadt_2022_second_aircraft", "lee_2019_calibration", "uav", "search",
+            "real_sensors", "gnadt_2022_networks"]
 
 
 def specs(names):

@@ -77,7 +77,7 @@ class Faults(unittest.TestCase):
     def test_names_must_exist(self) -> None:
         for old, new, part in [
             ("`ekf_adaptive`", "`ekf_adaptve`", "not in the reference"),
-            ("`thesis_000.toml`", "`thesis_00.toml`", "no such example or preset"),
+            ("`gnadt_2022.toml`", "`gnadt_202.toml`", "no such example or preset"),
             ("`magline map info`", "`magline map inf`", "no such command"),
             ("`magline map plot --track`", "`magline map plot --trak`", "no flag --trak"),
             ("`magline.core_field.igrf`", "`magline.core_field.igf`", "no such function"),

@@ -223,7 +223,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ref_table_3_1_of_thesis_000() {
+    fn ref_table_3_1_of_gnadt_2022() {
         // cosX and cosYZ of lines 1001.01, 1002.02 and 1006.04.
         let models = [("1001.01", [1974.0, -18.0]), ("1002.02", [1798.0, 180.0]), ("1006.04", [1243.0, 190.0])];
         let found = ModelCoefficients {

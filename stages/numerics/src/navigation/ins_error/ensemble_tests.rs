@@ -93,7 +93,7 @@ fn apart(a: &StateVector, b: &StateVector, p: &StateMatrix) -> f64 {
 }
 
 #[test]
-fn ref_grades_of_thesis_001() {
+fn ref_grades_of_lee_2019() {
     // Tables 9 and 10: position 0, height 5 m, and velocity and tilt with the numbers of the biases.
     let printed = [
         (InsGrade::Navigation, [1e-12, 2.4525e-4, 5.8178e-7, 1.4544e-8]),

@@ -1,8 +1,8 @@
--- Improvement ratio and overfitting ratio of the networks of `thesis_004_networks.toml` over ten seeds: median, second smallest
+-- Improvement ratio and overfitting ratio of the networks of `van_der_meer_2025_networks.toml` over ten seeds: median, second smallest
 -- and second largest. Means over the test manoeuvres of each flight, then over flights.
 with scores as (
-    select 'left' as wing, "left" as sensor, sortie, linear, inputs, seed, line, metric, value from thesis_004_networks.left_network
-    union all select 'right', "right", sortie, linear, inputs, seed, line, metric, value from thesis_004_networks.right_network
+    select 'left' as wing, "left" as sensor, sortie, linear, inputs, seed, line, metric, value from van_der_meer_2025_networks.left_network
+    union all select 'right', "right", sortie, linear, inputs, seed, line, metric, value from van_der_meer_2025_networks.right_network
 ), f as (
     select wing, sensor, sortie, linear, inputs, seed,
            avg(case when metric = 'improvement_ratio' and line not in ('1', '5', '7') then value end) as ratio,

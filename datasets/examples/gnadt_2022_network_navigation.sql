@@ -2,20 +2,20 @@
 -- tables. It is the root mean square over the INS realisations; for networks, the median over ten seeds. The columns `_low`
 -- and `_high` are the second smallest and the second largest value: a 97.9 % interval of the median.
 with compensated as (
-    select mag, "set" as features, seed, line, sqrt(avg(value * value)) as value from thesis_000_network_navigation.network_scores
+    select mag, "set" as features, seed, line, sqrt(avg(value * value)) as value from gnadt_2022_network_navigation.network_scores
     where metric = 'drms' and ((mag = 'mag_3_uc' and sigma > 50) or (mag = 'mag_4_uc' and sigma between 20 and 50) or (mag = 'mag_5_uc' and sigma < 20))
     group by mag, "set", seed, line
 ),
 left_nt as (
-    select mag, "set" as features, seed, line, avg(value) as value from thesis_000_network_navigation.network_scores
+    select mag, "set" as features, seed, line, avg(value) as value from gnadt_2022_network_navigation.network_scores
     where metric = 'std_error' group by mag, "set", seed, line
 ),
 trained as (
-    select mag, "set" as features, seed, line, sqrt(avg(value * value)) as value from thesis_000_network_navigation.online_network_scores
+    select mag, "set" as features, seed, line, sqrt(avg(value * value)) as value from gnadt_2022_network_navigation.online_network_scores
     where metric = 'drms' group by mag, "set", seed, line
 ),
 raw as (
-    select mag, line, sqrt(avg(value * value)) as drms from thesis_000_network_navigation.online_raw_scores
+    select mag, line, sqrt(avg(value * value)) as drms from gnadt_2022_network_navigation.online_raw_scores
     where metric = 'drms' group by mag, line
 ),
 figures as (

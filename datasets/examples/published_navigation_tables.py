@@ -1,7 +1,7 @@
-"""Prints the results of thesis_000_navigation, thesis_000_2021, thesis_001 and thesis_001_calibration with the published
+"""Prints the results of gnadt_2022_navigation, gnadt_2022_second_aircraft, lee_2019 and lee_2019_calibration with the published
 tables.
 
-    python thesis_navigation_tables.py STORE
+    python published_navigation_tables.py STORE
 
 STORE is the store of the runs; pipelines without results are skipped. Needs pandas and pyarrow.
 Published: Gnadt 2022 (MIT), Lee 2019 (AFIT). Several realisations of an INS, and several flights, are combined by their
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from thesis_tables import show, table
+from published_tables import show, table
 
 LINES = ["1003.10", "1007.04", "1007.06"]
 # Tables 6.1, 6.3 and 6.5: error of Tolles-Lawson, PLSR and model 2c; nT.
@@ -82,9 +82,9 @@ def with_published(heads: list[str]) -> list[str]:
     return [x for head in heads for x in (head, "published")]
 
 
-def thesis_000_navigation(store: Path) -> None:
+def gnadt_2022_navigation(store: Path) -> None:
     names = ["tl", "pls", "honest", "stinger", "alone", "online_boxes", "online_cold", "lagged", "adaptive_4", "adaptive_5"]
-    d = {name: table(store, f"thesis_000_navigation/{name}_scores") for name in names}
+    d = {name: table(store, f"gnadt_2022_navigation/{name}_scores") for name in names}
     for (mag, chosen), (number, published) in ERRORS.items():
         rows = []
         for line, known in zip(LINES, published):
@@ -127,10 +127,10 @@ def thesis_000_navigation(store: Path) -> None:
     show("All linear models and filters, lines of Gnadt 2022; DRMS, m", ["filter", "mag"] + LINES + ["NEES (2)", "NIS (1)"], rows)
 
 
-def thesis_000_2021(store: Path) -> None:
+def gnadt_2022_second_aircraft(store: Path) -> None:
     names = ["any", "tl_2020_at_home", "pls_2020_at_home", "tl_2020_abroad", "pls_2020_abroad", "tl", "pls", "set", "alone", "stinger",
              "cabin", "online"]
-    d = {name: table(store, f"thesis_000_2021/{name}_scores") for name in names}
+    d = {name: table(store, f"gnadt_2022_second_aircraft/{name}_scores") for name in names}
     rows = []
     for mag, known in OTHER_AIRCRAFT.items():
         ours = [pooled(d["any"], "std_uncompensated", mag=mag)] + [pooled(d["any"], "std_error", mag=mag, vector=f"flux_{v}") for v in "acd"]
@@ -180,16 +180,16 @@ def merit(track: pd.DataFrame) -> float:
     return float((squares / pairs) ** 0.5) if pairs else float("nan")
 
 
-def thesis_001(store: Path) -> None:
+def lee_2019(store: Path) -> None:
     axes = ["rms_north", "rms_east", "drms"]
     heads = ["north", "east", "DRMS"]
-    ins, slam, smoothed, by_thesis = [table(store, f"thesis_001/survey_{name}_scores") for name in ("ins", "slam", "smoothed", "thesis")]
+    ins, slam, smoothed, by_thesis = [table(store, f"lee_2019/survey_{name}_scores") for name in ("ins", "slam", "smoothed", "thesis")]
     rows = [["INS alone"] + beside([pooled(ins, m) for m in axes], SURVEY["INS alone"])]
     rows += [[f"SLAM, {how}, as published"] + beside([pooled(by_thesis, m, expected=how) for m in axes], SURVEY[how]) for how in ("regression", "inverse_distance")]
     rows += [["SLAM, defaults"] + beside([pooled(slam, m) for m in axes], [None] * 3)]
     rows += [["SLAM, smoothed"] + beside([pooled(smoothed, m) for m in axes], [None] * 3)]
     show("Lee 2019, Table 2: 100 minutes with a navigation-grade INS; m", ["method"] + with_published(heads), rows)
-    ins, slam, smoothed = [table(store, f"thesis_001/{name}_scores") for name in ("ins", "slam", "smoothed")]
+    ins, slam, smoothed = [table(store, f"lee_2019/{name}_scores") for name in ("ins", "slam", "smoothed")]
     rows = []
     for grade, (alone, held) in LOITER.items():
         rows.append([f"{grade}, INS alone"] + beside([pooled(ins, m, grade=grade) for m in axes], alone) + [worst(ins, grade)])
@@ -197,8 +197,8 @@ def thesis_001(store: Path) -> None:
         rows.append([f"{grade}, SLAM, smoothed"] + beside([pooled(smoothed, m, grade=grade) for m in axes], [None] * 3) + [worst(smoothed, grade)])
     show("Lee 2019, Table 11: 14 minutes; m", ["grade"] + with_published(heads) + ["DRMS of each flight"], rows)
     keys = ["grade", "flight", "line", "tt"]
-    measured = table(store, "thesis_001/loiter")[keys + ["mag_1_uc"]]
-    tracks = {name: table(store, f"thesis_001/{name}")[keys + ["lat", "lon"]].merge(measured, on=keys) for name in ("ins", "slam", "smoothed")}
+    measured = table(store, "lee_2019/loiter")[keys + ["mag_1_uc"]]
+    tracks = {name: table(store, f"lee_2019/{name}")[keys + ["lat", "lon"]].merge(measured, on=keys) for name in ("ins", "slam", "smoothed")}
     rows = []
     for grade, known in MERIT.items():
         ours = [pooled(ins, "figure_of_merit_crossings", grade=grade)]
@@ -214,8 +214,8 @@ def worst(d: pd.DataFrame, grade: str) -> str:
     return ", ".join(f"{x:.0f}" for x in values) or "-"
 
 
-def thesis_001_calibration(store: Path) -> None:
-    d = {name: table(store, f"thesis_001_calibration/{name}") for name in
+def lee_2019_calibration(store: Path) -> None:
+    d = {name: table(store, f"lee_2019_calibration/{name}") for name in
          ["tl_own_scores", "tls_own_scores", "mtl_own_scores", "mtll_own_scores", "raw_merit", "merit"]}
     rows = []
     for line, (raw, calibrated, on) in MERITS.items():
@@ -232,6 +232,6 @@ def thesis_001_calibration(store: Path) -> None:
 
 if __name__ == "__main__":
     place = Path(sys.argv[1] if len(sys.argv) > 1 else "store")
-    for told in [thesis_000_navigation, thesis_000_2021, thesis_001, thesis_001_calibration]:
+    for told in [gnadt_2022_navigation, gnadt_2022_second_aircraft, lee_2019, lee_2019_calibration]:
         if (place / "tables" / told.__name__).is_dir():
             told(place)

@@ -1,6 +1,6 @@
-"""Prints the results of thesis_000.toml and thesis_004.toml with the published tables.
+"""Prints the results of gnadt_2022.toml and van_der_meer_2025.toml with the published tables.
 
-    python thesis_tables.py STORE
+    python published_tables.py STORE
 
 STORE is the store of the runs; pipelines without results are skipped. Needs pandas and pyarrow.
 Published: Gnadt 2022 (MIT), van der Meer 2025 (Delft).
@@ -54,7 +54,7 @@ def of_lines(store: Path, train: str, published: list, lam: float, penalty: floa
     columns = []
     for model, axis, value in [("classical", "lambda", lam), ("modified", "lambda", lam), ("net", "penalty", penalty),
                                ("plsr", "components", components)]:
-        d = table(store, f"thesis_000/{model}_scores")
+        d = table(store, f"gnadt_2022/{model}_scores")
         d = d[(d.metric == "std_error") & (d.train == train) & (d[axis] == value)]
         columns.append(dict(zip(d.line, d.value)))
     rows = [[line] + [x for c, p in zip(columns, known) for x in (c.get(line), p)]
@@ -65,12 +65,12 @@ def of_lines(store: Path, train: str, published: list, lam: float, penalty: floa
 
 
 def pooled(store: Path, name: str, keys: list[str]) -> dict:
-    d = table(store, f"thesis_000/{name}")
+    d = table(store, f"gnadt_2022/{name}")
     d = d[d.metric == "std_error"]
     return {tuple(k): v for *k, v in d[keys + ["value"]].itertuples(index=False)}
 
 
-def thesis_000(store: Path) -> None:
+def gnadt_2022(store: Path) -> None:
     of_lines(store, "box", BOX, 0.025, 0.0005, 2)
     of_lines(store, "hours", HOURS, 0.25, 0.0005, 18)
     box, single = pooled(store, "box", ["mag", "vector"]), pooled(store, "single", ["mag", "vectors"])
@@ -88,19 +88,19 @@ def thesis_000(store: Path) -> None:
     small = pooled(store, "small", ["mag", "set"])
     rows = [[s, m, small.get((f"mag_{m}_uc", s)), p] for (m, s), p in SMALL_PLS.items()]
     show("Gnadt 2022, Tables 4.13 and 4.14: small feature sets, Flux A; nT", ["set", "mag", "PLSR", "published"], rows)
-    fits = table(store, "thesis_000/calibrated")
+    fits = table(store, "gnadt_2022/calibrated")
     spread = fits.groupby(["ridge", "term"]).value.agg(lambda x: x.std() / abs(x.mean())).groupby("ridge")
     show("Gnadt 2022, Figure 3-8: coefficient of variation over five calibrations, 9 terms", ["lambda", "median", "mean"],
          [[r, m, a] for (r, m), a in zip(spread.median().items(), spread.mean())])
 
 
-def thesis_004(store: Path) -> None:
+def van_der_meer_2025(store: Path) -> None:
     rows = []
     for side, mags in [("left", ["mag_1_uc", "flux_a_t"]), ("right", ["mag_2_uc", "flux_b_t"])]:
         for mag in mags:
             row = [mag]
             for i, model in enumerate(["plain", "ridge", "extended"]):
-                d = table(store, f"thesis_004/{side}_{model}_scores")
+                d = table(store, f"van_der_meer_2025/{side}_{model}_scores")
                 d = d[d[side] == mag]
                 mean = d.groupby("metric").value.mean()
                 if i == 0:
@@ -113,6 +113,6 @@ def thesis_004(store: Path) -> None:
 
 if __name__ == "__main__":
     place = Path(sys.argv[1] if len(sys.argv) > 1 else "store")
-    for name, told in [("thesis_000", thesis_000), ("thesis_004", thesis_004)]:
+    for name, told in [("gnadt_2022", gnadt_2022), ("van_der_meer_2025", van_der_meer_2025)]:
         if (place / "tables" / name).is_dir():
             told(place)

@@ -2,10 +2,10 @@
 -- by that on calibration manoeuvres; mean anomaly retention on test manoeuvres. Linear models (`inputs` -) come first, then
 -- networks.
 with scores as (
-    select 'left' as wing, "left" as sensor, sortie, linear, '-' as inputs, 0 as epochs, line, metric, value from thesis_004_networks.left_linear
-    union all select 'right', "right", sortie, linear, '-', 0, line, metric, value from thesis_004_networks.right_linear
-    union all select 'left', "left", sortie, linear, inputs, epochs, line, metric, value from thesis_004_networks.left_network
-    union all select 'right', "right", sortie, linear, inputs, epochs, line, metric, value from thesis_004_networks.right_network
+    select 'left' as wing, "left" as sensor, sortie, linear, '-' as inputs, 0 as epochs, line, metric, value from van_der_meer_2025_networks.left_linear
+    union all select 'right', "right", sortie, linear, '-', 0, line, metric, value from van_der_meer_2025_networks.right_linear
+    union all select 'left', "left", sortie, linear, inputs, epochs, line, metric, value from van_der_meer_2025_networks.left_network
+    union all select 'right', "right", sortie, linear, inputs, epochs, line, metric, value from van_der_meer_2025_networks.right_network
 ), of_flight as (
     select wing, sensor, sortie, linear, inputs, epochs,
            avg(case when metric = 'improvement_ratio' and line not in ('1', '5', '7') then value end) as ratio,

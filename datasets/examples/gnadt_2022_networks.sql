@@ -5,16 +5,16 @@
 -- seeds. `_better` counts the seeds with a smaller error than PLS; 9 or 10 of ten, or 0 or 1, are significant at 5 %.
 -- `kept` is the smallest anomaly retention of all models except Tolles-Lawson on the box; it is empty if the true anomaly is
 -- unknown.
-with box as (select mag, min(value) as value from thesis_000_networks.box where metric = 'std_error' group by mag),
+with box as (select mag, min(value) as value from gnadt_2022_networks.box where metric = 'std_error' group by mag),
 linear as (
-    select mag, vectors as inputs, linear, metric, value from thesis_000_networks.linear
-    union all select mag, "set", linear, metric, value from thesis_000_networks.small_linear
+    select mag, vectors as inputs, linear, metric, value from gnadt_2022_networks.linear
+    union all select mag, "set", linear, metric, value from gnadt_2022_networks.small_linear
 ),
 network as (
-    select mag, vectors as inputs, model, metric, value from thesis_000_networks.network
-    union all select mag, vectors, 'm1', metric, value from thesis_000_networks.m1
-    union all select mag, vectors, 'wide', metric, value from thesis_000_networks.wide
-    union all select mag, "set", 'm2c', metric, value from thesis_000_networks.small_network
+    select mag, vectors as inputs, model, metric, value from gnadt_2022_networks.network
+    union all select mag, vectors, 'm1', metric, value from gnadt_2022_networks.m1
+    union all select mag, vectors, 'wide', metric, value from gnadt_2022_networks.wide
+    union all select mag, "set", 'm2c', metric, value from gnadt_2022_networks.small_network
 ),
 linear_wide as (
     select mag, inputs, max(case when linear = 'pls' then value end) as pls, max(case when linear = 'ridge' then value end) as ridge
