@@ -4,7 +4,7 @@
 
 writes natural_cubic.in (a natural cubic spline) and transition.csv (matrix exponentials of the
 Pinson matrix and the integral of the process noise). Run with numpy 2.4.6, scipy 1.17.1.
-The matrix is written down here from thesis 000 (5.16)-(5.32), apart from the program's own code.
+The matrix is written down here from Gnadt 2022, (5.16) to (5.32), apart from the program's own code.
 """
 
 from pathlib import Path
