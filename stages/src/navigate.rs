@@ -80,9 +80,9 @@ stage! {
     /// filter makes only the time update, and `residual` and `nis` are NaN.
     ///
     /// A flat map without a core field corrects the temporal variation only. With a core field, the slope of the core
-    /// field also corrects the position slightly. A NaN in an INS column is rejected, and the error names its row.
-    /// Missing velocities, specific forces and attitudes are derived from the INS positions (attitude: level, along the
-    /// course).
+    /// field also corrects the position slightly. A NaN in an INS column is rejected, and the error message gives its
+    /// row. Missing velocities, specific forces and attitudes are derived from the INS positions. A derived attitude is
+    /// level, with the yaw along the course.
     ///
     /// The map is used at its own height unless `map_levels_m` or `tuning = "auto"` continues it. `map_height_error` is
     /// the expected rms error of the whole map at the mean height of the line, from the spectrum of the map. For a

@@ -54,10 +54,10 @@ filter! {
     loss_scale: f64, unit "1", default 2.5, rule Rule::Positive;
     /// Maximum number of iterations per window.
     iterations: usize, unit "", default 15usize;
-    /// Standard deviation of the slow aircraft field that its coefficients do not explain; 0 for none.
+    /// Standard deviation of the slowly varying aircraft field that the coefficients do not explain; 0 for none.
     aircraft_sigma_nt: Option<f64>, unit "nT",
         absent "30.0, or 0 if `tuning = \"auto\"` estimates the noise of the line, which then includes it", rule Rule::NotNegative;
-    /// Time constant of that slow aircraft field.
+    /// Time constant of this slowly varying aircraft field.
     aircraft_tau_s: f64, unit "s", default 300.0, rule Rule::Positive;
     /// Random walk of every coefficient in one hour, as a fraction of its prior standard deviation; 0 for constants.
     walk_per_hour: f64, unit "1", default 0.0, rule Rule::NotNegative;

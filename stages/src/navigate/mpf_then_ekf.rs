@@ -38,7 +38,7 @@ filter! {
     particles: Option<usize>, unit "1",
         absent "from 1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`",
         rule Rule::Between(1.0, 1000000.0);
-    /// Seed of all random draws. The same seed gives the same bits on any number of threads.
+    /// Seed of all random draws. The same seed gives bit-identical results on any number of threads.
     seed: usize, unit "", default 0usize;
     /// Distance over which the map is nearly linear; typically its height above the sources. A wider cloud has one
     /// kernel for each of its parts.
