@@ -22,9 +22,9 @@ stage! {
     /// on its native grid: the position is projected, and the slopes are rotated back to north and east.
     ///
     /// By default the map is used at its native height and has no vertical slope. `map_levels_m` gives heights to which
-    /// the map is continued. The stage interpolates between them, so that the values follow climbs and descents. A
-    /// sample more than half a step above or below the levels is NaN. Downward continuation amplifies short
-    /// wavelengths, so keep the levels at or above the map.
+    /// the map is continued. The stage interpolates between them, so that the values follow climbs and descents. The
+    /// result is NaN for a sample more than half a step above or below the levels. Downward continuation amplifies
+    /// short wavelengths, so keep the levels at or above the map.
     ///
     /// Source: Gnadt 2022, section 2.3; Blakely 1996, chapter 12.
     MapValue = "map_value", version 5, grain Line, role ReadsMap, inputs [input: Lines, map: Map],

@@ -101,9 +101,9 @@ stage! {
     /// `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. They are then set to the noise of the
     /// calibration residual, from the columns `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau`. `compensate` estimates
     /// these columns from the lines of its model's fit; `residual_noise` and `assume_noise` estimate them from lines
-    /// over a known field. With `offset_window_s` the offset removes the slow error of the first seconds, and the
-    /// variance and time constant of the remaining error are doubled. With `measurement_sigma_nt = "auto"` the error of
-    /// bilinear interpolation between nodes is added to the white noise.
+    /// over a known field. With `offset_window_s` the offset removes the slowly varying error of the first seconds, and
+    /// the variance and time constant of the remaining error are doubled. With `measurement_sigma_nt = "auto"` the
+    /// error of bilinear interpolation between nodes is added to the white noise.
     Navigate = "navigate", version 12, grain Line, role EstimatesTrack,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
     groups [field: FieldKeys, noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec],

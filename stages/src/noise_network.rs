@@ -71,7 +71,7 @@ epochs          = 2
     epochs: usize, unit "1", default 30usize, rule Rule::Between(1.0, 1e5);
     /// Length of time over which derivatives are propagated back.
     window_s: f64, unit "s", default 200.0, rule Rule::Positive;
-    /// Learning rate of the first step. It falls to 0 along half a cosine.
+    /// Learning rate of the first step. It falls to 0 along half a period of a cosine.
     learning_rate: f64, unit "1", default 0.01, rule Rule::Positive;
     /// Seed of the initial weights.
     seed: usize, unit "", default 0usize;

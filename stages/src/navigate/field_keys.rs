@@ -35,8 +35,8 @@ params! {
     /// spacing of its survey lines. The equivalent white noise is added to the measurement noise of each sample. An
     /// extended Kalman filter predicts the position at which the map error is looked up.
     map_error_length_m: Option<f64>, unit "m",
-        absent "with `tuning = \"auto\"` the likelihood gives the weight of the column `error`, or of the error \
-            between the nodes that follows from the map; else the map is assumed exact", rule Rule::Positive;
+        absent "the map is assumed to be exact; `tuning = \"auto\"` estimates a factor on the column `error`, or on \
+            the interpolation error that the map implies", rule Rule::Positive;
     /// Length of the window from the start of a line over which the mean of measurement minus prediction is computed.
     /// This offset is subtracted from the measurements before filtering, because compensation leaves a constant
     /// undetermined. 0 subtracts nothing.

@@ -57,8 +57,8 @@ params! {
     /// Standard deviation of the part of each crustal-field component that a map of the scalar anomaly does not
     /// determine. A typical value is the standard deviation of the anomaly.
     vector_crustal_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
-    /// Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`; typically the height above the
-    /// sources.
+    /// Correlation length of the part of the crustal field that `vector_crustal_sigma_nt` describes; typically the
+    /// height above the sources.
     vector_crustal_length_m: f64, unit "m", default 1000.0, rule Rule::Positive;
     /// Column of measured heights above the ellipsoid, such as `baro`, from a barometer that does not already aid the
     /// INS.

@@ -44,8 +44,8 @@ filter! {
     /// covariance. `smoothing_misfit` is far above 1 where the assumed noise is too small for the track.
     /// `smoothing_agreement` is the information that revisits give about each other, divided by its expected value for
     /// the assumed noise. It is about 1 on a correct track, and near 0 on a track with errors of hundreds of metres. A
-    /// line below 0.5 is rejected. The column is NaN where almost nothing is revisited. 1000 measurements take about 20
-    /// s on one core and 70 MB. Twice as many take eight times the time and four times the memory.
+    /// line below 0.5 is rejected. The column is NaN for a line with almost no revisits. 1000 measurements take about
+    /// 20 s on one core and 70 MB. Twice as many take eight times the time and four times the memory.
     ///
     /// Source: Lee 2019, chapters III and V and appendix A, with four changes. Every prediction includes the last
     /// measurements, so that the product of the weights is the likelihood of the flight [Vecchia 1988]. The covariance
@@ -80,7 +80,7 @@ filter! {
     fit_window_s: f64, unit "s", default 600.0, rule Rule::Positive;
     /// Maximum number of earlier samples in a prediction.
     neighbours: usize, unit "1", default 12usize, rule Rule::Between(1.0, 20.0);
-    /// Time before a sample in which other samples do not count as earlier samples.
+    /// Length of the time before a sample within which other samples do not count as earlier samples.
     ignore_s: f64, unit "s", default 30.0, rule Rule::NotNegative;
     /// Radius of the circle used to detect a revisit. A sample is a revisit if more than `trigger_points` earlier
     /// samples lie within this radius.
