@@ -32,9 +32,9 @@ columns = ["mag_4_uc"]
 "#;
     /// Columns to filter.
     columns: Vec<String>, unit "";
-    /// Lower corner frequency. 0 removes it, which gives a low-pass filter.
+    /// Lower corner frequency. 0 gives a low-pass filter.
     low_hz: f64, unit "Hz", default 0.1, rule Rule::NotNegative;
-    /// Upper corner frequency. 0 removes it, which gives a high-pass filter.
+    /// Upper corner frequency. 0 gives a high-pass filter.
     high_hz: f64, unit "Hz", default 0.9, rule Rule::NotNegative;
     /// Order of the Butterworth prototype. A band-pass filter has twice as many poles.
     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);

@@ -18,8 +18,9 @@ use crate::{
 
 stage! {
     /// Appends the core field at every sample: the magnitude `igrf` and the components `igrf_n`, `igrf_e`, `igrf_d`
-    /// (north, east, down). If an attitude is available, also `igrf_x`, `igrf_y`, `igrf_z` in the body frame (nose,
-    /// right wing, down). `column` changes these names. An existing column of the same name is replaced.
+    /// (north, east, down). If an attitude is available, the stage also appends `igrf_x`, `igrf_y`, `igrf_z` in the
+    /// body frame (nose, right wing, down). `column` changes these names. An existing column of the same name is
+    /// replaced.
     ///
     /// The date of each sample is given by `year`, `doy` and `tt` of the flight, or by `decimal_year` for all samples.
     /// Heights are above the WGS-84 ellipsoid. The result is NaN for a sample without a position. A body component is
@@ -40,9 +41,9 @@ decimal_year = 2020.5
 "#;
     /// Model: `igrf` (IGRF-14, 1900 to 2030) or `wmm` (the World Magnetic Model, 2020 to 2030).
     model: CoreFieldModel, unit "", default CoreFieldModel::Igrf14;
-    /// Name of the column of the magnitude. The names of the components extend it.
+    /// Name of the column of the magnitude. The names of the components add a suffix to it.
     column: String, unit "", default "igrf";
-    /// Position at which the field is computed: true (`lat`, `lon`, `alt`) or of the INS.
+    /// Position at which the field is computed: the true position (`lat`, `lon`, `alt`) or the INS position.
     position: PositionSource, unit "", default PositionSource::Truth;
     /// Attitude that rotates the field into the body frame.
     attitude: Option<AttitudeSource>, unit "", absent "the attitude of the INS if present, otherwise the true attitude if present";

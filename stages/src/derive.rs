@@ -22,7 +22,7 @@ stage! {
     /// are not available. A missing value (NaN) is NULL in an expression. Arithmetic with it gives a missing value, and
     /// a comparison with it is unknown. `coalesce` and `is null` detect it. An infinite result, such as 1/0, is
     /// missing. A line fails if SQL rejects a value, such as the square root of a negative number. Division is real,
-    /// also between integers. `greatest` and `least` with a missing argument are missing.
+    /// also between integers. `greatest` and `least` return a missing value if an argument is missing.
     ///
     /// The unit is inferred for sums, differences, clips, choices and multiples of columns of one unit, and for ratios
     /// of equal units. Otherwise set it in `units`. Sums and comparisons of columns with different units are rejected.
@@ -42,7 +42,8 @@ units   = { heading = "deg" }
 "#;
     /// SQL expression of each new column, by column name.
     columns: BTreeMap<String, String>, unit "";
-    /// Unit of new columns, by column name. Required where it cannot be inferred; converts a multiple to another unit.
+    /// Unit of new columns, by column name. Required where the unit cannot be inferred, and where a multiplication
+    /// converts it, as `alt * 3.28084` converts metres to feet.
     units: BTreeMap<String, String>, unit "", default BTreeMap::new();
 }
 

@@ -25,10 +25,11 @@ stage! {
     /// Appends `diurnal`, the variation of the external field: the record of an observatory or base station at the time
     /// of each sample, minus the level of the record. An existing column of that name is replaced.
     ///
-    /// A record is a table of flight lines. Its flight is the station and its lines are days. It has `year`, `doy`,
-    /// `tt` and the column `element`. IAGA-2002 and IMF files have this form after reading; their total field is
-    /// `field_f`. If a record has no scalar magnetometer, compute the magnitude of `field_n`, `field_e` and `field_d`
-    /// with `derive`. Every line can use all days of a record, so a line may cross midnight.
+    /// A record is a table of flight lines. In this table, each station is stored as a flight and each day as a line.
+    /// It has the columns `year`, `doy` and `tt`, and the column that `element` names. IAGA-2002 and IMF files have
+    /// this form after reading; their total field is `field_f`. If a record has no scalar magnetometer, compute the
+    /// magnitude of `field_n`, `field_e` and `field_d` with `derive`. Every line can use all days of a record, so a
+    /// line may cross midnight.
     ///
     /// Values are interpolated between samples of the record. They are NaN outside the record and in gaps longer than
     /// `max_gap_s`. A line without any value is rejected, and so is a line without a date. Several stations, in one or

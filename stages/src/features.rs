@@ -24,7 +24,7 @@ use crate::{
 };
 
 stage! {
-    /// Appends the list column `features`, computed from columns as defined in the theses.
+    /// Appends the list column `features`, computed from columns as defined in the theses under 'Source'.
     /// | feature | definition |
     /// |---|---|
     /// | any column | the column itself |
@@ -37,7 +37,7 @@ stage! {
     /// | `TL_A_flux_a` | Tolles-Lawson terms of a vector magnetometer |
     /// | `ETL_COLUMN` | terms `COLUMN_1` to `COLUMN_7` of the extended Tolles-Lawson model, for `groups` |
     /// | `core_flux_a` | 21 terms of the core-field model; requires `igrf_x`, `igrf_y`, `igrf_z` of `core_field` |
-    /// | `slope`, `slope_quadratic` | easting and northing, km, with squares and product: the slope of the anomaly |
+    /// | `slope`, `slope_quadratic` | easting and northing (km), squares and product, for the slope of the anomaly |
     ///
     /// Three names denote sets: `down_selected` (Gnadt 2022, Table C.1), `small_1` and `small_2` (Gnadt 2022, section
     /// 4.9). The small sets use the magnetometer `mag` and the vector magnetometer `vector`.
@@ -62,14 +62,16 @@ features = ["mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"]
     /// Features, in the order of the list.
     features: Vec<String>, unit "";
     /// Groups of Tolles-Lawson terms in `TL_A_...`.
-    terms: Option<Vec<String>>, unit "", absent "permanent, induced and eddy; for a set of Gnadt 2022: permanent, induced and derivative";
+    terms: Option<Vec<String>>, unit "", absent "permanent, induced and eddy terms; for the sets \
+        `down_selected`, `small_1` and `small_2`: permanent, induced and derivative terms";
     /// Scale of the induced, eddy and core-field terms.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
     /// Vector magnetometer of the small sets. The inputs of `ETL_...` are projected on its direction.
     vector: Option<String>, unit "", absent "`ETL_...` and the small sets are rejected";
     /// Scalar magnetometer of the small sets.
     mag: Option<String>, unit "nT", absent "the small sets are rejected";
-    /// Groups of the extended model: 1 raw, 2 projected on the direction of the field, 3 rate of change, projected.
+    /// Groups of the extended model: 1 for raw inputs, 2 for inputs projected on the direction of the field, 3 for
+    /// projected rates of change.
     groups: Vec<usize>, unit "", default [1usize, 2, 3];
     /// Latitude and longitude, in degrees, of the origin of `slope`.
     origin: Option<Vec<f64>>, unit "deg", absent "the line's first sample";

@@ -85,8 +85,9 @@ stage! {
     /// L-curve, or cross-validation that omits one line or one flight at a time. If a whole line is omitted, its
     /// samples are not predicted from their neighbours. If a whole flight is omitted, they are not predicted from
     /// effects that last a flight, such as a magnetisation or a temperature. The score of an omitted line is the
-    /// variance (divisor n) of the prediction error. Its mean is ignored, because a filter removes constants and
-    /// compensation does not determine them. All lines have equal weight. The selected value is in the column `chosen`.
+    /// variance (divisor n) of the prediction error. The mean of the prediction error is ignored, because a filter
+    /// removes constants and compensation does not determine them. All lines have equal weight. The selected value is
+    /// in the column `chosen`.
     ///
     /// All points of a sweep are solved together. Each line is reduced once to a triangular factor, which serves all
     /// lambdas, numbers of components and omitted lines. Normal equations are not used, because they square the
@@ -96,7 +97,8 @@ stage! {
     /// `std` is the standard deviation of a coefficient. It is computed from the spectra of the residual and of the
     /// terms in bands, because the filter and coloured noise correlate the samples. It includes the ramp of a drifting
     /// residual from the first to the last sample. The intercept's `std` excludes the effect of a random walk on the
-    /// mean. `std` is null for models other than ridges, and, with a note, for 96 or more terms.
+    /// mean. `std` is null for models other than ridge models. It is also null for 96 or more terms, and a note reports
+    /// this.
     ///
     /// `rate_hz` is the rate of the first line. Terms that are differences per sample, such as `xx_dot`, are converted
     /// to it on lines with other rates, so all coefficients are valid at this rate. Lagged values cannot be converted
@@ -122,11 +124,12 @@ stage! {
     /// for the worst attitude. It is null if the terms do not determine it, or if the target is not a total field.
     ///
     /// `residual_sigma`, `residual_fogm_sigma` and `residual_fogm_tau` are the residual noise of the model over all
-    /// frequencies. They are the smallest white and first-order Gauss-Markov noise that bound the Allan variance of the
-    /// unfiltered residual on the lines of the fit. `igrf` and `diurnal` are subtracted from a total field if present.
-    /// Without `igrf` the core field is computed at the INS positions and the line's date. The crustal anomaly is
-    /// unknown here and counts as noise. The noise of a calibration at low height is therefore overestimated. A time
-    /// constant longer than the lines cannot be resolved. The columns are null if the lines are shorter than 16 s.
+    /// frequencies. They are the smallest white noise and first-order Gauss-Markov noise that together bound the Allan
+    /// variance of the unfiltered residual on the lines of the fit. `igrf` and `diurnal` are subtracted from a total
+    /// field if present. Without `igrf` the core field is computed at the INS positions and the line's date. The
+    /// crustal anomaly is unknown here and counts as noise. The noise of a calibration at low height is therefore
+    /// overestimated. A time constant longer than the lines cannot be resolved. The columns are null if the lines are
+    /// shorter than 16 s.
     ///
     /// `warm_start` names the table of another fit of the same kind of network, in this pipeline or published. Training
     /// starts from its weights instead of random weights, for example from the weights for an aircraft with more flight
@@ -154,9 +157,10 @@ lambda = 0.025
     target: String, unit "nT";
     /// Input columns of the model: lists such as `tl` and `features`, or single columns.
     features: Vec<String>, unit "", default ["tl"].map(String::from);
-    /// Entries of the lists in `features` to use, in this order. Each is a name, or a prefix that several names share
-    /// before a `_`, such as `TL_A_flux_a`. A row must be finite in all entries of the lists. The lists are factored
-    /// once for all choices of entries, so a sweep over `entries` is fast.
+    /// Entries of the lists in `features` to use, in this order. Each is given by its name, or by a prefix (the part
+    /// before a `_`) that selects all names beginning with it, such as `TL_A_flux_a`. A row must be finite in all
+    /// entries of the lists, selected or not. The lists are factored once for all choices of entries, so a sweep over
+    /// `entries` is fast.
     entries: Option<Vec<String>>, unit "", absent "all entries";
     /// Method that selects `lambda` or `components`. The permitted values depend on the model.
     choose: ModelSelection, unit "", default ModelSelection::Given;
@@ -171,10 +175,10 @@ lambda = 0.025
     /// features.
     whiten: Option<f64>, unit "", absent "no whitening", rule Rule::Positive;
     /// Also fits a constant, without a penalty.
-    intercept: Option<bool>, unit "", absent "the default of the model, and true with `whiten`";
-    /// Lower corner frequency of the filter. 0 removes it.
+    intercept: Option<bool>, unit "", absent "true with `whiten`, otherwise the default of the model";
+    /// Lower corner frequency of the filter. With 0 the filter has no lower corner.
     low_hz: f64, unit "Hz", default 0.1, rule Rule::NotNegative;
-    /// Upper corner frequency of the filter. 0 removes it.
+    /// Upper corner frequency of the filter. With 0 the filter has no upper corner.
     high_hz: f64, unit "Hz", default 0.9, rule Rule::NotNegative;
     /// Order of the Butterworth prototype.
     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);

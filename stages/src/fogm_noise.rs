@@ -49,7 +49,7 @@ truth  = "mag_1_c"
 "#;
     /// Residual, or the signal from which `truth` is subtracted.
     column: String, unit "nT", default "residual";
-    /// Column to subtract, such as `mag_1_c`.
+    /// Column that is subtracted from `column`, such as `mag_1_c`.
     truth: Option<String>, unit "nT", absent "nothing is subtracted";
     /// Statistic that is fitted.
     method: NoiseFitStatistic, unit "", default NoiseFitStatistic::Autocorrelation;

@@ -90,20 +90,20 @@ stage! {
     /// Computes the importance of each input of a fitted model on each line. Each group of inputs gives a row with
     /// `value` and, for a mean, its `spread`. The methods use predictions only, so they apply to all kinds of models.
     ///
-    /// Every entry of the features that the model uses is a separate group, except those that `groups` combine.
+    /// Every entry of the features that the model uses is a separate group, unless `groups` combines it with others.
     /// Correlated inputs share or mask importance. Put all inputs from one sensor into one group.
     ///
     /// | `method` | `value` | `spread` |
     /// |---|---|---|
-    /// | `permutation` | increase of the mean square error against `target`, nT2 | over the repeats |
-    /// | `shapley` | mean absolute contribution to the prediction, nT | over the samples |
-    /// | `expected_gradients` | mean absolute contribution to the prediction, from gradients, nT | over the samples |
+    /// | `permutation` | increase of the mean square error against `target`, in nT2 | over the repeats |
+    /// | `shapley` | mean absolute contribution to the prediction, in nT | over the samples |
+    /// | `expected_gradients` | mean absolute contribution to the prediction by gradients, in nT | over the samples |
     /// | `pearson`, `spearman` | correlation with `target` | |
-    /// | `hard_thresholding` | coefficient of the standardised entry, nT; 0 if it is not selected | |
-    /// | `group_lasso` | norm of an input's weights times its standard deviation on the line, 1 | over the ensemble |
-    /// | `morris` | mean absolute change of the prediction over the range of the input, nT | over the trajectories |
-    /// | `sobol_first` | share of the prediction's variance from the group alone, 1 | |
-    /// | `sobol_total` | share from the group and all its interactions, 1 | |
+    /// | `hard_thresholding` | coefficient of the standardised entry, in nT; 0 if the entry is not selected | |
+    /// | `group_lasso` | weight norm of an input times the input's standard deviation on the line | over the ensemble |
+    /// | `morris` | mean absolute change of the prediction over the range of the input, in nT | over the trajectories |
+    /// | `sobol_first` | share of the prediction's variance from the group alone | |
+    /// | `sobol_total` | share from the group and all its interactions | |
     ///
     /// `permutation` permutes blocks of `block_s`, because permuting single samples would turn a slow signal into
     /// noise. The mean of the model's error is ignored. `shapley` and `expected_gradients` explain `samples` samples of
@@ -147,7 +147,8 @@ block_s = 1.0
     target: String, unit "nT";
     /// Method that computes the importance.
     method: ImportanceMethod, unit "", default ImportanceMethod::Permutation;
-    /// Groups of entries. Each is a name, or a prefix that several names share before a `_`, such as `TL_A_flux_a`.
+    /// Groups of entries. Each is given by a name, or by a prefix (the part before a `_`) that selects all names
+    /// beginning with it, such as `TL_A_flux_a`.
     groups: Vec<String>, unit "", default Vec::<String>::new();
     /// Length of the permuted blocks. It must exceed the correlation time of the target and the inputs.
     block_s: f64, unit "s", default 30.0, rule Rule::Positive;

@@ -45,7 +45,7 @@ stage! {
     /// Fills the unknown nodes of a map, first from other maps in the order of `with`, then from their surroundings.
     ///
     /// Other maps are converted to the coordinate system of the map. Lower maps are continued upward to its height.
-    /// Their difference to the map in the overlap (`bias`) is removed. Values filled from the surroundings contain no
+    /// Their difference from the map in the overlap (`bias`) is removed. Values filled from the surroundings contain no
     /// information about the anomaly there. `minimum_curvature` is suitable for gaps of a few nodes. No method is
     /// suitable for large gaps.
     ///
@@ -74,9 +74,9 @@ method = "minimum_curvature"
     within_m: Option<f64>, unit "m", absent "all nodes are filled", rule Rule::Positive;
     /// Width of the transition at the edge between two maps.
     feather_m: f64, unit "m", default 1000.0, rule Rule::NotNegative;
-    /// Difference to the map that is estimated in the overlap and removed from the other maps.
+    /// Difference of the other maps from the map. It is estimated in the overlap and removed from the other maps.
     bias: MapOverlapBias, unit "", default MapOverlapBias::Constant;
-    /// Extends the map to the extent of all maps together.
+    /// Extends the map to the combined extent of all maps.
     extend: bool, unit "", default false;
 }
 

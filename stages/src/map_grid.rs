@@ -67,7 +67,8 @@ stage! {
     /// rejected: a level below the points, a spacing wider than the area, levelling of lines that do not cross, and a
     /// core field for points without a date.
     ///
-    /// `cross_validate` predicts every line from others. The column `error` then holds the expected error of each node.
+    /// `cross_validate` predicts every line from other lines. The column `error` then holds the expected error of each
+    /// node.
     ///
     /// Source: Soler and Uieda 2021, "Gradient-boosted equivalent sources"; Briggs 1974, Smith and Wessel 1990 (minimum
     /// curvature with tension); Luyendyk 1997, "Processing of airborne magnetic data" (levelling).
@@ -83,11 +84,12 @@ level_m   = 300.0
 "#;
     /// Column of the values.
     value: String, unit "nT", default "anomaly";
-    /// Core field to subtract: magnitude of IGRF-14, of the World Magnetic Model, or the column `igrf`.
+    /// Core field that is subtracted from the values: the magnitude from IGRF-14 or from the World Magnetic Model, or
+    /// the column `igrf`.
     core_field: CoreFieldSource, unit "", default CoreFieldSource::None;
     /// Date of the core field, instead of the date of each point.
     decimal_year: Option<f64>, unit "a", absent "the date of each point, from `year`, `doy` and `tt`", rule Rule::Between(1900.0, 2030.0);
-    /// Subtracts the column `diurnal`.
+    /// Subtracts the column `diurnal` from the values.
     remove_diurnal: bool, unit "", default false;
     /// Order of the levelling correction of each line: 0 for a constant, 1 for a linear correction, and so on.
     level_order: Option<usize>, unit "", absent "no levelling", rule Rule::Between(0.0, 8.0);
@@ -103,7 +105,7 @@ level_m   = 300.0
     damping: f64, unit "1", default 1.0, rule Rule::Positive;
     /// Tension of the minimum-curvature surface.
     tension: f64, unit "1", default 0.25, rule Rule::Between(0.0, 1.0);
-    /// West, south, east and north bound of the map: eastings and northings in metres.
+    /// West, south, east and north bounds of the map: eastings and northings in metres.
     bounds: Option<Vec<f64>>, unit "m", absent "all points";
     /// Side of the blocks to which points are reduced. 0 keeps every point.
     block_m: Option<f64>, unit "m", absent "a quarter of the distance between lines, at most 200 m", rule Rule::NotNegative;

@@ -49,10 +49,11 @@ input    = "resample"
 map      = "anomaly"
 window_s = 20.0
 "#;
-    /// Position at which the map is evaluated: true (`lat`, `lon`, `alt`) or of the INS. Columns computed at the true
-    /// position have the role truth, so using them as features requires `allow_truth`.
+    /// Position at which the map is evaluated: the true position (`lat`, `lon`, `alt`) or the INS position. Columns
+    /// computed at the true position have the role truth, so using them as features requires `allow_truth`.
     position: PositionSource, unit "", default PositionSource::Truth;
-    /// Standard deviation of the error of a measurement: sensor, map and residual of the compensation, per sample.
+    /// Standard deviation of the error of a measurement, from the sensor, the map and the residual of the compensation,
+    /// per sample.
     sigma_nt: f64, unit "nT", default 5.0, rule Rule::Positive;
     /// Length of the window about each sample.
     window_s: f64, unit "s", default 60.0, rule Rule::Positive;

@@ -35,7 +35,7 @@ choice! {
 
 stage! {
     /// Computes a component of the anomaly field from a map of the total-field anomaly: towards true north, towards
-    /// true east, or down. An axis of `component` gives all three.
+    /// true east, or down. A sweep over `component` gives all three.
     ///
     /// The anomaly is the component of the anomaly field along the core field. Above all sources the anomaly field is
     /// the gradient of a potential. For the direction f of the core field and the wavenumber k, the spectra of the

@@ -80,9 +80,9 @@ stage! {
     /// filter makes only the time update, and `residual` and `nis` are NaN.
     ///
     /// A flat map without a core field corrects the temporal variation only. With a core field, the slope of the core
-    /// field also corrects the position slightly. A NaN in an INS column is rejected, and the error names its row.
-    /// Missing velocities, specific forces and attitudes are derived from the INS positions (attitude: level, along the
-    /// course).
+    /// field also corrects the position slightly. A NaN in an INS column is rejected, and the error message gives its
+    /// row. Missing velocities, specific forces and attitudes are derived from the INS positions. A derived attitude is
+    /// level, with the yaw along the course.
     ///
     /// The map is used at its own height unless `map_levels_m` or `tuning = "auto"` continues it. `map_height_error` is
     /// the expected rms error of the whole map at the mean height of the line, from the spectrum of the map. For a
@@ -101,9 +101,9 @@ stage! {
     /// `measurement_sigma_nt`, `fogm_sigma_nt` and `fogm_tau_s` may be `"auto"`. They are then set to the noise of the
     /// calibration residual, from the columns `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau`. `compensate` estimates
     /// these columns from the lines of its model's fit; `residual_noise` and `assume_noise` estimate them from lines
-    /// over a known field. With `offset_window_s` the offset removes the slow error of the first seconds, and the
-    /// variance and time constant of the remaining error are doubled. With `measurement_sigma_nt = "auto"` the error of
-    /// bilinear interpolation between nodes is added to the white noise.
+    /// over a known field. With `offset_window_s` the offset removes the slowly varying error of the first seconds, and
+    /// the variance and time constant of the remaining error are doubled. With `measurement_sigma_nt = "auto"` the
+    /// error of bilinear interpolation between nodes is added to the white noise.
     Navigate = "navigate", version 12, grain Line, role EstimatesTrack,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
     groups [field: FieldKeys, noise: MeasurementNoise, start: StartKeys, geometry: SensorGeometry, ins: InsErrorSpec],

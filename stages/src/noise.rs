@@ -27,9 +27,9 @@ stage! {
     /// includes the error of the map. `assume_noise` assigns the result to other lines, and `navigate` uses it for
     /// noise parameters that are `"auto"`. Do not select the lines that are navigated.
     ///
-    /// The noise has a white part and a first-order Gauss-Markov part. They are the smallest that bound the Allan
-    /// variance of the lines. A constant has no effect. A time constant longer than the lines cannot be resolved. Lines
-    /// without a run of 16 s are rejected.
+    /// The noise has a white part and a first-order Gauss-Markov part. They are the smallest parts that together bound
+    /// the Allan variance of the lines. A constant has no effect. A time constant longer than the lines cannot be
+    /// resolved. Lines without a run of 16 s are rejected.
     ///
     /// Source: Allan 1966; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8.
     ResidualNoise = "residual_noise", version 2, grain Survey, inputs [input: Lines],

@@ -63,15 +63,15 @@ epochs          = 2
     loss: NoiseLoss, unit "", default NoiseLoss::Likelihood;
     /// Columns that are further inputs of the network, such as currents. A value that is not finite is rejected.
     features: Option<Vec<String>>, unit "", absent "none";
-    /// Number of units of the layer.
+    /// Number of units in the layer of the network.
     hidden: usize, unit "1", default 8usize, rule Rule::Between(1.0, 256.0);
-    /// Largest factor on a standard deviation; the smallest is its inverse.
+    /// Largest factor by which the network multiplies a standard deviation. The smallest factor is its inverse.
     limit: f64, unit "1", default 10.0, rule Rule::Between(1.01, 1e4);
     /// Number of passes through the lines.
     epochs: usize, unit "1", default 30usize, rule Rule::Between(1.0, 1e5);
-    /// Time through which derivatives are propagated.
+    /// Length of time over which derivatives are propagated back.
     window_s: f64, unit "s", default 200.0, rule Rule::Positive;
-    /// Learning rate of the first step. It falls to 0 along half a cosine.
+    /// Learning rate of the first step. It falls to 0 along half a period of a cosine.
     learning_rate: f64, unit "1", default 0.01, rule Rule::Positive;
     /// Seed of the initial weights.
     seed: usize, unit "", default 0usize;

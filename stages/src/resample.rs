@@ -29,14 +29,14 @@ stage! {
     /// the last sample. All sensors and lines of a flight therefore share their times.
     ///
     /// Times within a gap longer than `max_gap_s` are kept, with NaN (or null) in every column except `flight`, `line`
-    /// and `tt`. A missing value counts as a gap of its column. A column that a line lacks, but other lines have, is
-    /// missing on the whole line. Repeated or decreasing times are rejected.
+    /// and `tt`. A missing value counts as a gap in its column. If other lines have a column that a line lacks, its
+    /// values are missing on the whole line. Repeated or decreasing times are rejected.
     ///
     /// Sensors with different sampling rates are separate tables, `input = ["mag", "imu", "gps"]`. A line combines the
-    /// rows of the same flight and line in all tables. Their columns are resampled to one grid. It covers the time that
-    /// all tables cover, or the time of the first table (`span`). If several tables have a date, their times are
-    /// converted to a common midnight. A column name in two tables is rejected, except `year` and `doy`, which are read
-    /// from the first table that has them. A line whose tables have no common time is rejected.
+    /// rows of the same flight and line in all tables. Their columns are resampled to one grid. The grid covers the
+    /// time common to all tables, or the time of the first table (`span`). If several tables have a date, their times
+    /// are converted to a common midnight. A column name in two tables is rejected, except `year` and `doy`, which are
+    /// read from the first table that has them. A line whose tables have no common time is rejected.
     ///
     /// `lag_s` and `input_lag_s` remove the lag of a sensor. With a lag of 0.06 s, a reading stamped t was measured at
     /// t - 0.06 s. The resampled value at t is therefore the reading stamped t + 0.06 s. The stage `lag` estimates lags
@@ -63,8 +63,8 @@ rate_hz = 10.0
     max_gap_s: Vec<f64>, unit "s", default vec![1.0], rule Rule::Positive;
     /// Time that the grid covers, with several inputs.
     span: GridSpan, unit "", default GridSpan::All;
-    /// Lags of columns, by column name. The name of a vector magnetometer, such as `flux_a`, sets the lag of its `x`,
-    /// `y`, `z` and `t`. Replaces the lag of the column's input.
+    /// Lag of each column, by column name. The name of a vector magnetometer, such as `flux_a`, sets the lag of its
+    /// `x`, `y`, `z` and `t`. Replaces the lag of the column's input.
     lag_s: BTreeMap<String, f64>, unit "s", default BTreeMap::new(), rule Rule::Finite;
     /// Lag of the sensors of each input, one value per input.
     input_lag_s: Option<Vec<f64>>, unit "s", absent "0 for all", rule Rule::Finite;

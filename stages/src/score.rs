@@ -62,12 +62,13 @@ pub fn is_pooled_in_sample(held_out: usize, in_sample: usize) -> bool {
 stage! {
     /// Scores each line: a compensated signal against the truth, and a track against the true positions.
     ///
-    /// `input` names one or several tables with the same samples: the table with the compensated signal and the table
-    /// of the track. If `metrics` is unset, all built-in metrics that these tables allow are scored. Each metric is a
-    /// row with `metric`, `value`, `unit` and `n`, the number of samples (for crossings: pairs). Rows with a NaN are
-    /// excluded from a metric and its `n`; a metric without samples has a null value. A metric that cannot be computed
-    /// for a line has a null value and the reason in `note`. An example is an upper corner above half the sample rate. The
-    /// other metrics are kept. The run reports a warning, or fails if `metrics` names the metric.
+    /// `input` names one or several tables with the same samples, for example the table with the compensated signal and
+    /// the table of the track. If `metrics` is unset, the stage scores all built-in metrics that can be computed from
+    /// these tables. Each metric is a row with `metric`, `value`, `unit` and `n`, the number of samples (for crossings:
+    /// number of pairs). Rows with a NaN are excluded from a metric and its `n`; a metric without samples has a null
+    /// value. A metric that cannot be computed for a line has a null value and the reason in `note`. An example is an
+    /// upper corner above half the sample rate. The other metrics are kept. The run reports a warning, or fails if
+    /// `metrics` names the metric.
     ///
     /// The published table also has `in_sample`: true if the line was used to make the model, noise or map behind the
     /// score, or to choose a parameter in a search. Such a score is an error of the fit, not of a prediction, and is
@@ -83,9 +84,9 @@ stage! {
     ///
     /// A table computed by `map_value` adds scores of the map: the agreement of the signal with the map, the slope of
     /// the map along the track, and the expected accuracy of navigation. `igrf` and, if available, `diurnal` are first
-    /// subtracted from the signal. `map_position_bound` is the Cramér-Rao bound for a constant horizontal offset and an
-    /// unknown constant of the measurement. It assumes independent sample errors of `map_sigma_nt`; correlated errors,
-    /// such as those of maps and the temporal variation, increase the actual error.
+    /// subtracted from the signal. `map_position_bound` is the Cramér-Rao bound on a constant horizontal position
+    /// offset when the measurement also has an unknown constant. It assumes independent sample errors of
+    /// `map_sigma_nt`; correlated errors, such as those of maps and the temporal variation, increase the actual error.
     ///
     /// A track is also tested against its own covariance: `nees_consistent` and `nis_consistent` are tests at 95 %.
     /// `whiteness`, `error_within_3sigma` and `divergence` are shares of lags or samples with known expected values for
@@ -105,7 +106,7 @@ truth = "mag_1_c"
     /// Column with the true signal, such as `mag_1_c`.
     truth: Option<String>, unit "nT", absent "metrics that require the truth are not scored";
     /// Metrics to score.
-    metrics: ChoiceSubset<Scorer>, unit "", absent "all built-in metrics that the inputs allow";
+    metrics: ChoiceSubset<Scorer>, unit "", absent "all built-in metrics that can be computed from the inputs";
     /// Column of the compensated signal.
     mag: String, unit "nT", default "mag_c";
     /// Lower corner frequency for `improvement_ratio_band` and `figure_of_merit`.

@@ -27,9 +27,9 @@ stage! {
     /// a vector magnetometer) have a root mean square above `manoeuvre` over `window_s`. Examples are the pitches,
     /// rolls and yaws of a calibration box. Boundaries are accurate to the length of the window.
     ///
-    /// `select` with `rows = "segment_kind = 'straight'"` keeps the straight parts and does not divide the line.
-    /// Samples must be evenly spaced. A gap in time or a missing heading ends a segment. A run shorter than the window
-    /// is `none`. The heading may be a course computed with `derive`: `degrees(atan2(ve, vn))`.
+    /// `select` with `rows = "segment_kind = 'straight'"` keeps the straight parts as one line. Samples must be evenly
+    /// spaced. A gap in time or a missing heading ends a segment. A run shorter than the window is `none`. The heading
+    /// may be a course computed with `derive`: `degrees(atan2(ve, vn))`.
     Segments = "segments", version 1, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]
@@ -56,7 +56,7 @@ attitude = ["heading"]
     manoeuvre: f64, unit "", default 2.0, rule Rule::Positive;
     /// Lower corner frequency of the band-pass of `attitude`.
     low_hz: f64, unit "Hz", default 0.05, rule Rule::NotNegative;
-    /// Upper corner frequency of the band-pass. 0 removes it.
+    /// Upper corner frequency of the band-pass filter. With 0 the filter has no upper corner.
     high_hz: f64, unit "Hz", default 0.0, rule Rule::NotNegative;
 }
 

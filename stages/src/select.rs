@@ -11,8 +11,8 @@ use schemas::{
 use crate::columns::{data, is_key, shape};
 
 stage! {
-    /// Keeps the rows of each line for which `rows` is true. Keeps the columns that `columns` names, or those that
-    /// `drop` does not name.
+    /// Keeps the rows of each line for which `rows` is true. Keeps the columns listed in `columns`, or all columns
+    /// except those listed in `drop`.
     ///
     /// `rows` is an SQL predicate over the columns of a row. A row is dropped if the predicate is unknown because a
     /// value is missing (NaN). A line fails if no row is kept. Rows dropped in the middle of a line leave a gap in

@@ -24,7 +24,7 @@ use crate::{
 stage! {
     /// Pools the scores of lines, with a confidence interval for each pooled value.
     ///
-    /// Errors in nT and m are pooled as root mean squares, ratios and biases as means. Both are weighted by the number
+    /// Errors are pooled as root mean squares; ratios and biases are pooled as means. Both are weighted by the number
     /// of samples. `cep` and `r95` are radii of the samples of all lines. Numbers of samples are added. The interval
     /// consists of percentiles over `draws` resamples of lines with replacement. Whole lines are resampled because the
     /// errors within a line are correlated. A single line has no interval (null).

@@ -62,9 +62,9 @@ truth = "mag_1_c"
     mag: Option<String>, unit "nT", absent "`c`, `d` and `e` are rejected";
     /// Column of the true field, for `a` and `d`.
     truth: String, unit "nT", default "mag_1_c";
-    /// Subtracts the core field `igrf`, for `a`, `c` and `e`.
+    /// Subtracts the core field `igrf` from targets `a`, `c` and `e`.
     remove_core: Option<bool>, unit "", absent "true, unless it has already been removed";
-    /// Subtracts the diurnal variation `diurnal`, for `a`, `c` and `e`.
+    /// Subtracts the diurnal variation `diurnal` from targets `a`, `c` and `e`.
     remove_diurnal: Option<bool>, unit "", absent "true, unless it has already been removed";
 }
 

@@ -37,9 +37,9 @@ stage! {
     ///
     /// The anomaly is a Gaussian process, expanded in eigenfunctions of the Laplacian on the area of the lines. The
     /// size of the equations therefore does not depend on the length of the flight. Each line may have its own
-    /// constant, each flight a temporal variation. The kernel is the same as in `slam`, fitted by maximum likelihood to
-    /// segments of the lines. The map is at the mean height of the measurements; height differences are treated as
-    /// noise.
+    /// constant, and each flight its own temporal variation. The kernel is the same as in `slam`, fitted by maximum
+    /// likelihood to segments of the lines. The map is at the mean height of the measurements; height differences are
+    /// treated as noise.
     ///
     /// The covariance of the track's position (`sd_n`, `sd_e`, `cov_ne`) times the slope of the map counts as
     /// measurement noise and is included in `sd`. An error common to the whole track shifts the map. The measurements
@@ -67,13 +67,14 @@ spacing_m       = 500.0
 "#;
     /// Column of the measured field.
     mag: String, unit "nT", default "mag_c";
-    /// Subtracts the core field (IGRF-14) at the position of the track. `false`: the measurement is an anomaly.
+    /// Subtracts the core field (IGRF-14) at the position of the track from the measurement. `false`: the measurement
+    /// is an anomaly.
     core_field: bool, unit "", default true;
     /// Date of the core field as a decimal year. Replaces the flight's date.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
     /// Subtracts the column `diurnal` from the measurement. A sample with a NaN in `diurnal` has no measurement.
     remove_diurnal: Option<bool>, unit "",
-        absent "true if the flight has the column and the measurement still contains it";
+        absent "true if the flight has a column `diurnal` that has not yet been subtracted from the measurement";
     /// Interval over which measurements are averaged. 0 uses every sample.
     interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
     /// Source of the hyper-parameters of the kernel: maximum likelihood on the lines, or the spec.
@@ -97,7 +98,7 @@ spacing_m       = 500.0
     line_sigma_nt: f64, unit "nT", default 3.0, rule Rule::NotNegative;
     /// Distance between nodes.
     spacing_m: Option<f64>, unit "m", absent "a sixth of the length of the kernel", rule Rule::Positive;
-    /// West, south, east and north limits of the map: eastings and northings.
+    /// West, south, east and north bounds of the map: eastings and northings in metres.
     bounds: Option<Vec<f64>>, unit "m", absent "all measurements";
     /// Largest standard deviation of a known node. Nodes above it are unknown.
     max_sd_nt: Option<f64>, unit "nT", absent "a quarter of the standard deviation of the anomaly", rule Rule::Positive;

@@ -15,12 +15,12 @@ params! {
     /// Message, topic or array of a log that holds several, such as `MAG`, `sensor_mag:1` or `.` (the vectors at the
     /// root of a MATLAB file).
     topic: Option<String>, unit "", default None, absent "the only topic of the file";
-    /// Canonical names of columns, by their names in the file. If the name in the file contains a unit (`GPS Lat
-    /// (rad)`, `Alt ft`, `Mag_mgauss`), this is the unit of the column. A unit that cannot be converted is an error.
+    /// Canonical name of each column, by its name in the file. If the name in the file contains a unit (`GPS Lat
+    /// (rad)`, `Alt ft`, `Mag_mgauss`), the column has this unit. A unit that cannot be converted is an error.
     rename: BTreeMap<String, String>, unit "", default BTreeMap::new();
     /// Units of columns, by their names in the file. They override names and metadata.
     units: BTreeMap<String, String>, unit "", default BTreeMap::new();
-    /// Further texts and numbers that mark a missing value, besides `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an
+    /// Further strings and numbers that mark a missing value, besides `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an
     /// empty cell, -99999 and Geosoft's -1e32.
     missing: Vec<VerbatimText>, unit "", default Vec::<VerbatimText>::new();
     /// Flight identifier, for files without one.

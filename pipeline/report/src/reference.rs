@@ -123,7 +123,7 @@ fn kind(kind: InputKind) -> &'static str {
         InputKind::Lines => "flight lines",
         InputKind::Scores => "a table of scores",
         InputKind::Record => "a record, a table of flight lines; each line reads the whole table",
-        InputKind::ManyRecords => "one or several records, tables of flight lines; each line reads the whole tables",
+        InputKind::ManyRecords => "one or several records, as tables of flight lines; each line can use all their rows",
         InputKind::ManyLines => "one or several tables of flight lines",
         InputKind::Model => "model",
         InputKind::Map => "map",

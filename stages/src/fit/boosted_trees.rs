@@ -20,14 +20,15 @@ const OVERFITS: f64 = 4.0;
 
 model! {
     /// Gradient-boosted regression trees of the features, on histograms of 256 bins, with squared loss. They accept
-    /// columns of any scale, require little tuning, and are a good baseline for networks. They are constant outside the
-    /// range of the training data, so they do not follow drifts or attitudes outside it.
+    /// columns of any scale, require little tuning, and are a good baseline for networks. Their prediction is constant
+    /// outside the range of the training data, so it does not follow drifts or attitudes outside this range.
     ///
     /// Source: Friedman 2001; Chen & Guestrin 2016; Ke et al. 2017. scikit-learn's `HistGradientBoostingRegressor`
     /// gives the same trees if columns have up to 256 values.
     BoostedTrees = "boosted_trees", version 1, scaling None, intercept true, made of Samples, choose [Given], takes [],
     example "trees = 20";
-    /// Inputs of the trees: entries of the features, by name or by a prefix that several names share before a `_`.
+    /// Inputs of the trees: entries of `features`, each given by its name or by a prefix (the part before a `_`) that
+    /// selects all names beginning with it.
     inputs: Option<Vec<String>>, unit "", absent "all features";
     /// Maximum number of trees.
     trees: usize, unit "1", default 200usize, rule Rule::Between(1.0, 100_000.0);
@@ -47,7 +48,7 @@ model! {
     /// smallest validation loss is used.
     validation: Vec<String>, unit "", default Vec::<String>::new();
     /// Number of trees without a smaller validation loss after which training ends.
-    patience: Option<usize>, unit "1", absent "all trees are trained", rule Rule::Positive;
+    patience: Option<usize>, unit "1", absent "training builds all trees", rule Rule::Positive;
     /// Seed of the subsample of each tree.
     seed: usize, unit "", default 0usize;
 }

@@ -16,9 +16,9 @@ model! {
     /// heads, and z = LN(n + activation(Wf n + bf)), with layer normalisations LN. The vectors z of all samples enter
     /// the dense layers of `hidden` (none by default), followed by a linear output.
     ///
-    /// The window has no samples after the predicted one, so the model is causal. `dropout` applies to z. MagNav.jl's
-    /// default is a batch normalisation that it creates anew in every call; it is not offered here. `:prelayer` is not
-    /// offered either.
+    /// The window has no samples after the predicted one, so the model is causal. `dropout` applies to z. By default
+    /// MagNav.jl applies a batch normalisation that it creates anew in every call. This normalisation and `:prelayer`
+    /// are not offered here.
     ///
     /// Source: Vaswani et al. 2017; MagNav.jl 1.3.3, `get_nn_m`, model `m3tf`.
     M3tf = "m3tf", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [],

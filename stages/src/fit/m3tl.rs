@@ -19,14 +19,15 @@ model! {
     /// | `magnitude` | \|B\| - \|B - v\| | (B - v) / \|B - v\| |
     /// | `projection` | v . B / \|B\| | B / \|B\| |
     ///
-    /// The projection is linear Tolles-Lawson. It exceeds the magnitude by about the square of the part of v across B,
-    /// divided by 2 \|B\|: 40 nT for 2,000 nT in 50,000 nT. The magnitude is exact if the vector magnetometer measures
-    /// the same aircraft field as the scalar magnetometer. B and dB are computed from the Tolles-Lawson terms, which
-    /// must include all permanent and induced terms, and all eddy terms or none. Other terms are ignored.
+    /// The projection equals the linear Tolles-Lawson model. It exceeds the magnitude by about the square of the part
+    /// of v perpendicular to B, divided by 2 \|B\|: 40 nT for 2,000 nT in 50,000 nT. The magnitude is exact if the
+    /// vector magnetometer measures the same aircraft field as the scalar magnetometer. B and dB are computed from the
+    /// Tolles-Lawson terms, which must include all permanent and induced terms, and all eddy terms or none. Other terms
+    /// are ignored.
     ///
     /// Training starts from the ridge fit of the terms. During training, terms are centred and scaled, and decorrelated
-    /// if `whiten` is set. The target should be a field of the aircraft, such as `target` with `kind = "d"` or `"c"`,
-    /// with its constant part. If `epochs` is 0 and `lbfgs_epochs` is large, the projection gives least squares.
+    /// if `whiten` is set. The target should be the aircraft field, such as `target` with `kind = "d"` or `"c"`, with
+    /// its constant part. If `epochs` is 0 and `lbfgs_epochs` is large, the projection gives least squares.
     ///
     /// MagNav.jl uses the projection for its targets c and d. For a and b it compares \|B - v\| with the earth field,
     /// so errors of the vector magnetometer enter directly. Here the scalar magnetometer takes the place of \|B\|: the

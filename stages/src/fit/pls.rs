@@ -14,8 +14,8 @@ use super::{
 use crate::columns::data;
 
 model! {
-    /// Partial least squares: ordinary least squares on `components` combinations of the centred features with the
-    /// largest covariance with the target. With `with_targets` the components are common to all targets.
+    /// Partial least squares: ordinary least squares on the `components` combinations of the centred features that have
+    /// the largest covariance with the target. With `with_targets` the components are common to all targets.
     ///
     /// Source: Wold, Sjöström and Eriksson 2001; Gnadt 2022, (3.19) to (3.43).
     PartialLeastSquares = "pls", version 2, scaling Standardise, intercept true, made of Moments,

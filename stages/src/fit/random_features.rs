@@ -20,7 +20,8 @@ model! {
     /// Source: Rahimi & Recht 2007; Rasmussen & Williams 2006, chapters 2 and 5.
     RandomFeatures = "random_features", version 1, scaling Standardise, intercept true, made of Samples, choose [Given],
     takes [], example "random_features = 20";
-    /// Inputs: entries of the features, by name or by a prefix that several names share before a `_`.
+    /// Inputs of the model: entries of `features`, each given by its name or by a prefix (the part before a `_`) that
+    /// selects all names beginning with it.
     inputs: Option<Vec<String>>, unit "", absent "all features";
     /// Number of random features. More features approximate the Gaussian process better. Computing time is proportional
     /// to the square of this number.

@@ -17,16 +17,17 @@ model! {
     /// Recursive least squares with exponential `forgetting` of older rows. It starts from zero coefficients with the
     /// ridge parameter `lambda`. Columns are divided by their standard deviations.
     ///
-    /// Forgotten information is replaced by a ridge penalty about the current coefficients. A direction that the flight
-    /// does not excite for long therefore keeps its value. The textbook recursion also forgets its initial ridge
-    /// penalty. With `forgetting = 1.0` nothing is forgotten, and both recursions give the ridge solution.
+    /// Forgotten information is replaced by a ridge penalty about the current coefficients. If the flight does not
+    /// excite a direction for a long time, the coefficients therefore keep their values in this direction. The textbook
+    /// recursion also forgets its initial ridge penalty. With `forgetting = 1.0` nothing is forgotten, and both
+    /// recursions give the ridge solution.
     ///
     /// Source: Haykin 2002, "Adaptive Filter Theory", chapter 9.
     RecursiveLeastSquares = "recursive_least_squares", version 1, scaling Standardise, intercept false, made of Rows,
     choose [Given], takes [], example "forgetting = 1.0";
     /// Ridge parameter of the initial coefficients.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
-    /// Forgetting factor: weight of a row relative to the next. With 1 nothing is forgotten.
+    /// Forgetting factor: weight of a row relative to the next row. With 1 nothing is forgotten.
     forgetting: f64, unit "1", default 1.0, rule Rule::Between(0.9, 1.0);
 }
 

@@ -16,9 +16,9 @@ use crate::columns::{data, floats, role_of};
 params! {
     /// GNSS positions that aid a filter in addition to the magnetic field.
     pub struct Aiding;
-    /// Times of loss and recovery of GNSS, in s from the first sample of the line. Before the loss and after the
-    /// recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0, 600.0]` starts without GNSS and recovers it
-    /// after ten minutes. If the recovery is after the end of the line, GNSS is not recovered.
+    /// Times at which GNSS is lost and recovered, in seconds from the first sample of the line. Before the loss and
+    /// after the recovery, the GNSS position (columns `gnss`) aids the filter. `[0.0, 600.0]` starts without GNSS and
+    /// recovers it after ten minutes. If the recovery is after the end of the line, GNSS is not recovered.
     gnss_lost_s: Option<[f64; 2]>, unit "s", absent "GNSS is not used", rule Rule::NotNegative;
     /// Columns of the GNSS latitude, longitude (deg) and height above the ellipsoid (m).
     gnss: Option<[String; 3]>, unit "",
@@ -32,10 +32,10 @@ params! {
     /// Adds white noise with these standard deviations to the positions. It is reproducible for each line. Without it,
     /// simulated positions are exact, and the filter appears more accurate than it would be with real GNSS.
     gnss_noise: Option<bool>, unit "", absent "true if `gnss` names columns of the role truth";
-    /// Compares each position with the INS, by a chi-square test of this position and by a cumulative sum over earlier
-    /// positions. Rejected positions are not used. A jump is detected at once. A drift of 1 m/s is detected after about
-    /// 10 s; all positions since its start are then rejected. Positions are accepted again after ten consecutive
-    /// positions agree with the INS. `gnss_update` is appended even if this key is false.
+    /// Compares each GNSS position with the INS, by a chi-square test of this position and by a cumulative sum over
+    /// earlier positions. Rejected positions are not used. A jump is detected at once. A drift of 1 m/s is detected
+    /// after about 10 s; all positions since its start are then rejected. Positions are accepted again after ten
+    /// consecutive positions agree with the INS. `gnss_update` is appended even if this key is false.
     gnss_test: bool, unit "", default true;
 }
 

@@ -31,8 +31,8 @@ params! {
     eddy_sigma_nt_s: f64, unit "nT s", default 500.0, rule Rule::Positive;
     /// Prior standard deviation of the constant `bias`.
     bias_sigma_nt: f64, unit "nT", default 500.0, rule Rule::Positive;
-    /// Prior standard deviation of any other term, such as a current, in nT per unit of its column. A loop in the same
-    /// cabin causes a few nT per ampere.
+    /// Prior standard deviation of any other term, such as a current, in nT per unit of its column. A current loop in
+    /// the same cabin causes a few nT per ampere.
     input_sigma_nt: f64, unit "nT", default 20.0, rule Rule::Positive;
     /// Prior standard deviation of each harmonic of the magnetometer's heading error: the first, second and fourth
     /// harmonic of the angle between its axis and the field, `heading_1`, `heading_2` and `heading_4`. Requires

@@ -23,8 +23,8 @@ const TRUTH: [(&str, &str); 3] = [("lat", "deg"), ("lon", "deg"), ("alt", "m")];
 
 filter! {
     /// The Cramér-Rao bound: the smallest error of any filter with these models on this flight. It reads the truth
-    /// (`lat`, `lon`, `alt`) and evaluates the filter's covariance there. Compared with the track of a filter, it shows
-    /// whether an error is due to the filter or to the flight.
+    /// (`lat`, `lon`, `alt`) and evaluates the filter's covariance there. A comparison of the bound with the error of a
+    /// filter's track shows whether the error is due to the filter or to the flight.
     ///
     /// It makes no estimate. Its positions are the truth, so `score` gives no error for them. Its `sd_n`, `sd_e` and
     /// `drms_bound` are the bound. The metric `drms_bound` is the bound over the line; a search never selects a point

@@ -57,7 +57,8 @@ filter! {
         absent "20 times `measurement_sigma_nt`, or with `noise_column` 20 times the largest assumed noise", rule Rule::Positive;
     /// Estimator of the noise. `"residual"` uses the a posteriori residual of each measurement. `"matched"`, the
     /// default of version 1, subtracts from each squared innovation the covariance predicted at that time.
-    /// `"compatible"`, as in MagNav.jl, starts at the mean of the bounds and subtracts the present covariance from all.
+    /// `"compatible"`, as in MagNav.jl, starts at the mean of the bounds and subtracts the present covariance from all
+    /// squared innovations.
     form: AdaptiveForm, unit "", default AdaptiveForm::Residual;
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement. Rejected measurements are
     /// used only to estimate the noise.

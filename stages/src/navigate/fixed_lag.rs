@@ -43,7 +43,7 @@ filter! {
     window_s: f64, unit "s", default 300.0, rule Rule::Positive;
     /// Fraction of a window that the next window shares: windows end every `window_s` (1 - `overlap`) seconds.
     overlap: f64, unit "1", default 0.95, rule Rule::Between(0.0, 0.999);
-    /// Maximum time by which a measurement in the estimate of a sample is later than the sample. 0 gives real-time
+    /// Delay of the estimate: a sample's estimate uses measurements up to this time after the sample. 0 gives real-time
     /// navigation.
     lag_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
     /// Interval over which measurements are averaged into one. 0 uses every sample.
@@ -54,12 +54,13 @@ filter! {
     loss_scale: f64, unit "1", default 2.5, rule Rule::Positive;
     /// Maximum number of iterations per window.
     iterations: usize, unit "", default 15usize;
-    /// Standard deviation of the slow aircraft field that its coefficients do not explain; 0 for none.
+    /// Standard deviation of the slowly varying aircraft field that the coefficients do not explain; 0 for none.
     aircraft_sigma_nt: Option<f64>, unit "nT",
         absent "30.0, or 0 if `tuning = \"auto\"` estimates the noise of the line, which then includes it", rule Rule::NotNegative;
-    /// Time constant of that slow aircraft field.
+    /// Time constant of this slowly varying aircraft field.
     aircraft_tau_s: f64, unit "s", default 300.0, rule Rule::Positive;
-    /// Random walk of every coefficient in one hour, as a fraction of its prior standard deviation; 0 for constants.
+    /// Random walk of every coefficient in one hour, as a fraction of its prior standard deviation; 0 for constant
+    /// coefficients.
     walk_per_hour: f64, unit "1", default 0.0, rule Rule::NotNegative;
     /// Discretisation of the process noise: to second order, to first order as in MagNav.jl, or exact.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;

@@ -23,17 +23,18 @@ params! {
     /// Measurements in addition to the scalar field.
     pub struct AuxiliaryMeasurements;
     /// Two compensated scalar magnetometers. Their difference, first minus second, measures the slope of the map along
-    /// the line between them. The temporal variation and all other common errors cancel in it. Not
-    /// with `map_interpolation = "linear"`, because the slope of a bilinear map has steps.
-    gradient: Option<[String; 2]>, unit "nT", absent "the difference is not measured";
+    /// the line between them. The temporal variation and all other common errors cancel in it. Cannot be combined with
+    /// `map_interpolation = "linear"`, because the slope of a bilinear map has steps.
+    gradient: Option<[String; 2]>, unit "nT", absent "the difference is not used";
     /// Vector from the second magnetometer of `gradient` to the first, body frame: nose, right, down. It is rotated by
     /// the attitude of the INS. The estimated error of this attitude is part of the measurement model.
     gradient_baseline_m: Option<[f64; 3]>, unit "m", absent "required with `gradient`", rule Rule::Finite;
     /// Standard deviation of the white noise of the difference.
     gradient_sigma_nt: f64, unit "nT", default 0.1, rule Rule::Positive;
-    /// Standard deviation of the slow error of the difference, such as the undetermined constants of two calibrations.
+    /// Standard deviation of the slowly varying error of the difference, caused for example by the undetermined
+    /// constants of two calibrations.
     gradient_bias_sigma_nt: f64, unit "nT", default 1.0, rule Rule::NotNegative;
-    /// Time constant of the slow error of the difference.
+    /// Time constant of the slowly varying error of the difference.
     gradient_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
     /// Standard deviation of the error of the map's slope along the line between the magnetometers. Multiplied by the
     /// baseline, it is an error of the difference. Like the map's anomalies, it is correlated along the track. `"auto"`
@@ -47,24 +48,26 @@ params! {
     /// Standard deviation of the white noise of each component of `vector`. If set, the vector measures the scalar
     /// field and the attitude, except for the rotation about the field direction. Requires `core_field` and a vector
     /// magnetometer with its own calibration.
-    vector_sigma_nt: Option<f64>, unit "nT", absent "the vector is not measured", rule Rule::Positive;
-    /// Standard deviation of the bias of each component. In a field of 50,000 nT, 50 nT correspond to 0.06°.
+    vector_sigma_nt: Option<f64>, unit "nT", absent "the vector is not used", rule Rule::Positive;
+    /// Standard deviation of the bias of each component. In a field of 50,000 nT, a bias of 50 nT corresponds to an
+    /// attitude error of 0.06°.
     vector_bias_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
     /// Time constant of the bias.
     vector_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
     /// Standard deviation of the part of each crustal-field component that a map of the scalar anomaly does not
     /// determine. A typical value is the standard deviation of the anomaly.
     vector_crustal_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
-    /// Correlation length of the part of the crustal field in `vector_crustal_sigma_nt`; typically the height above the
-    /// sources.
+    /// Correlation length of the part of the crustal field that `vector_crustal_sigma_nt` describes; typically the
+    /// height above the sources.
     vector_crustal_length_m: f64, unit "m", default 1000.0, rule Rule::Positive;
-    /// Column of measured heights above the ellipsoid, such as `baro` of a barometer that does not already aid the INS.
+    /// Column of measured heights above the ellipsoid, such as `baro`, from a barometer that does not already aid the
+    /// INS.
     height: Option<String>, unit "m", absent "the height of the INS and its barometer is used";
     /// Standard deviation of the white noise of the height.
     height_sigma_m: f64, unit "m", default 3.0, rule Rule::Positive;
-    /// Standard deviation of the slow error of the height, from the weather or the geoid.
+    /// Standard deviation of the slowly varying height error caused by the weather or the geoid.
     height_bias_sigma_m: f64, unit "m", default 30.0, rule Rule::NotNegative;
-    /// Time constant of the slow error of the height.
+    /// Time constant of the slowly varying height error.
     height_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
     /// Standard deviation of the map error, which becomes a state correlated along the track.
     map_sigma_nt: Option<f64>, unit "nT", absent "the map error is not estimated", rule Rule::NotNegative;
@@ -74,17 +77,18 @@ params! {
     /// constant along the line. A sample stamped `t` was measured at `t` minus the lag, which may be negative. 0 omits
     /// this state. Appends `mag_latency` and `mag_latency_sigma`. Available in `ekf`, `iekf` and `ukf`.
     mag_latency_sigma_s: Option<f64>, unit "s",
-        absent "time stamps are exact; with `tuning = \"auto\"` 1.0 if a lag clearly increases the likelihood",
+        absent "time stamps are assumed to be exact; `tuning = \"auto\"` sets 1.0 if a lag clearly increases the \
+            likelihood",
         rule Rule::NotNegative;
-    /// Prior standard deviation of a height bias: the height of the aircraft above its assumed height on the map. It
-    /// comes from a barometer with a constant error, from a geoid height that is missing, or from a wrong map height.
-    /// If set, the bias is a state of the filter, constant along the line. It changes the prediction of the scalar
-    /// field only, and not `alt`. Requires a map at the heights of the bias: `map_levels_m`, or with this key and
-    /// `tuning = "auto"` a continuation to twice this height below and above the line. 0 omits this state. Appends
+    /// Prior standard deviation of a height bias: the true height of the aircraft minus its assumed height on the map.
+    /// Causes are a constant error of the barometer, a missing geoid height, or a wrong map height. If set, the bias is
+    /// a state of the filter, constant along the line. It changes the prediction of the scalar field only, and not
+    /// `alt`. Requires a map that is continued to the heights of the bias: set `map_levels_m`, or `tuning = "auto"`,
+    /// which continues the map to twice this value below and above the line. 0 omits this state. Appends
     /// `map_height_bias` and `map_height_bias_sigma`. Available in `ekf`, `iekf` and `ukf`.
     map_height_sigma_m: Option<f64>, unit "m",
-        absent "with `tuning = \"auto\"` 50 if the levels of the map contain the bias and it increases the \
-            likelihood clearly; else the height is exact",
+        absent "the height is assumed to be exact; `tuning = \"auto\"` sets 50 if the levels of the map contain the \
+            bias and it clearly increases the likelihood",
         rule Rule::NotNegative;
     /// Standard deviation of the change of the aircraft's permanent field since its calibration, for each component
     /// (nose, right, down). The three components are further states. Their effect on the scalar field follows from the
@@ -94,12 +98,12 @@ params! {
         absent "0; `tuning = \"auto\"` estimates it by maximum likelihood if these states clearly increase the \
             likelihood",
         rule Rule::NotNegative;
-    /// Time constant of this change.
+    /// Time constant of the change of the permanent field.
     permanent_change_tau_s: Option<f64>, unit "s",
         absent "maximum likelihood with `tuning = \"auto\"`, otherwise the change is constant along the line",
         rule Rule::Positive;
-    /// Limit of the measurement's standard deviation divided by the map's horizontal slope. Above this distance the map
-    /// is too flat for a position. The sample is then `flat`: it corrects only the temporal variation and the map
+    /// Largest ratio of the measurement's standard deviation to the map's horizontal slope. Above this limit the map is
+    /// too flat to observe the position. The sample is then `flat`: it corrects only the temporal variation and the map
     /// error. Appends `map_slope`.
     flat_over_m: Option<f64>, unit "m", absent "all samples correct the position", rule Rule::Positive;
 }

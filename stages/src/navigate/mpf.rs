@@ -23,8 +23,8 @@ const MODE_NAMES: [&str; 6] = ["weight", "lat", "lon", "sd_n", "sd_e", "cov_ne"]
 filter! {
     /// The marginalised particle filter: particles for the horizontal position, and one Kalman filter given the
     /// position for the other 16 states. Use it on a map with several similar places: `save_modes` returns the
-    /// probability of each. For a navigation-grade INS `ekf` is as accurate and seventy times as fast. For an INS lost
-    /// by kilometres, `mpf_then_ekf` is faster.
+    /// probability of each. For a navigation-grade INS `ekf` is as accurate and seventy times as fast. For an INS
+    /// position error of kilometres, `mpf_then_ekf` is faster.
     ///
     /// The estimate is the mean over all particles. Particles off the map keep their total weight relative to the
     /// particles on it. A sample with less than a tenth of the weight on the map is `off_map`. A measurement outside
@@ -36,24 +36,26 @@ filter! {
     /// values of the map, not on its slope, so `flat_over_m` is rejected; use `map_sigma_nt` for the map error.
     ///
     /// Source: Schön, Gustafsson & Nordlund 2005; resampling from a kernel density (Musso, Oudjane & Le Gland 2001)
-    /// that is also marginalised over the linear states. The same seed gives the same bits on any number of threads.
+    /// that is also marginalised over the linear states. The same seed gives bit-identical results on any number of
+    /// threads.
     Mpf = "mpf", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "particles = 2000";
-    /// Number of particles: 1000 for an INS known to hundreds of metres; 10,000 for an INS lost by kilometres or with a
-    /// measurement as precise as `gradient`.
+    /// Number of particles: 1000 for an INS position error of hundreds of metres; 10,000 for an error of kilometres or
+    /// with a measurement as precise as `gradient`.
     particles: Option<usize>, unit "1",
         absent "from 1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`; appends \
             `particles`",
         rule Rule::Between(1.0, 1000000.0);
-    /// Seed of all random draws. The same seed gives the same bits on any number of threads.
+    /// Seed of all random draws. The same seed gives bit-identical results on any number of threads.
     seed: usize, unit "", default 0usize;
-    /// Effective number of particles, as a fraction of all, below which they are resampled. 0.5 is usual; more frequent
-    /// resampling (MagNav.jl: 0.8) only adds noise.
+    /// Effective number of particles, as a fraction of their number, below which the particles are resampled. 0.5 is
+    /// usual; more frequent resampling (MagNav.jl: 0.8) only adds noise.
     resample_threshold: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
-    /// Resamples from a kernel density. The position error of a good INS has almost no process noise, so without it
-    /// only copies of a few particles remain. The covariance is then far too small.
+    /// Resamples from a kernel density. The position error of a good INS has almost no process noise, so without the
+    /// kernel density only copies of a few particles remain. The covariance is then far too small.
     regularise: bool, unit "", default true;
-    /// Distance over which the map is nearly linear; typically its height above the sources. A wider cloud has one
-    /// kernel for each of its parts. The slope that `gradient` measures is linear over a third of this distance.
+    /// Distance over which the map is nearly linear; typically its height above the sources. A wider cloud of particles
+    /// has one kernel for each of its parts. The slope that `gradient` measures is linear over a third of this
+    /// distance.
     smooth_over_m: f64, unit "m", default 200.0, rule Rule::Positive;
     /// Standard deviation of the position noise of each resampled particle, per axis. It is in units of the range of
     /// the particles divided by the square root of their number. Gordon, Salmond & Smith 1993 use 0.2.

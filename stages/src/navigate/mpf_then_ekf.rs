@@ -14,8 +14,8 @@ use crate::columns::{array, data};
 
 filter! {
     /// The marginalised particle filter `mpf` until a single position remains, then the extended Kalman filter `ekf`.
-    /// Use it for a start that is known only to kilometres. A Kalman filter may then diverge unnoticed, and particles
-    /// along the whole line take seventy times as long.
+    /// Use it if the initial position is known only to kilometres. A Kalman filter may then diverge unnoticed, and
+    /// particles along the whole line take seventy times as long.
     ///
     /// The Kalman filter takes over when two conditions hold for 60 s. The first is that one mode has at least the
     /// weight `hand_over_weight`. The second is that the linearisation error of the map within the covariance of this
@@ -38,10 +38,10 @@ filter! {
     particles: Option<usize>, unit "1",
         absent "from 1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`",
         rule Rule::Between(1.0, 1000000.0);
-    /// Seed of all random draws. The same seed gives the same bits on any number of threads.
+    /// Seed of all random draws. The same seed gives bit-identical results on any number of threads.
     seed: usize, unit "", default 0usize;
-    /// Distance over which the map is nearly linear; typically its height above the sources. A wider cloud has one
-    /// kernel for each of its parts.
+    /// Distance over which the map is nearly linear; typically its height above the sources. A wider cloud of particles
+    /// has one kernel for each of its parts.
     smooth_over_m: f64, unit "m", default 200.0, rule Rule::Positive;
     /// Smallest weight of the most probable mode at the hand-over.
     hand_over_weight: f64, unit "1", default 0.99, rule Rule::Between(0.5, 1.0);

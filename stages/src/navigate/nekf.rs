@@ -17,12 +17,12 @@ use crate::{
 
 filter! {
     /// The extended Kalman filter of `ekf` whose noise a network sets at each sample: neural covariance. The network is
-    /// a long short-term memory layer. Its inputs are the innovation of the sample before, the slope of the map, the
+    /// a long short-term memory layer. Its inputs are the innovation of the previous sample, the slope of the map, the
     /// motion of the aircraft and the columns in `features`. Its output is a factor on the measurement noise, a factor
     /// on the noise of the temporal variation, or both.
     ///
     /// `model` is the table of a `noise_network` stage, which trains the network on other lines. The filter requires
-    /// the `features` of that training and its sample rate. Use the same noise keys in both stages, because the factor
+    /// the same `features` and sample rate as this training. Use the same noise keys in both stages, because the factor
     /// multiplies the assumed noise. With a network whose output is 0, the filter is bit-identical to `ekf`.
     ///
     /// The noise of a sample depends on earlier innovations only. `noise_factor` is the factor on the standard

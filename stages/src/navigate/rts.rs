@@ -27,11 +27,11 @@ filter! {
     /// expected value of `nis` is 1, as for a filter. A robust loss limits the influence of outliers. With `huber` the
     /// influence is constant. With `cauchy` it decreases with distance, which requires a good initial track.
     /// `smoothing` is `converged`, or `stopped` if the iteration ended before the track converged; `smoothing_step` is
-    /// then its last change.
+    /// then the last change of the track.
     ///
-    /// A line takes five to ten times as long as with `ekf`, and 0.8 kB per sample (2.6 kB more with `save_state`).
-    /// With further measurements it takes 15 kB per sample, the iteration has a single start, and a robust loss applies
-    /// only to the scalar field.
+    /// A line takes five to ten times as long as with `ekf`, and requires 0.8 kB of memory per sample (2.6 kB more with
+    /// `save_state`). With further measurements it requires 15 kB per sample, the iteration has a single start, and a
+    /// robust loss applies only to the scalar field.
     ///
     /// Source: Bierman 1973 (modified Bryson-Frazier form, which inverts no covariance); Bell 1994 (iterated Kalman
     /// smoother); Holland and Welsch 1977 (reweighting).

@@ -27,7 +27,7 @@ filter! {
     /// are ignored: a constant in the measurement is part of the unknown map. `unused` in the column `update` means
     /// that no particle has an earlier position nearby.
     ///
-    /// The same `seed` gives the same bits on any number of threads.
+    /// The same `seed` gives bit-identical results on any number of threads.
     ///
     /// With `gnss_lost_s`, GNSS positions aid the filter. A map that begins under GNSS has the absolute position of
     /// GNSS. A later fix weights particles by their whole path, so it also corrects the map. Initial GNSS does not
@@ -44,15 +44,16 @@ filter! {
     /// covariance. `smoothing_misfit` is far above 1 where the assumed noise is too small for the track.
     /// `smoothing_agreement` is the information that revisits give about each other, divided by its expected value for
     /// the assumed noise. It is about 1 on a correct track, and near 0 on a track with errors of hundreds of metres. A
-    /// line below 0.5 is rejected. The column is NaN where almost nothing is revisited. 1000 measurements take about 20
-    /// s on one core and 70 MB. Twice as many take eight times the time and four times the memory.
+    /// line below 0.5 is rejected. The column is NaN for a line with almost no revisits. 1000 measurements take about
+    /// 20 s on one core and 70 MB. Twice as many take eight times the time and four times the memory.
     ///
     /// Source: Lee 2019, chapters III and V and appendix A, with four changes. Every prediction includes the last
     /// measurements, so that the product of the weights is the likelihood of the flight [Vecchia 1988]. The covariance
     /// includes the temporal variation. Paths are shared in a tree, so that a step takes the same time after ten hours.
-    /// Particles are resampled from a kernel density (Musso, Oudjane & Le Gland 2001), whose loss of variance stays in
-    /// the covariance. The smoother maximises the likelihood of a Gaussian process at uncertain places (Lawrence 2003),
-    /// with the covariance of the error model as prior of the places and Laplace's approximation of its covariance.
+    /// Particles are resampled from a kernel density (Musso, Oudjane & Le Gland 2001). The covariance includes the
+    /// variance that resampling removes from the particles. The smoother maximises the likelihood of a Gaussian process
+    /// at uncertain positions (Lawrence 2003). The covariance of the error model is the prior of these positions, and
+    /// Laplace's approximation gives their covariance.
     Slam = "slam", version 2, groups [aiding: Aiding], example "particles = 1000";
     /// Number of particles. They must cover the drift between revisits densely, so a less accurate INS requires more
     /// particles.
@@ -79,21 +80,22 @@ filter! {
     fit_window_s: f64, unit "s", default 600.0, rule Rule::Positive;
     /// Maximum number of earlier samples in a prediction.
     neighbours: usize, unit "1", default 12usize, rule Rule::Between(1.0, 20.0);
-    /// Time before a sample in which other samples do not count as earlier samples.
+    /// Length of the time before a sample within which other samples do not count as earlier samples.
     ignore_s: f64, unit "s", default 30.0, rule Rule::NotNegative;
-    /// Radius of a revisit: it contains more than `trigger_points` earlier samples.
+    /// Radius of the circle used to detect a revisit. A sample is a revisit if more than `trigger_points` earlier
+    /// samples lie within this radius.
     trigger_radius_m: Option<f64>, unit "m",
         absent "18 m, or 1.6 times the distance between samples", rule Rule::Positive;
-    /// Number of earlier samples within `trigger_radius_m` that a revisit exceeds.
+    /// A sample is a revisit if more than this number of earlier samples lie within `trigger_radius_m`.
     trigger_points: usize, unit "1", default 2usize;
     /// Radius within which earlier samples are used for a prediction.
     interpolation_radius_m: Option<f64>, unit "m",
-        absent "half the length of the covariance, at most 0.4 of the distance flown in `ignore_s`", rule Rule::Positive;
+        absent "half the correlation length, at most 0.4 of the distance flown in `ignore_s`", rule Rule::Positive;
     /// Maximum height difference of earlier samples. Smaller differences increase the variance of these samples.
     max_height_difference_m: f64, unit "m", default 100.0, rule Rule::NotNegative;
     /// Standard deviation of a prediction by inverse distance.
     interpolant_sigma_nt: f64, unit "nT", default 10.0, rule Rule::Positive;
-    /// Effective number of particles, as a fraction of all, below which they are resampled.
+    /// Effective number of particles, as a fraction of their number, below which the particles are resampled.
     resample_below: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
     /// Largest accepted NIS (squared innovation divided by its variance) of a measurement.
     gate_nis: Option<f64>, unit "1",

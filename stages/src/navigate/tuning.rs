@@ -40,8 +40,8 @@ choice! {
 params! {
     /// Assumed noise of the measurement.
     pub struct MeasurementNoise;
-    /// Standard deviation of the white noise of a measurement: sensor, map and residual of the compensation. `"auto"`
-    /// uses the residual of the calibration, from the column `mag_sigma`.
+    /// Standard deviation of the white noise of a measurement, from the sensor, the map and the residual of the
+    /// compensation. `"auto"` uses the residual of the calibration, from the column `mag_sigma`.
     measurement_sigma_nt: Option<NumberOrAuto>, unit "nT",
         absent "maximum likelihood with `tuning = \"auto\"`, otherwise 5.0", rule Rule::Positive;
     /// Standard deviation of the first-order Gauss-Markov process for the temporal variation and all other slow errors.

@@ -25,7 +25,7 @@ filter! {
     /// Source: Julier & Uhlmann 2004; Morelande & Ristic 2006, for a measurement that is nonlinear in the position
     /// only.
     Ukf = "ukf", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "kappa = 0.0";
-    /// Scale factor of the distance of the outer points.
+    /// Scale factor of the distance of the outer points from the centre.
     alpha: f64, unit "1", default 1.0, rule Rule::Positive;
     /// Additional weight of the centre in the variance, compared with the mean; at least -alpha² kappa/3. Averaged over
     /// directions, the variance computed for the nonlinearity of the field is (5 + 4 beta)/8 of the true variance. The

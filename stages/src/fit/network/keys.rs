@@ -34,7 +34,8 @@ params! {
     hidden: Option<Vec<usize>>, unit "1", absent "`[8]`; `[11]` for `tlnn` and `etlnn`, as in van der Meer 2025; none for `m3tf`; with `warm_start`: the layers of its network", rule Rule::Between(1.0, 1000.0);
     /// Activation function of the hidden units.
     activation: ActivationFunction, unit "", default ActivationFunction::Swish;
-    /// Inputs of the network: entries of the features, by name or by a prefix that several names share before a `_`.
+    /// Inputs of the network: entries of `features`, each given by its name or by a prefix (the part before a `_`) that
+    /// selects all names beginning with it.
     inputs: Option<Vec<String>>, unit "", absent "all features";
     /// Number of epochs with Adam.
     epochs: usize, unit "1", default 200usize, rule Rule::Between(0.0, 100_000.0);
@@ -56,13 +57,14 @@ params! {
     dropout: f64, unit "1", default 0.0, rule Rule::Between(0.0, 0.9);
     /// Strength of the sparse group lasso on the weights of each input.
     group_lasso: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// Fraction of the lasso that applies to the group. The remainder applies to single weights.
+    /// Fraction of the lasso that applies to the weights of an input as a group. The remainder applies to single
+    /// weights.
     group_share: f64, unit "1", default 1.0, rule Rule::Between(0.0, 1.0);
     /// Lines (`1003.08` or `1003/1003.08`) or whole flights reserved for validation. The epoch with the smallest
     /// validation loss is used.
     validation: Vec<String>, unit "", default Vec::<String>::new();
     /// Number of epochs without a smaller validation loss after which training ends.
-    patience: Option<usize>, unit "1", absent "all epochs are trained", rule Rule::Positive;
+    patience: Option<usize>, unit "1", absent "training runs for all epochs", rule Rule::Positive;
     /// Number of networks that are trained from different initial weights and averaged. Their spread gives the standard
     /// deviation of the prediction.
     members: usize, unit "1", default 1usize, rule Rule::Between(1.0, 100.0);

@@ -24,11 +24,12 @@ const OF_START: [&str; 3] = ["init_position_sigma_m", "init_altitude_sigma_m", "
 params! {
     /// Key in addition to the keys of [`InsErrors`].
     struct InsGradeKey;
-    /// Grade of the INS. Sets the unset error sources (keys `init_*`, `*_sigma*` and `*_tau_s` of the INS). `magnav`
-    /// uses the defaults shown with the keys. `navigation` is a Honeywell HG9900, `tactical` a Honeywell HG1700, and
-    /// `commercial` has micro-mechanical sensors [Lee 2019, Tables 9 and 10]. The last three have an exact position at
-    /// the alignment (`init_position_sigma_m = 0`).
-    ins_grade: Option<InsGrade>, unit "", absent "`magnav`; in `navigate`, the flight's column `ins_grade` if it has one";
+    /// Grade of the INS. Sets the error sources of the INS whose keys (`init_*`, `*_sigma*` and `*_tau_s`) are unset.
+    /// `magnav` uses the defaults shown for these keys. `navigation` is a Honeywell HG9900, `tactical` a Honeywell
+    /// HG1700, and `commercial` has micro-mechanical sensors [Lee 2019, Tables 9 and 10]. The last three have an exact
+    /// position at the alignment (`init_position_sigma_m = 0`).
+    ins_grade: Option<InsGrade>, unit "", absent "`magnav`; `navigate` uses the \
+        flight's column `ins_grade` instead if present";
 }
 
 impl From<InsErrors> for InsErrorSpec {
@@ -186,7 +187,7 @@ mod tests {
         let docs = InsErrorSpec::docs(&ChoiceRegistry::default());
         assert_eq!(
             (docs[0].name, docs[0].absent),
-            ("ins_grade", Some("`magnav`; in `navigate`, the flight's column `ins_grade` if it has one"))
+            ("ins_grade", Some("`magnav`; `navigate` uses the flight's column `ins_grade` instead if present"))
         );
         assert!(["magnav", "navigation", "tactical", "commercial"].iter().all(|word| docs[0].rule.contains(word)));
         assert_eq!(docs.len(), 1 + InsErrors::docs(&ChoiceRegistry::default()).len());
