@@ -174,7 +174,7 @@ impl LineTable {
     /// Fault for a file without a sample in any line.
     pub fn none_of(&self, path: &Path) -> Fault {
         let what = format!("no sample is within a line of {}", self.label);
-        Fault::data(what).in_file(&path.display().to_string()).help("check the flights and times of the table")
+        Fault::data(what).in_file(&path.display().to_string()).help("check the flights and times in the table")
     }
 }
 

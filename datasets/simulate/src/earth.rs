@@ -216,7 +216,7 @@ fn off_the_map(
         CrustalCoverageError::Below(i) => {
             let (level_m, alt_m) = (map.level_m(), truth.alt_m[i]);
             scene
-                .fault(format!("the map's height, {level_m} m, is above the line's height, {alt_m} m"))
+                .fault(format!("the map's height ({level_m} m) is above the line's height ({alt_m} m)"))
                 .help("raise `alt_m` of the line to the map's height or above")
         }
     }
@@ -240,9 +240,12 @@ fn diurnal(
         start_tt_s: starts.fold(f64::INFINITY, f64::min),
     };
     let (tt_s, lat_deg, lon_deg) = (&at.tt_s, &at.lat_deg, &at.lon_deg);
-    variation
-        .along(&VariationPoints { tt_s, lat_deg, lon_deg, core_ned_nt })
-        .map_err(|what| scene.fault(what).help("fly at a time that the record covers, or use another record"))
+    variation.along(&VariationPoints { tt_s, lat_deg, lon_deg, core_ned_nt }).map_err(|what| {
+        scene.fault(what).help(
+            "move the flight to a time that the record covers, or use another \
+                                                record",
+        )
+    })
 }
 
 #[cfg(test)]
