@@ -449,6 +449,6 @@ fn user_a_failed_trial_is_ranked_last_and_listed() {
     let output = bench.magline(&["run", "spec.toml", "--set", "search.axes.trim=[400]", "--set", "store=none"]);
     assert_eq!(output.status.code(), Some(1));
     let text = stderr(&output);
-    assert!(text.contains("the goal `scores.std_error` has no value in any of 4 trials"), "{text}");
+    assert!(text.contains("the goal `scores.std_error` has no value in any of the 4 trials"), "{text}");
     assert_eq!(numbers(&read(&bench.path("none/tables/small/trials")), "trial").len(), 4);
 }

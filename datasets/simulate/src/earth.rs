@@ -241,10 +241,7 @@ fn diurnal(
     };
     let (tt_s, lat_deg, lon_deg) = (&at.tt_s, &at.lat_deg, &at.lon_deg);
     variation.along(&VariationPoints { tt_s, lat_deg, lon_deg, core_ned_nt }).map_err(|what| {
-        scene.fault(what).help(
-            "move the flight to a time that the record covers, or use another \
-                                                record",
-        )
+        scene.fault(what).help("move the flight to a time that the record covers, or use another record")
     })
 }
 

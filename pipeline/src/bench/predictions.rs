@@ -118,7 +118,7 @@ impl Predictions {
             };
             let Some(sample) = samples.get(&tick(*tt)) else {
                 let what = format!("flight {flight}, line {line} has no sample at tt = {tt} s");
-                return Err(fault(what).help("use the `tt` of the flight's samples, s past midnight UTC"));
+                return Err(fault(what).help("use the `tt` of the flight's samples, in seconds past midnight UTC"));
             };
             let place = places
                 .get_mut(*i)

@@ -117,7 +117,7 @@ fn ran(
         let mut spec = read_spec(&args.spec.spec, &args.spec.sets)?;
         if let Some(other) = results::made_by_another(&spec).filter(|_| !args.take_over) {
             let store = spec.store.display();
-            let what = format!("the pipeline `{}` in the store {store} belongs to another spec, {other}", spec.name);
+            let what = format!("the pipeline `{}` in the store {store} was made by another spec, {other}", spec.name);
             let help = "change `store` or `name` in the spec, or replace the tables with `--take-over`";
             return Err(spec.faults(vec![Fault::new(what).help(help)]));
         }

@@ -76,14 +76,14 @@ pub fn run(args: &ServeArgs) -> Result<(), ExitReason> {
     });
     let token = token.transpose()?;
     if let Some(path) = args.token_file.as_deref().filter(|path| others_read(path)) {
-        note(&format!("other users of this machine can read the token; run `chmod 600 {}`", path.display()));
+        note(&format!("other users of this machine can read the token file; run `chmod 600 {}`", path.display()));
     }
     let tls = match (&args.tls_cert, &args.tls_key) {
         (Some(certificate), Some(key)) => Some((read(certificate)?, read(key)?)),
         _ => None,
     };
     if tls.is_none() && !args.bind.ip().is_loopback() && token.is_some() {
-        note("the token and all results are sent unencrypted; encrypt them with `--tls-cert` and `--tls-key`");
+        note("the token and all results are sent without encryption; encrypt them with `--tls-cert` and `--tls-key`");
     }
     let (stop, stopped) = watch::channel(false);
     // If no handler can be set, an interrupt ends the process at once.

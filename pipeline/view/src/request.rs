@@ -77,7 +77,7 @@ impl ViewQuery {
     pub fn read(query: &str) -> Result<ViewQuery, Fault> {
         let pairs: Vec<(String, String)> = form_urlencoded::parse(query.as_bytes()).into_owned().collect();
         if pairs.iter().any(|(key, value)| key != "columns" && key.len().max(value.len()) > LONGEST) {
-            return Err(Fault::new(format!("a name of the request has more than {LONGEST} bytes")));
+            return Err(Fault::new(format!("a name or value in the request is longer than {LONGEST} bytes")));
         }
         Ok(ViewQuery(pairs))
     }

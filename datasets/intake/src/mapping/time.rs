@@ -293,8 +293,7 @@ fn refuse_second_zone(stamp: &SpannedValue<TimeStampKeys>, columns: &mut Mapping
         let Ok(field) = columns.source.field_with_name(name) else { continue };
         if let DataType::Timestamp(_, Some(zone)) = field.data_type() {
             let fault = second_zone(&format!(
-                "the type of `{name}` already contains the zone {zone}, so its times are \
-                                      converted to UTC"
+                "the type of `{name}` already contains the zone {zone}, so its times are converted to UTC"
             ));
             columns.push(fault.at(stamp.at("zone")));
         }

@@ -187,8 +187,7 @@ impl ConvertedText {
         self.end_cell()?;
         match &self.sign {
             DecimalSign::Comma(Some(number)) => Err(wrong(format!(
-                "the comma in numbers such as `{number}` may be a decimal comma or separate \
-                                   thousands"
+                "the comma in numbers such as `{number}` may be a decimal comma or separate thousands"
             ))),
             _ => Ok(()),
         }

@@ -435,10 +435,8 @@ impl UlogScanState {
         let unknown = incompatible.iter().enumerate().any(|(i, b)| b & !(if i == 0 { APPENDED } else { 0 }) != 0);
         if unknown {
             let what = "the file has unsupported features: an unknown flag for incompatible features is set";
-            return Err(ReadError::data(path, what).help(format!(
-                "its flags for incompatible features are \
-                                                                 {incompatible:02x?}"
-            )));
+            return Err(ReadError::data(path, what)
+                .help(format!("its flags for incompatible features are {incompatible:02x?}")));
         }
         if incompatible.first().is_some_and(|b| b & APPENDED != 0) {
             let offsets = body.get(16..40).unwrap_or_default().chunks_exact(8);

@@ -192,7 +192,7 @@ fn name_far(far: &[usize], points: &SurveyPointSet, files: &[PathBuf], starts: &
         return;
     }
     let many = if far.len() == 1 { "1 point is".to_owned() } else { format!("{} points are", far.len()) };
-    note(&format!("{many} far from all others and removed; `--keep-outliers` keeps such points"));
+    note(&format!("{many} far from all others and therefore removed; `--keep-outliers` keeps such points"));
     for &i in far.iter().take(NAMED) {
         let file = starts.partition_point(|start| *start <= i).saturating_sub(1);
         let line = points.lines.get(points.line[i] as usize).filter(|name| !name.is_empty());
@@ -224,8 +224,8 @@ fn levelling_report(levelled: &LevellingResult, names: &[String]) -> String {
     let ties = levelled.lines.iter().filter(|l| l.tie).count();
     let noise = &levelled.noise;
     text += &format!(
-        "{} lines, {ties} of them ties; standard deviation of level lines at crossings: {:.2} nT, plus {:.0} m times \
-         the gradient\n",
+        "{} lines, including {ties} ties; standard deviation of level lines at crossings: {:.2} nT, plus {:.0} m \
+         times the gradient\n",
         levelled.lines.len(),
         noise.sigma_nt,
         noise.position_m

@@ -244,7 +244,7 @@ fn lines(args: &PlotArgs, path: &Path) -> Result<Vec<PlotTrack>, ExitReason> {
         }
     }
     if tracks.is_empty() {
-        return Err(wrong(path, &"no line of the flights is selected; check `--line`"));
+        return Err(wrong(path, &"`--line` selects no line of the flights"));
     }
     Ok(tracks)
 }
