@@ -193,7 +193,7 @@ fn anomaly(
     match out.iter().position(|b| !b.iter().all(|x| x.is_finite())) {
         None => Ok(out),
         Some(i) => {
-            let what = format!("goes through a source at {:.5}, {:.5}, {} m", lat[i], lon[i], at.own.alt_m[i]);
+            let what = format!("the line goes through a source at {:.5}, {:.5}, {} m", lat[i], lon[i], at.own.alt_m[i]);
             Err(scene.fault(what).help("place the source deeper or raise `alt_m` of the line"))
         }
     }
@@ -210,7 +210,7 @@ fn off_the_map(
             let since = truth.tt_s[i] - truth.tt_s[0];
             let (lat, lon) = (truth.lat_deg[i], truth.lon_deg[i]);
             scene
-                .fault(format!("leaves the known map after {since:.1} s, at {lat:.5}, {lon:.5}"))
+                .fault(format!("the line leaves the known map after {since:.1} s, at {lat:.5}, {lon:.5}"))
                 .help("move the waypoints inwards or shorten the line")
         }
         CrustalCoverageError::Below(i) => {

@@ -131,7 +131,7 @@ pub fn scheduler(args: &SchedulerArgs) -> Result<(), ExitReason> {
         "workers: `magline worker --scheduler {at} --store STORE`; runs: `magline run SPEC --engine ballista://{at}`"
     ));
     if args.trust.insecure_loopback {
-        note("no key is required: every user of this machine can run computations in this process");
+        note("no key is required, so every user of this machine can run computations in this process");
     }
     Ok(listening.serve()?)
 }

@@ -61,7 +61,7 @@ fn tables(set: &ReleaseSet) -> String {
     }
     if !set.dictionary.failures.is_empty() {
         const SHOWN: usize = 20;
-        text += "\nThe tables lack these results, which could not be computed:\n\n";
+        text += "\nThese results could not be computed, so they are not in the tables:\n\n";
         for f in set.dictionary.failures.iter().take(SHOWN) {
             let line =
                 f.line.as_ref().map(|l| format!(", flight {}, line {l}", f.flight.as_deref().unwrap_or_default()));

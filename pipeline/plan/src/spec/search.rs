@@ -322,7 +322,7 @@ fn clashes(search: &SearchSpec, listed: &[SweepAxis]) -> Vec<Fault> {
     let mut faults = vec![];
     let mut push = |what: String, at: &SpecSpan, help: &str| faults.push(Fault::new(what).at(at.clone()).help(help));
     if let Some(axis) = listed.iter().find(|a| a.name == TRIAL) {
-        let what = format!("the axis `{TRIAL}` has the name of the column of trials");
+        let what = format!("the axis `{TRIAL}` has the same name as the column of trials");
         push(what, &axis.at, "rename the axis");
     }
     for (name, at) in search.columns().into_iter().skip(1) {
@@ -330,7 +330,7 @@ fn clashes(search: &SearchSpec, listed: &[SweepAxis]) -> Vec<Fault> {
             push(format!("the axis `{name}` is both searched and listed in `[axes]`"), at, "remove one of them");
         }
         if TAKEN.contains(&name) {
-            let what = format!("the axis `{name}` has the name of a column of the table of trials");
+            let what = format!("the axis `{name}` has the same name as a column of the table of trials");
             push(what, at, "rename the axis");
         }
     }

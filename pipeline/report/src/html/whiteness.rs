@@ -117,7 +117,7 @@ impl NormalisedInnovations {
         let (low, high) = mean_square_band(window as f64);
         let largest = points.iter().map(|p| p.1).fold(0.0, f64::max);
         let caption = format!(
-            "Normalised innovation squared, means over {window} updates. For independent innovations of the predicted \
+            "Normalised innovation squared: means over {window} updates. For independent innovations of the predicted \
              variance, 95 % of the means are between {} and {}. Means above this band indicate that the assumed noise \
              is too small. Means below it indicate that it is too large. The mean of the line is {}.",
             number(Some(low)),

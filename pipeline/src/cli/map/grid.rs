@@ -130,7 +130,7 @@ fn read(args: &GridArgs, stage: &MapGrid, progress: MapGridProgress) -> Result<(
             Some(all) => append(all, points),
         }
     }
-    let mut all = all.ok_or_else(|| ExitReason::from(Fault::new("there are no survey points")))?;
+    let mut all = all.ok_or_else(|| ExitReason::from(Fault::new("the files contain no survey points")))?;
     let far = if stage.keep_outliers { vec![] } else { without_far(&mut all) };
     name_far(&far, &all, &args.points, &starts);
     Ok((all, far.len()))
