@@ -26,8 +26,8 @@ use super::{ExitReason, note, say};
 /// Options for the division of logs into lines.
 #[derive(Args)]
 pub struct LineArgs {
-    /// A table of lines (`flight`, `line`, `t_start`, `t_end` in s past midnight UTC) that replaces the lines in the
-    /// logs; or `auto` to find survey and tie lines, calibration boxes, cloverleafs, figures of eight and circles.
+    /// A table of lines (`flight`, `line`, `t_start`, `t_end` in seconds past midnight UTC) that replaces the lines in
+    /// the logs; or `auto` to find survey and tie lines, calibration boxes, cloverleafs, figures of eight and circles.
     #[arg(long, value_name = "FILE|auto")]
     pub lines: Option<String>,
     /// Draw the lines for checking, one .svg or .png file per flight.

@@ -27,14 +27,14 @@ pub struct ServeArgs {
     /// The key of the certificate in PEM format.
     #[arg(long, value_name = "FILE", requires = "tls_cert")]
     tls_key: Option<PathBuf>,
-    /// The memory limit of all queries together, such as 4GB. Larger operations use temporary files. By default a
+    /// The memory limit of all queries together, such as 4GB. Larger operations use temporary files. By default, a
     /// quarter of the machine's memory, at most 8 GB.
     #[arg(long, value_name = "SIZE", value_parser = memory::size)]
     memory_limit: Option<usize>,
     /// The maximum number of concurrent queries; further queries wait.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..))]
     queries: u16,
-    /// The time limit of a query from its request to its last row, s.
+    /// The time limit of a query from its request to its last row, in seconds.
     #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..))]
     timeout: u32,
 }

@@ -43,7 +43,7 @@ pub struct GridArgs {
 /// Options for the columns of survey points. Unset columns are found by their usual names.
 #[derive(Args)]
 struct ColumnArgs {
-    /// A flight format, `parquet` or `text`, if content and name of the file do not determine it.
+    /// A flight format, `parquet` or `text`, if the content and name of the file do not determine it.
     #[arg(long)]
     format: Option<String>,
     /// The column of longitudes or eastings.
