@@ -58,7 +58,7 @@ fn position(
     let mut caption = format!("Truth minus estimate. The root mean square is {} m", rms(error));
     let mut lines = vec![];
     if let Some(ins) = ins {
-        caption.push_str(&format!("; {} m for the INS alone", rms(ins)));
+        caption.push_str(&format!("; for the INS alone, it is {} m", rms(ins)));
         lines.push(ChartLine { name: "INS alone".into(), class: "ins", points: extremes(&time, ins, MOST) });
     }
     caption.push('.');
