@@ -164,7 +164,7 @@ fn user_impossible_positions_are_rejected() {
         &["20 is not a year of a flight (1900 to 2100)", "write the year with four digits, 2020"],
     );
     let unix = changed(&flight, "tt", |_, t| t + 1.7e9);
-    contains(&refused(&[unix], ""), &["column `tt`", "as Unix time, it is", "s past midnight"]);
+    contains(&refused(&[unix], ""), &["column `tt`", "a Unix time, it is", "s past midnight"]);
 }
 
 #[test]

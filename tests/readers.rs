@@ -234,7 +234,7 @@ fn user_a_bad_cell_fails_only_its_line() {
     rows[at] = whole.replacen("300,", "oops,", 1);
     check(&rows, "column `alt`, row 10: `oops` is not a number (line 72 of the file");
     rows[at] = whole.rsplit_once(',').unwrap().0.to_owned();
-    check(&rows, "row 10: the row has 17 values where the header has 18 (line 72 of the file");
+    check(&rows, "row 10: the row has 17 values, but the header has 18 (line 72 of the file");
     rows[at] = whole.replacen("1,1.02,", "1,,", 1);
     check(&rows, "column `line`, row 10: the identifier is missing");
     rows[at] = whole.replacen("1,1.02,", "N/A,1.02,", 1);

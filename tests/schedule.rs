@@ -81,7 +81,7 @@ fn user_a_second_run_of_a_pipeline_is_rejected_or_waits_and_recomputes_nothing()
     assert_eq!(summary_file["holder"]["pid"], first.id());
     let tired = start(&bench, &["-q", "--wait=1s"]).wait_with_output().unwrap();
     assert_eq!(tired.status.code(), Some(3));
-    assert!(stderr(&tired).contains("the wait of 1 s is over"), "{}", stderr(&tired));
+    assert!(stderr(&tired).contains("the waiting time of 1 s has expired"), "{}", stderr(&tired));
     // Another pipeline of the same store is not blocked.
     fs::write(bench.path("other.toml"), SPEC.replace("\"small\"", "\"other\"")).unwrap();
     assert!(bench.magline(&["run", "other.toml", "-q", "--until", "even"]).status.success());
@@ -390,5 +390,9 @@ fn user_a_watched_folder_uses_complete_files_and_reports_incomplete_ones() {
     let lines = texts(&read(&bench.path("store/tables/small/even")), "line");
     assert!(lines.contains(&"3.02".to_owned()));
     let none = bench.run(&["--settle", "1d"]);
-    assert!(none.code == 2 && none.stderr.contains("was modified within the time of `--settle`"), "{}", none.stderr);
+    assert!(
+        none.code == 2 && none.stderr.contains("was modified within the time given by `--settle`"),
+        "{}",
+        none.stderr
+    );
 }

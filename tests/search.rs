@@ -119,7 +119,10 @@ fn user_errors_of_a_search_are_reported_before_the_run() {
     );
     assert_rejected(&format!("[axes]\ntrim = [1, 2]\n{goal}{AXES}"), &["the axis `trim` is both searched and listed"]);
     assert_rejected(&format!("{goal}{AXES}more = [1, 2]\n"), &["no stage uses the searched axis `more`"]);
-    assert_rejected(&format!("{goal}{AXES}state = [1, 2]\n"), &["has the name of a column of the table of trials"]);
+    assert_rejected(
+        &format!("{goal}{AXES}state = [1, 2]\n"),
+        &["has the same name as a column of the table of trials"],
+    );
     assert_rejected(goal, &["`search` requires `[search.axes]`"]);
     assert_rejected(&format!("{goal}[search.axes]\nlambda = [1.0, 2.0]\n"), &["there is no axis `trim`"]);
     assert_rejected(
@@ -449,6 +452,6 @@ fn user_a_failed_trial_is_ranked_last_and_listed() {
     let output = bench.magline(&["run", "spec.toml", "--set", "search.axes.trim=[400]", "--set", "store=none"]);
     assert_eq!(output.status.code(), Some(1));
     let text = stderr(&output);
-    assert!(text.contains("the goal `scores.std_error` has no value in any of 4 trials"), "{text}");
+    assert!(text.contains("the goal `scores.std_error` has no value in any of the 4 trials"), "{text}");
     assert_eq!(numbers(&read(&bench.path("none/tables/small/trials")), "trial").len(), 4);
 }

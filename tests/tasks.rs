@@ -268,7 +268,7 @@ fn user_invalid_tasks_are_rejected_and_the_others_are_computed() {
         task.to_string()
     };
     // A receipt reports another version.
-    let other = refused(&changed(&|t| t["magline"] = json!("9.9.9")), "of magline 9.9.9; this is magline");
+    let other = refused(&changed(&|t| t["magline"] = json!("9.9.9")), "by magline 9.9.9, but this is magline");
     assert!(other[0]["refused"].as_str().unwrap().contains("9.9.9") && other[0]["units"] == json!([]));
     let nowhere = changed(&|t| t["plan"] = json!("0123456789abcdef0123456789abcdef"));
     refused(&nowhere, "does not contain the plan 0123456789abcdef0123456789abcdef");

@@ -38,7 +38,7 @@ fn gridded(folder: &TempDir, files: &[&str]) -> Output {
 #[test]
 fn user_a_tie_with_the_number_of_a_line_is_a_separate_line() {
     let folder = TempDir::new().unwrap();
-    let expected = ["15\n", "9 lines, 3 of them ties", "ties: all shifted by -20.00 nT"];
+    let expected = ["15\n", "9 lines, including 3 ties", "ties: all shifted by -20.00 nT"];
     for first_tie in [1, 9001] {
         fs::write(folder.path().join("survey.xyz"), survey(first_tie)).unwrap();
         let output = gridded(&folder, &["survey.xyz"]);

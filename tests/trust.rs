@@ -128,7 +128,7 @@ fn user_set_is_checked_like_the_file() {
     .map(|(a, b)| (a.to_owned(), b.to_owned()))
     .into_iter()
     .chain([
-        (format!("name={long}"), "a name of 300 characters is too long".to_owned()),
+        (format!("name={long}"), "the name is too long: it has 300 characters".to_owned()),
         (format!("store={long}"), "is not a folder".to_owned()),
     ])
     .collect();

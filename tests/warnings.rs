@@ -286,7 +286,7 @@ fn user_warnings_is_a_reserved_table_name() {
     bench.spec(&SPEC.replace("name  = \"scores\"", "name  = \"warnings\""));
     let output = bench.magline(&["check", "spec.toml"]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(stderr(&output).contains("`warnings` is the table of"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("`warnings` is the name of the table of"), "{}", stderr(&output));
 }
 
 #[test]

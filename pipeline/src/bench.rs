@@ -109,7 +109,8 @@ pub const TASKS: [BenchTask; 8] = [
         "navigate_cold",
         "cold_lat",
         "cold_lon",
-        "the position, with the map and without any calibration: cabin magnetometers, no data of other lines"
+        "the position, with the map but without any calibration: only the cabin magnetometers, and no data from other \
+         lines"
     ),
     navigate!("map_free", "free_lat", "free_lon", "the position without the map"),
 ];
@@ -145,8 +146,9 @@ pub fn score(flights: &[BenchLine], predictions: &Predictions, wanted: &[String]
     let lines: Vec<&BenchLine> = flights.iter().filter(|f| TEST_LINES.contains(&f.line.as_str())).collect();
     if lines.len() != TEST_LINES.len() {
         let what = format!("the flights lack some of the lines {}", TEST_LINES.join(", "));
-        return Err(Fault::new(what)
-            .help(format!("use the flights of {SPEC}, or a simulation with these lines and another seed")));
+        return Err(
+            Fault::new(what).help(format!("use the flights of {SPEC}, or simulate the same lines with another seed"))
+        );
     }
     let places = predictions.places(&lines)?;
     let mut found = vec![];

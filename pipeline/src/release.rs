@@ -294,9 +294,7 @@ fn computed(graph: &PlanGraph, store: &Store) -> Result<Version, Fault> {
     let sets: String = spec.sets.iter().map(|s| format!(" --set '{s}'")).collect();
     let run = || format!("run it first: `magline run {}{sets}`", spec.file);
     let version = current(store.root(), &spec.name).filter(|_| html::is_current(graph, store));
-    version.ok_or_else(|| {
-        Fault::new(format!("the store has no results of {}, or they are outdated", spec.file)).help(run())
-    })
+    version.ok_or_else(|| Fault::new(format!("the store has no current results of {}", spec.file)).help(run()))
 }
 
 /// Failures in the tables and in their inputs.

@@ -24,7 +24,7 @@ pub fn cast(array: &ArrayRef, kind: &DataType) -> Result<ArrayRef, Fault> {
 
 /// Casts to fixed-size lists.
 fn fixed(array: &ArrayRef, item: &FieldRef, n: i32) -> Result<ArrayRef, Fault> {
-    let wrong = || Fault::bug(format!("a list does not have its {n} entries"));
+    let wrong = || Fault::bug(format!("a list does not have {n} entries"));
     let lists = array.as_list_opt::<i32>().ok_or_else(wrong)?;
     let offsets = lists.value_offsets();
     let (first, last) = (offsets.first().copied().unwrap_or(0), offsets.last().copied().unwrap_or(0));
@@ -59,6 +59,6 @@ mod tests {
         };
         assert_eq!(of(0, 2, 3).unwrap(), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
         assert_eq!(of(3, 2, 2).unwrap(), [8.0, 9.0, 10.0, 11.0]);
-        assert!(of(1, 2, 3).unwrap_err().what.contains("a list does not have its 3 entries"));
+        assert!(of(1, 2, 3).unwrap_err().what.contains("a list does not have 3 entries"));
     }
 }

@@ -67,16 +67,19 @@ pub const COLUMNS: &[(&str, ColumnDescription)] = &[
         d(
             "",
             Role::Aux,
-            "grade of the INS, and error sources that differ from it, such as `tactical, \
-            init_position_sigma_m = 3`",
+            "grade of the INS, and the error sources that differ from the grade, such as `tactical, \
+             init_position_sigma_m = 3`",
         ),
     ),
-    ("gnss_lat", d("deg", Role::Sensor, "latitude by a GNSS receiver with its noise, WGS-84")),
-    ("gnss_lon", d("deg", Role::Sensor, "longitude by a GNSS receiver with its noise, WGS-84")),
-    ("gnss_alt", d("m", Role::Sensor, "height by a GNSS receiver with its noise, above the WGS-84 ellipsoid")),
-    ("gnss_vn", d("m/s", Role::Sensor, "velocity north by a GNSS receiver with its noise")),
-    ("gnss_ve", d("m/s", Role::Sensor, "velocity east by a GNSS receiver with its noise")),
-    ("gnss_vd", d("m/s", Role::Sensor, "velocity down by a GNSS receiver with its noise")),
+    ("gnss_lat", d("deg", Role::Sensor, "WGS-84 latitude from a GNSS receiver, including the receiver's noise")),
+    ("gnss_lon", d("deg", Role::Sensor, "WGS-84 longitude from a GNSS receiver, including the receiver's noise")),
+    (
+        "gnss_alt",
+        d("m", Role::Sensor, "height above the WGS-84 ellipsoid from a GNSS receiver, including the receiver's noise"),
+    ),
+    ("gnss_vn", d("m/s", Role::Sensor, "north velocity from a GNSS receiver, including the receiver's noise")),
+    ("gnss_ve", d("m/s", Role::Sensor, "east velocity from a GNSS receiver, including the receiver's noise")),
+    ("gnss_vd", d("m/s", Role::Sensor, "down velocity from a GNSS receiver, including the receiver's noise")),
     ("diurnal", d("nT", Role::Sensor, "temporal variation of the earth's field")),
     ("igrf", d("nT", Role::Sensor, "core-field magnitude")),
     (

@@ -146,7 +146,7 @@ impl NativeGrid {
             return Ok(None);
         };
         let text = |field: &Field, key: &str| {
-            let wrong = || Fault::machine(format!("the map's metadata lack `{key}`")).in_column(field.name());
+            let wrong = || Fault::machine(format!("the map's metadata do not contain `{key}`")).in_column(field.name());
             field.metadata().get(key).cloned().ok_or_else(wrong)
         };
         let number = |field: &Field, key: &str| {

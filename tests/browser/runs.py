@@ -89,7 +89,7 @@ def test_unequal_rows_are_marked_and_have_no_star(visit, view):
 
     def answer(route):
         block = route.fetch().json()
-        block["reasons"] += ["other n: 9 and 7 on line <b id='injected'>\u202e"]
+        block["reasons"] += ["different n: 9 and 7 on line <b id='injected'>\u202e"]
         block["rows"] = [[len(block["reasons"]) - 1 for _ in column] for column in block["rows"]]
         block["changes"].append({"kind": "parameter", "table": "<b id=injected>", "what": AXIS, "before": None,
                                  "after": "\u001b[31m", "points": 1})

@@ -101,14 +101,18 @@ fn user_runs_are_compared_and_unequal_rows_are_marked() {
 
     let lines = compare(1, 3);
     assert!(
-        reasons(&lines, "std_error").iter().all(|r| r.starts_with("other lines: run 1 only: ")),
+        reasons(&lines, "std_error").iter().all(|r| r.starts_with("different lines: run 1 only: ")),
         "{}",
         lines["reasons"]
     );
     assert!(lines["pairs"][at].as_array().unwrap().iter().all(|pairs| pairs.as_array().unwrap().is_empty()));
     assert!(lines["reasons"].to_string().contains("2.02"));
     let rate = compare(1, 4);
-    assert!(reasons(&rate, "std_error").iter().all(|reason| reason.starts_with("other n: ")), "{}", rate["reasons"]);
+    assert!(
+        reasons(&rate, "std_error").iter().all(|reason| reason.starts_with("different n: ")),
+        "{}",
+        rate["reasons"]
+    );
     let truth = compare(4, 5);
     assert!(
         reasons(&truth, "std_error").iter().all(|r| r.starts_with("another stage of scores: ")),
@@ -148,7 +152,7 @@ fn user_other_data_of_a_line_are_marked() {
     assert_eq!(bench.run(&[]).code, 0);
     let block = Viewed::new(&bench, &["store"]).json(&format!("api/against?table={TABLE}&against=1"));
     assert!(
-        reasons(&block, "std_error").iter().any(|reason| reason.starts_with("other data of ")),
+        reasons(&block, "std_error").iter().any(|reason| reason.starts_with("different data on ")),
         "{}",
         block["reasons"]
     );

@@ -110,7 +110,7 @@ impl AnomalyGrid {
             }
             let ends = axis.first.is_finite() && axis.last().is_finite();
             if !(ends && axis.step > 0.0) {
-                let what = format!("the axis must ascend, but runs from {} to {}", axis.first, axis.last());
+                let what = format!("the axis must ascend, but it runs from {} to {}", axis.first, axis.last());
                 return Err(self.fault(what).in_column(name));
             }
         }
@@ -128,12 +128,12 @@ impl AnomalyGrid {
             GridHeight::Cells(cells) if cells.len() != self.nodes() || cells.iter().any(|a| a.is_infinite()) => {}
             _ => return Ok(()),
         }
-        Err(self.fault("the map has a height that is not a number").in_column("alt"))
+        Err(self.fault("a height of the map is not a number").in_column("alt"))
     }
 
     fn check_error(&self, error_nt: &[f64]) -> Result<(), ReadError> {
         if error_nt.len() != self.nodes() {
-            let what = format!("the grid has {} nodes but {} errors", self.nodes(), error_nt.len());
+            let what = format!("the grid has {} nodes, but {} standard deviations", self.nodes(), error_nt.len());
             return Err(self.fault(what).in_column(ERROR));
         }
         match error_nt.iter().position(|error| *error < 0.0 || error.is_infinite()) {

@@ -86,7 +86,7 @@ pub fn check_count(path: &Path, values: usize, nodes: usize) -> Result<(), ReadE
     if values == nodes {
         return Ok(());
     }
-    Err(ReadError::data(path, format!("the grid has {nodes} nodes but {values} values")).in_column("anomaly"))
+    Err(ReadError::data(path, format!("the grid has {nodes} nodes, but {values} values")).in_column("anomaly"))
 }
 
 /// Rejects a wrong number of values, infinite values, and a map without a known value.

@@ -113,7 +113,7 @@ impl AnomalyGrid {
             format!("EPSG:{}", target.code())
         };
         format!(
-            "resampled from {} x {} nodes in EPSG:{} to {to} by polynomials of ninth degree (fifth or third near edges \
+            "resampled from {} x {} nodes in EPSG:{} to {to} with polynomials of degree 9 (degree 5 or 3 near edges \
              and unknown nodes)",
             self.y.len,
             self.x.len,
@@ -169,7 +169,9 @@ impl AnomalyGrid {
         };
         let nodes = ((x.1 - x.0) / x_step).abs() * ((y.1 - y.0) / y_step).abs();
         if nodes.is_nan() || nodes >= MOST_NODES {
-            return Err(self.fault(format!("a grid of {nodes:.0} nodes is too large")).help("choose a larger spacing"));
+            return Err(self
+                .fault(format!("a grid with {nodes:.0} nodes is too large"))
+                .help("choose a larger spacing"));
         }
         let axis = |ends: CoordinateRange, step: f64| match spacing {
             Some(_) => multiples(ends, step),

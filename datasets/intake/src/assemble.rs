@@ -128,7 +128,7 @@ impl<'a> LineAssembly<'a> {
         for whole in &mut unnamed {
             if let Some(fault) = &mut whole.fault {
                 let rows = if whole.rows == 1 { "a row".to_owned() } else { format!("{} rows", whole.rows) };
-                fault.what = format!("the identifier is missing in {rows} of the file; this is the first");
+                fault.what = format!("the identifier is missing in {rows} of the file; this is the first of them");
             }
         }
         done.extend(unnamed);

@@ -48,8 +48,8 @@ pub fn formats(numbers: &[f64]) -> &'static str {
 }
 
 /// The message on such a column.
-pub const WHAT: &str = "the times are clock times in digits (hhmmss), not seconds: no pair of digits is 60 or more, and the numbers \
-                        jump at the end of each minute";
+pub const WHAT: &str = "the times are clock times written as digits (hhmmss), not seconds: no pair of digits reaches \
+                        60, and the numbers jump at the end of each minute";
 
 #[cfg(test)]
 mod tests {

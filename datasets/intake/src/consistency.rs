@@ -192,8 +192,8 @@ fn radians_at_the_equator(line: &ConsistencyLine, set: MotionColumns) -> Option<
     }
     let row = all.first().map_or(0, |c| c.row);
     let what = format!(
-        "the position {}, {} deg lies in the Gulf of Guinea and moves at {} m/s; as radians it would be {}, {} deg at \
-         about {} m/s",
+        "the position {}, {} deg lies in the Gulf of Guinea and moves at {} m/s; if it is in radians, it is {}, {} \
+         deg, and moves at about {} m/s",
         shown(lat[row]),
         shown(lon[row]),
         shown(round(speed)),

@@ -168,13 +168,13 @@ impl LineTable {
         let more = if empty.len() > NAMED { format!(" and {} more", empty.len() - NAMED) } else { String::new() };
         let named = empty.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", ");
         let fault = Fault::data(format!("no sample is within the times of {named}{more}")).in_file(&self.label);
-        Err(fault.help("times must be in s past midnight UTC, like `tt` of the flights"))
+        Err(fault.help("the times must be in seconds past midnight UTC, like `tt` of the flights"))
     }
 
     /// Fault for a file without a sample in any line.
     pub fn none_of(&self, path: &Path) -> Fault {
         let what = format!("no sample is within a line of {}", self.label);
-        Fault::data(what).in_file(&path.display().to_string()).help("check the flights and times of the table")
+        Fault::data(what).in_file(&path.display().to_string()).help("check the flights and times in the table")
     }
 }
 

@@ -292,14 +292,21 @@ fn described(name: &str, likely: &ProbableCause, origins: &FileColumns) -> Strin
             format!("if the value is in {unit}, it is {} {ours}: {units}", shown(*value))
         }
         ProbableCause::DegreesMinutes(value) => {
-            format!("read as degrees and minutes (NMEA ddmm.mm), it is {} deg; convert the column", shown(*value))
+            format!(
+                "if the value is in degrees and minutes (NMEA ddmm.mm), it is {} deg; convert the column",
+                shown(*value)
+            )
         }
         ProbableCause::GpsWeek(day, second) => format!(
-            "read as seconds of a GPS week, it is {} s of day {day}; `tt` must be in s past midnight UTC",
+            "if the value is in seconds of a GPS week, it is {} s of day {day}; `tt` must be in seconds past midnight \
+             UTC",
             shown(*second)
         ),
         ProbableCause::Unix(second) => {
-            format!("read as Unix time, it is {} s of the day; `tt` must be in s past midnight UTC", shown(*second))
+            format!(
+                "if the value is a Unix time, it is {} s of the day; `tt` must be in seconds past midnight UTC",
+                shown(*second)
+            )
         }
     }
 }

@@ -193,7 +193,7 @@ fn anomaly(
     match out.iter().position(|b| !b.iter().all(|x| x.is_finite())) {
         None => Ok(out),
         Some(i) => {
-            let what = format!("goes through a source at {:.5}, {:.5}, {} m", lat[i], lon[i], at.own.alt_m[i]);
+            let what = format!("the line goes through a source at {:.5}, {:.5}, {} m", lat[i], lon[i], at.own.alt_m[i]);
             Err(scene.fault(what).help("place the source deeper or raise `alt_m` of the line"))
         }
     }
@@ -210,13 +210,13 @@ fn off_the_map(
             let since = truth.tt_s[i] - truth.tt_s[0];
             let (lat, lon) = (truth.lat_deg[i], truth.lon_deg[i]);
             scene
-                .fault(format!("leaves the known map after {since:.1} s, at {lat:.5}, {lon:.5}"))
+                .fault(format!("the line leaves the known map after {since:.1} s, at {lat:.5}, {lon:.5}"))
                 .help("move the waypoints inwards or shorten the line")
         }
         CrustalCoverageError::Below(i) => {
             let (level_m, alt_m) = (map.level_m(), truth.alt_m[i]);
             scene
-                .fault(format!("the map's height, {level_m} m, is above the line's height, {alt_m} m"))
+                .fault(format!("the map's height ({level_m} m) is above the line's height ({alt_m} m)"))
                 .help("raise `alt_m` of the line to the map's height or above")
         }
     }
@@ -240,9 +240,9 @@ fn diurnal(
         start_tt_s: starts.fold(f64::INFINITY, f64::min),
     };
     let (tt_s, lat_deg, lon_deg) = (&at.tt_s, &at.lat_deg, &at.lon_deg);
-    variation
-        .along(&VariationPoints { tt_s, lat_deg, lon_deg, core_ned_nt })
-        .map_err(|what| scene.fault(what).help("fly at a time that the record covers, or use another record"))
+    variation.along(&VariationPoints { tt_s, lat_deg, lon_deg, core_ned_nt }).map_err(|what| {
+        scene.fault(what).help("move the flight to a time that the record covers, or use another record")
+    })
 }
 
 #[cfg(test)]

@@ -142,7 +142,7 @@ fn check_time(path: &Path, names: &[String], options: &FlightOptions) -> Result<
     if missing.number(text).is_some() || !is_clock(text) || *name == text {
         return Ok(());
     }
-    let what = format!("`{}` is text, but `tt` must be a number of seconds past midnight UTC", text.escape_debug());
+    let what = format!("`{}` is text, but `tt` must be in seconds past midnight UTC", text.escape_debug());
     let help = format!(
         "read it through a mapping with `time = {{ from = {name:?}, clock = \"text\" }}`; \
          `magline init FILE` writes the mapping and the spec"

@@ -23,7 +23,7 @@ mod walk;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "dataflash",
-    about: "binary log of an ArduPilot autopilot, DataFlash; `topic` is a message, `MAG:1` an instance",
+    about: "DataFlash binary log of an ArduPilot autopilot; `topic` is a message, or an instance such as `MAG:1`",
     extensions: &["bin"],
     recognise: |head: &FileHead| head.starts_with(MARKS),
     open,
@@ -100,7 +100,7 @@ fn instance<'a>(path: &Path, asked: Option<&'a str>, names: &'a [(String, u64)])
         _ => {
             let what = format!("`{name}` has {} instances; set `topic` to one of them", instances.len());
             Err(ReadError::options(path, what)
-                .help(format!("the instances, with their numbers of rows: {}", listed(&instances))))
+                .help(format!("the instances and their numbers of rows: {}", listed(&instances))))
         }
     }
 }
@@ -111,10 +111,10 @@ fn notes(path: &Path, walk: &DataflashScanner, number: usize) -> Vec<String> {
     let mut notes = vec![];
     notes.extend(state.damage.note());
     if state.cut > 0 {
-        notes.push(format!("the log ends in the middle of a message: {} were skipped", counted(state.cut, "byte")));
+        notes.push(format!("the log ends in the middle of a message: {} skipped", counted(state.cut, "byte")));
     }
     if state.unknown > 0 {
-        notes.push(format!("{} of types without a definition", counted(state.unknown, "message")));
+        notes.push(format!("{} skipped, because the types are not defined", counted(state.unknown, "message")));
     }
     if state.unreadable > 0 {
         notes.push(format!(
@@ -125,7 +125,7 @@ fn notes(path: &Path, walk: &DataflashScanner, number: usize) -> Vec<String> {
     }
     if let Some(layout) = state.topics.get(number).and_then(|t| state.layouts.get(t.layout)).filter(|l| l.others > 0) {
         let (others, name) = (counted(layout.others, "message"), &layout.definition.name);
-        notes.push(format!("{others} of `{name}` skipped: it was redefined with other fields"));
+        notes.push(format!("{others} of `{name}` skipped: the message was redefined with other fields"));
     }
     let file = path.display();
     notes.into_iter().map(|note| format!("{file}: {note}")).collect()

@@ -60,7 +60,7 @@ fn known(head: &FileHead) -> Option<(&'static str, &'static str)> {
     if let Some(line) = head.first_line() {
         let line = line.trim_start().to_ascii_lowercase();
         if line.starts_with("<!doctype html") || line.starts_with("<html") {
-            return Some(("an HTML page, perhaps the error of a server", "download the file itself"));
+            return Some(("an HTML page, perhaps an error message of a server", "download the file itself"));
         }
         if line.starts_with("<?xml") || line.starts_with("<kml") {
             return Some(("an XML document", EXPORT));

@@ -26,7 +26,7 @@ use crate::{
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "geosoft_xyz",
-    about: "XYZ export of Geosoft, with a record before each line: `Line 10`",
+    about: "XYZ export of Geosoft, with a record such as `Line 10` before each line",
     extensions: &[],
     recognise: |head: &FileHead| {
         let mut kinds = head.text_lines().map(|line| kind(&line, None));
@@ -244,7 +244,7 @@ impl GeosoftScan {
     fn unknown_note(&self) -> Option<String> {
         let (at, words, n) = self.unknown.as_ref()?;
         let more = if *n > 1 { format!("; {n} such lines") } else { String::new() };
-        Some(format!("line {at}: {}; the rows after it form a line that cannot be used{more}", unknown(words)))
+        Some(format!("line {at}: {}; the rows below form a line that cannot be used{more}", unknown(words)))
     }
 }
 
@@ -255,16 +255,15 @@ fn open(path: &Path, options: &FlightOptions, _: &ReadHints) -> Result<RawFlight
     let mut notes = vec![];
     if found.names.first().is_some_and(|n| n == "column_1") {
         notes.push(format!(
-            "{file}: no comment names the {} columns; they are column_1, column_2 ...",
+            "{file}: no comment names the {} columns, so they are named column_1, column_2 ...",
             found.names.len()
         ));
     }
     notes
         .extend([found.lines.note(), found.unknown_note()].into_iter().flatten().map(|note| format!("{file}: {note}")));
     if let Some(text) = &found.unread {
-        notes.push(format!(
-            "{file}: the date `{text}` cannot be read (valid: 2020/06/29); the rows after it have no date"
-        ));
+        notes
+            .push(format!("{file}: the date `{text}` cannot be read (valid: 2020/06/29); the rows below have no date"));
     }
     if is_whole(path).is_ok_and(|ends| !ends) {
         notes.push(format!(
@@ -405,7 +404,7 @@ impl GeosoftBatchReader {
             to.faults.push(RowFault { row: to.rows.len(), fault });
         }
         if !whole {
-            let what = format!("the row has {} values where the others have {width}", words.len());
+            let what = format!("the row has {} values, but the others have {width}", words.len());
             let fault =
                 ReadError::data(&self.path, what).in_row(self.row).help(format!("line {} of the file", self.text_line));
             to.faults.push(RowFault { row: to.rows.len(), fault });

@@ -16,7 +16,7 @@ use crate::ReadError;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "iaga2002",
-    about: "observatory records, IAGA-2002: a station is a flight, a day a line",
+    about: "observatory records, IAGA-2002; each station is read as a flight, and each day as a line",
     extensions: &["sec", "min"],
     recognise: |head| {
         head.first_line().is_some_and(|line| {
@@ -190,7 +190,7 @@ impl IagaHeader {
         let number = |text: &str| text.split_whitespace().next().and_then(|t| t.parse::<f64>().ok());
         if let Some(code) = value_of("IAGA CODE") {
             if !self.station.is_empty() && self.station != code {
-                let what = format!("the file holds the station {} and the station {code}", self.station);
+                let what = format!("the file holds the stations {} and {code}", self.station);
                 return Err(ReadError::data(path, what).help("split the file by station"));
             }
             self.station = code.to_owned();
@@ -316,7 +316,7 @@ pub(super) fn even(path: &Path, samples: &[ObservatorySample]) -> Result<(f64, V
         return Err(ReadError::data(path, "the times of the record do not ascend"));
     }
     if steps > FREE.max(MOST * samples.len() as f64) {
-        let what = format!("the record has {} samples in {steps:.0} steps of {step_s} s", samples.len());
+        let what = format!("the record has only {} samples in {steps:.0} steps of {step_s} s", samples.len());
         return Err(ReadError::data(path, what).help("split the record at long gaps"));
     }
     let mut out = vec![[f64::NAN; 4]; steps.round() as usize + 1];

@@ -17,7 +17,8 @@ use crate::ReadError;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "imf",
-    about: "observatory records by the minute, INTERMAGNET IMFV1.22 and 1.23: a station is a flight, a day a line",
+    about: "one-minute observatory records, INTERMAGNET IMFV1.22 and 1.23; each station is read as a flight, and each \
+            day as a line",
     // The extension is the code of the station.
     extensions: &["imf"],
     recognise: |head| head.first_line().is_some_and(|line| ImfBlockHeader::from_line(&line).is_some()),
@@ -103,16 +104,16 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadEr
             .ok_or_else(|| wrong(row, "the components do not form a vector"))?;
         let start = first.as_ref().unwrap_or(&block);
         if start.station != block.station || start.letters != block.letters {
-            return Err(wrong(row, "the station or the components change"));
+            return Err(wrong(row, "the station or the components change within the file"));
         }
         let days = days_between((start.year, start.doy), (block.year, block.doy)) as f64;
         let hour_s = 86_400.0 * days + 3600.0 * f64::from(block.hour);
         let baseline_rad = (block.baseline / 600.0).to_radians();
         for pair in 0..LINES_A_BLOCK {
             let Some((row, line)) = lines.next() else {
-                return Err(wrong(row, &format!("the file ends after {pair} of {LINES_A_BLOCK} lines of the hour")));
+                return Err(wrong(row, &format!("the file ends after {pair} of the {LINES_A_BLOCK} lines of an hour")));
             };
-            let values = values(line).ok_or_else(|| wrong(row, "two minutes of four values each are expected"))?;
+            let values = values(line).ok_or_else(|| wrong(row, "a line must have two minutes of four values each"))?;
             for (minute, digits) in values.chunks_exact(4).enumerate() {
                 let scaled: Vec<f64> = digits.iter().zip(&block.letters).map(|(x, l)| in_unit(*x, *l)).collect();
                 let ned_nt @ [north, east, down] = kind.ned_nt(&scaled, baseline_rad);
@@ -230,7 +231,7 @@ mod tests {
         );
         assert!(fault_text(&text.replace("HDZF", "ABCD")).contains("do not form a vector"));
         let cut: String = text.lines().take(20).map(|line| format!("{line}\n")).collect();
-        assert!(fault_text(&cut).contains("ends after 19 of 30 lines"));
+        assert!(fault_text(&cut).contains("ends after 19 of the 30 lines"));
         let word = text.lines().nth(1).unwrap().split_whitespace().next().unwrap();
         assert!(fault_text(&text.replacen(word, "x", 1)).contains("are expected in line 2"));
         assert!(fault_text("hello\n").contains("header of an hour") && fault_text("").contains("no samples"));

@@ -87,7 +87,7 @@ impl DecodeLimit {
     fn excess(&self, declared: Option<u64>) -> String {
         let declared = declared.map_or_else(|| "more than 18 EB".to_owned(), megabytes);
         let (file, most) = (megabytes(self.file), megabytes(self.most()));
-        format!("declares {declared} of values in a file of {file}; the limit for this file size is {most}")
+        format!("declares {declared} of values, but the file has {file}; the limit for this file size is {most}")
     }
 }
 
@@ -127,8 +127,9 @@ mod tests {
         assert!(large.check(path, Some(25 << 30)).is_ok() && large.check(path, Some((25 << 30) + 1)).is_err());
         let message = small.check(path, None).unwrap_err().to_string();
         assert!(
-            message
-                .contains("a.h5: declares more than 18 EB of values in a file of 1000 bytes; the limit for this file"),
+            message.contains(
+                "a.h5: declares more than 18 EB of values, but the file has 1000 bytes; the limit for this file"
+            ),
             "{message}"
         );
         assert!(check_columns(path, MOST_COLUMNS).is_ok() && check_columns(path, MOST_COLUMNS + 1).is_err());

@@ -123,7 +123,7 @@ impl GeosoftLineNames {
         let first = renamed.first()?;
         let more = if renamed.len() > 1 { format!(", and so on for {} lines", renamed.len()) } else { String::new() };
         Some(format!(
-            "lines of different types have the same number: `{} {}` is named {}{more}",
+            "lines of different types have the same number, so `{} {}` is named {}{more}",
             first.kind.word(),
             first.name,
             self.name(first)
@@ -178,7 +178,7 @@ mod tests {
         assert_eq!(all.each_ref().map(|r| names.name(r)), ["1", "T1", "9001", "2"]);
         let types = [("1", LineType::Line), ("2", LineType::Base), ("9001", LineType::Tie), ("T1", LineType::Tie)];
         assert_eq!(names.types(), types.map(|(name, kind)| (name.to_owned(), kind)).into());
-        let note = "lines of different types have the same number: `Tie 1` is named T1";
+        let note = "lines of different types have the same number, so `Tie 1` is named T1";
         assert_eq!(names.note().as_deref(), Some(note));
         // The name with the letter may already exist.
         names.add(&record(LineType::Line, "T1"));

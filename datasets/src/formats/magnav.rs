@@ -74,7 +74,7 @@ fn push_motion(table: &mut ColumnTable, prefix: &str) {
     let velocity = GeodeticTrack { tt, lat_deg, lon_deg, alt_m }.velocity_mps();
     for (name, values) in names.iter().zip(velocity) {
         table.take(name);
-        table.push_described(name, "m/s", "velocity, by differences of the positions", ColumnValues::Number(values));
+        table.push_described(name, "m/s", "velocity, from differences of the positions", ColumnValues::Number(values));
     }
 }
 
@@ -93,7 +93,7 @@ fn push_specific_force(table: &mut ColumnTable) {
         table.push_described(
             name,
             "m/s2",
-            "specific force, by differences of the velocity",
+            "specific force, from differences of the velocity",
             ColumnValues::Number(values),
         );
     }

@@ -121,7 +121,7 @@ fn own_unit(path: &Path, decoder: &mut TiffDecoder, keys: &[u16]) -> Result<Axis
     let entry = keys.chunks_exact(4).skip(1).find(|k| k[0] == LINEAR_UNIT_SIZE);
     let size = entry.and_then(|k| doubles.get(usize::from(k[3]))).copied().filter(|m| m.is_finite() && *m > 0.0);
     let size = size.ok_or_else(|| {
-        ReadError::data(path, "the unit of the coordinates is user-defined, but its size is missing")
+        ReadError::data(path, "the unit of the coordinates is user-defined, but the file does not give its size")
             .help("convert the map to a system in metres first")
     })?;
     Ok(AxisUnit::Length(format!("units of {size} m"), size))
@@ -152,6 +152,6 @@ fn height_m(metadata: &GdalMetadata, notes: &mut Vec<String>) -> Option<f64> {
     const NAMES: [&str; 5] = ["level_height_m", "height_m", "altitude_m", "alt_m", "alt"];
     let (name, text) = metadata.item(&NAMES)?;
     let alt_m = text.parse::<f64>().ok().filter(|x| x.is_finite())?;
-    notes.push(format!("the height {alt_m} m of the file's `{name}` is used as height above the ellipsoid"));
+    notes.push(format!("the height {alt_m} m in the file's `{name}` is used as the height above the ellipsoid"));
     Some(alt_m)
 }

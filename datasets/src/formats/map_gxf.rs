@@ -124,8 +124,8 @@ impl<'a> GxfObjects<'a> {
             (Some(AxisUnit::Angle(deg)), _) => Ok(Some(AxisUnit::Angle(deg))),
             (_, Some(_)) if name.to_ascii_lowercase().starts_with("deg") => Ok(Some(AxisUnit::Angle(1.0))),
             (Some(AxisUnit::Length(_, metres)), Some(factor)) if (metres / factor - 1.0).abs() > 1e-5 => {
-                let what = format!("#UNIT_LENGTH gives the unit `{name}` a wrong length of {factor} m");
-                Err(ReadError::data(self.path, what).help("correct the name or the factor"))
+                let what = format!("#UNIT_LENGTH gives the length of the unit `{name}` as {factor} m, which is wrong");
+                Err(ReadError::data(self.path, what).help("correct the unit or its length"))
             }
             (_, Some(factor)) => Ok(Some(AxisUnit::Length(name.to_owned(), factor))),
             (Some(unit), None) => Ok(Some(unit)),

@@ -65,11 +65,11 @@ impl MagnavCsvShape<'_> {
     fn flatten(&self, name: &str, rows: Vec<Vec<f64>>) -> Result<Vec<f64>, ReadError> {
         let path = self.folder.join(name);
         if rows.len() != self.n_lat {
-            let what = format!("has {} rows where yy.csv has {} latitudes", rows.len(), self.n_lat);
+            let what = format!("has {} rows, but yy.csv has {} latitudes", rows.len(), self.n_lat);
             return Err(ReadError::data(&path, what));
         }
         if let Some(row) = rows.iter().position(|r| r.len() != self.n_lon) {
-            let what = format!("the row has {} values where xx.csv has {} longitudes", rows[row].len(), self.n_lon);
+            let what = format!("the row has {} values, but xx.csv has {} longitudes", rows[row].len(), self.n_lon);
             return Err(ReadError::data(&path, what).in_row(row as u64));
         }
         Ok(rows.concat())

@@ -165,7 +165,7 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
             (None, several) => {
                 let names: Vec<&str> = several.iter().map(|v| v.name()).collect();
                 Err(ReadError::data(self.path, format!("the file holds several grids: {}", names.join(", ")))
-                    .help("keep one of them, or name one of them `z`"))
+                    .help("keep only one of them, or name one of them `z`"))
             }
         }
     }
@@ -184,7 +184,7 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
         let axis = |v: &NcVariable| FileAxis::from_coordinates(self.path, v.name(), &self.numbers(v)?);
         let (x_axis, y_axis) = (axis(x)?, axis(y)?);
         if y_axis.descends() {
-            notes.push("the file's rows run from north to south and are reversed".to_owned());
+            notes.push("the file's rows run from north to south, so they are reversed".to_owned());
         }
         let ordered = |values: Vec<f64>| if swapped { transposed(&values, y_axis.len()) } else { values };
         let (values, packing) = self.values(map, &mut notes)?;
@@ -308,9 +308,7 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
         draft.unit = unit.filter(|u| !["z", "user_z_unit"].contains(&u.as_str()));
         if pixel {
             draft.registration = Registration::Pixel;
-            draft
-                .notes
-                .push("the ends of the axes are edges of cells; the nodes are the centres of the cells".to_owned());
+            draft.notes.push("the axes end at edges of cells, so the nodes are the centres of the cells".to_owned());
         }
         Ok(draft)
     }

@@ -138,7 +138,7 @@ fn of_stage(path: &Path, names: &[String], batches: &[RecordBatch]) -> Result<Op
     let codes = numbers(path, batches, "epsg")?;
     let first = codes.first().copied().unwrap_or(f64::NAN);
     if codes.iter().any(|code| *code != first) {
-        let what = "the table holds several coordinate systems: it has a map for each point of a sweep";
+        let what = "the table holds several coordinate systems, because it has one map for each point of a sweep";
         return Err(ReadError::data(path, what).in_column("epsg"));
     }
     // An invalid code is rejected later.

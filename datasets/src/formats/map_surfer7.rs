@@ -48,7 +48,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
             (b"DSRB", None) => version = section.i32()?,
             (b"GRID", None) => place = Some(grid(path, &mut section, bytes.len() as u64)?),
             (b"DATA", Some(place)) => return data(path, options, place, version, &mut section),
-            (b"DATA", None) => return Err(ReadError::data(path, "the section DATA precedes the section GRID")),
+            (b"DATA", None) => return Err(ReadError::data(path, "the section DATA comes before the section GRID")),
             // Fault lines, and sections of later versions, are skipped.
             _ => {}
         }

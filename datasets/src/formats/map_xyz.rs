@@ -92,7 +92,7 @@ fn columns(path: &Path, table: &TextTable) -> Result<(usize, usize, usize, bool)
     match (place, value) {
         (Some((x, y)), Some(value)) => Ok((x, y, value, degrees.is_some())),
         _ => Err(ReadError::data(path, format!("the columns are {}", table.names.join(", ")))
-            .help("a map needs lon, lat, anomaly or easting, northing, anomaly")),
+            .help("a map needs the columns lon, lat and anomaly, or easting, northing and anomaly")),
     }
 }
 

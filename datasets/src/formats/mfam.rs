@@ -28,7 +28,7 @@ use crate::{
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
     name: "mfam",
-    about: "MagArrow and MFAM magnetometers: the CSV of Geometrics' Survey Manager",
+    about: "CSV exports of Geometrics' Survey Manager for MagArrow and MFAM magnetometers",
     extensions: &[],
     recognise: |head: &FileHead| {
         let header = head.first_line().unwrap_or_default();
@@ -236,7 +236,7 @@ impl MfamRowParser {
         if tt.is_none() && whole {
             wrong(ReadError::data(
                 &self.path,
-                "the date or the time is invalid; valid are 2020/10/27 and 10:33:09.001",
+                "the date or the time is invalid; valid examples are 2020/10/27 and 10:33:09.001",
             ));
         }
         to.tt.push(tt.unwrap_or(f64::NAN));

@@ -129,7 +129,7 @@ impl NetcdfEncoding {
         };
         let known = values.map(one).collect();
         if invalid > 0 {
-            notes.push(format!("{invalid} values outside the valid range of the file are treated as unknown"));
+            notes.push(format!("{invalid} values outside the valid range given in the file are treated as unknown"));
         }
         known
     }

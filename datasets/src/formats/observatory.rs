@@ -20,7 +20,7 @@ const FIELD: [(&str, &str); 4] = [
     ("field_n", "north component of the field at the station"),
     ("field_e", "east component of the field at the station"),
     ("field_d", "down component of the field at the station"),
-    ("field_f", "total field at the station, by its scalar magnetometer"),
+    ("field_f", "total field at the station, from its scalar magnetometer"),
 ];
 
 /// The columns `flight`, `line` (such as `2014-11-04`), `tt`, `year`, `doy`, the position of the station if known, and

@@ -148,7 +148,7 @@ fn plain(path: &Path, batch: &RecordBatch, to: &SchemaRef) -> Result<RecordBatch
         // The lower 32 bits of a view are its length.
         texts += views.map_or(0, |views| views.iter().map(|view| u64::from(*view as u32)).sum::<u64>());
         if texts > MOST_TEXT {
-            let what = format!("the texts of {} rows exceed {} MB", batch.num_rows(), MOST_TEXT >> 20);
+            let what = format!("the text in {} rows exceeds {} MB", batch.num_rows(), MOST_TEXT >> 20);
             return Err(ReadError::data(path, what).in_column(field.name()).help("remove the column from the file"));
         }
         let same = column.data_type() == field.data_type();

@@ -175,7 +175,7 @@ fn push_velocity(table: &mut ColumnTable) {
     let [Some(tt), Some(lat_deg), Some(lon_deg), Some(alt_m)] = columns else { return };
     let velocity = GeodeticTrack { tt, lat_deg, lon_deg, alt_m }.velocity_mps();
     for (name, values) in ["vn", "ve", "vd"].into_iter().zip(velocity) {
-        table.push_described(name, "m/s", "velocity, by differences of the positions", ColumnValues::Number(values));
+        table.push_described(name, "m/s", "velocity, from differences of the positions", ColumnValues::Number(values));
     }
 }
 

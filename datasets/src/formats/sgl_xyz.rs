@@ -282,7 +282,7 @@ impl SglXyzReader {
             to.faults.push(RowFault { row: to.rows, fault });
         };
         if !whole {
-            let what = format!("the row has {} values where the header has {width}", row.words.len());
+            let what = format!("the row has {} values, but the header has {width}", row.words.len());
             wrong(ReadError::data(&self.path, what).help(format!("line {} of the file", row.text_line)));
         }
         let text = row.text.as_bytes();

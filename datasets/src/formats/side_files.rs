@@ -36,7 +36,7 @@ pub(super) fn existing(path: &Path) -> Vec<PathBuf> {
 pub(super) fn refuse_stale(path: &Path) -> Result<(), ReadError> {
     let stale = existing(path).into_iter().next();
     stale.map_or(Ok(()), |side| {
-        let what = format!("`{}` belongs to an earlier file and would be applied to the new one", side.display());
+        let what = format!("`{}` belongs to an earlier file, but would be applied to the new file", side.display());
         Err(ReadError::options(path, what).help("remove it, or choose another output name"))
     })
 }

@@ -103,7 +103,7 @@ impl Damage {
         let places = if self.stretches == 1 { "1 place".to_owned() } else { format!("{} places", self.stretches) };
         let Damage { bytes, first, .. } = self;
         (*bytes > 0)
-            .then(|| format!("{bytes} bytes in {places} are damaged and were skipped, the first at byte {first}"))
+            .then(|| format!("{bytes} bytes in {places} are damaged and were skipped; the first is byte {first}"))
     }
 }
 
@@ -144,6 +144,6 @@ mod tests {
         damage.add(15, 5);
         damage.add(100, 1);
         assert_eq!((damage.stretches, damage.bytes), (2, 11));
-        assert_eq!(damage.note().unwrap(), "11 bytes in 2 places are damaged and were skipped, the first at byte 10");
+        assert_eq!(damage.note().unwrap(), "11 bytes in 2 places are damaged and were skipped; the first is byte 10");
     }
 }

@@ -289,14 +289,14 @@ fn gold_faults_of_a_csv_are_reported_with_their_place() {
     let folder = TempDir::new().unwrap();
     let head = "flight,line,tt,mag_1_uc\n7,1,0.0,1.5\n";
     for (name, tail, message) in [
-        ("ragged", "7,1,0.1\n", "row 1: the row has 3 values where the header has 4 (line 3 of the file)"),
+        ("ragged", "7,1,0.1\n", "row 1: the row has 3 values, but the header has 4 (line 3 of the file)"),
         (
             "word",
             "7,1,0.1,high\n",
             "column `mag_1_uc`, row 1: `high` is not a number (line 3 of the file; if it marks a missing value, \
              add it to `missing`)",
         ),
-        ("comma", "7,1,0.1,1,5\n", "row 1: the row has 5 values where the header has 4 (line 3 of the file)"),
+        ("comma", "7,1,0.1,1,5\n", "row 1: the row has 5 values, but the header has 4 (line 3 of the file)"),
     ] {
         let path = written(&folder, &format!("{name}.csv"), &format!("{head}{tail}"));
         let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
@@ -322,7 +322,7 @@ fn gold_faults_of_a_csv_are_reported_with_their_place() {
     // A row of another length has its place in the original file.
     fs::write(&path, "# a comment\nflight;line;tt\n1;1;0,5\n1;1\n").unwrap();
     let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
-    assert!(fault.contains("the row has 2 values where the header has 3 (line 4 of the file)"), "{fault}");
+    assert!(fault.contains("the row has 2 values, but the header has 3 (line 4 of the file)"), "{fault}");
 }
 
 #[test]
@@ -364,7 +364,7 @@ fn gold_a_short_row_of_an_xyz_file_is_an_error() {
     let folder = TempDir::new().unwrap();
     let path = written(&folder, "a.xyz", "/ one\n/ LINE FLT TIME LAT\n 1.01 1 0.0 45\n 1.01 1 0.1\n");
     let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
-    let message = "row 1: the row has 3 values where the header has 4 (line 4 of the file)";
+    let message = "row 1: the row has 3 values, but the header has 4 (line 4 of the file)";
     assert_eq!(fault, format!("{}, {message}", path.display()));
 }
 

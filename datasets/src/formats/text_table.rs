@@ -106,7 +106,7 @@ fn unequal(path: &Path, words: &[&str], width: usize, row: usize, at: usize) -> 
     let what = match read_record(words, Some(width)) {
         LineRecordMatch::Unknown => unknown(words),
         LineRecordMatch::Record(_) | LineRecordMatch::No => {
-            format!("the row has {} values where the others have {width}", words.len())
+            format!("the row has {} values, but the others have {width}", words.len())
         }
     };
     ReadError::data(path, what).in_row(row as u64).help(format!("line {at} of the file"))
@@ -331,11 +331,11 @@ mod tests {
     #[test]
     fn gold_faults_of_a_text_table() {
         let fault_text = |text: &str| parse(Path::new("a.xyz"), text).unwrap_err().to_string();
-        let short = "a.xyz, row 1: the row has 2 values where the others have 3 (line 3 of the file)";
+        let short = "a.xyz, row 1: the row has 2 values, but the others have 3 (line 3 of the file)";
         assert_eq!(fault_text("1 2 3\n\n1 2\n"), short);
         assert_eq!(
             fault_text("x,y,z\n1,2\n"),
-            "a.xyz, row 0: the row has 2 values where the others have 3 (line 2 of the file)"
+            "a.xyz, row 0: the row has 2 values, but the others have 3 (line 2 of the file)"
         );
         assert!(fault_text("x y z\nLine 1\n1 2 3\nFoo 2\n4 5 6\n").contains("row 1: `Foo 2` is not a line record"));
         assert_eq!(fault_text("# nothing\n"), "a.xyz: the table has no rows");

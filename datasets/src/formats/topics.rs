@@ -111,7 +111,7 @@ pub(super) fn chosen(path: &Path, asked: Option<&str>, tables: &[(String, u64)])
         (None, _) => {
             let what = format!("the file holds {} tables; set `topic` to one of them", tables.len());
             Err(ReadError::options(path, what)
-                .help(format!("the topics, with their numbers of rows: {}", listed(tables))))
+                .help(format!("the topics and their numbers of rows: {}", listed(tables))))
         }
         (Some(name), _) => names
             .iter()

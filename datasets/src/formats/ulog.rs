@@ -98,13 +98,16 @@ fn notes(path: &Path, walk: &UlogScanner, number: usize) -> Vec<String> {
     }
     notes.extend(state.damage.note());
     if state.cut > 0 {
-        notes.push(format!("the log ends in the middle of a message: {} were skipped", counted(state.cut, "byte")));
+        notes.push(format!("the log ends in the middle of a message: {} skipped", counted(state.cut, "byte")));
     }
     if state.unknown > 0 {
-        notes.push(format!("{} of unknown types or ids skipped", counted(state.unknown, "message")));
+        notes.push(format!("{} with unknown types or ids skipped", counted(state.unknown, "message")));
     }
     if state.unreadable > 0 {
-        notes.push(format!("{} skipped together with their messages", counted(state.unreadable, "invalid definition")));
+        notes.push(format!(
+            "{} skipped, with all messages that use them",
+            counted(state.unreadable, "invalid definition")
+        ));
     }
     notes.extend(misfits(&state.topics));
     if let Some(end) = state.appended.first().filter(|end| **end > walk.position()) {
@@ -116,7 +119,7 @@ fn notes(path: &Path, walk: &UlogScanner, number: usize) -> Vec<String> {
         }
         if topic.others > 0 {
             notes.push(format!(
-                "{} of `{}` skipped: it was redefined with other fields",
+                "{} of `{}` skipped: the message was redefined with other fields",
                 counted(topic.others, "message"),
                 topic.spelt()
             ));

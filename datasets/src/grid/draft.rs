@@ -106,7 +106,7 @@ impl<'a> MapDraft<'a> {
         let height = self.height(options, &missing)?;
         if self.errors.iter().flatten().any(|error| *error < 0.0 || error.is_infinite()) {
             self.errors = None;
-            self.notes.push("the column `error` is ignored: it has negative or infinite values".to_owned());
+            self.notes.push("the column `error` is ignored, because it has negative or infinite values".to_owned());
         }
         let mut map = AnomalyGrid {
             x: self.x.ascending(),
@@ -158,7 +158,7 @@ impl<'a> MapDraft<'a> {
             }
         }
         if x_down {
-            self.notes.push("the file's columns run from east to west and are reversed".to_owned());
+            self.notes.push("the file's columns run from east to west, so they are reversed".to_owned());
         }
     }
 

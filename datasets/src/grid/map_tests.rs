@@ -117,14 +117,14 @@ fn gold_invalid_maps() {
     let message = new(axis(0.0, 1.0, 1), y, 4326, four.clone(), level.clone());
     assert_eq!(message, "column `lon`: a map requires at least two nodes along each axis, not 1");
     let message = new(x, axis(0.0, -1.0, 2), 32630, four.clone(), level.clone());
-    assert_eq!(message, "column `northing`: the axis must ascend, but runs from 0 to -1");
+    assert_eq!(message, "column `northing`: the axis must ascend, but it runs from 0 to -1");
     let message = new(x, axis(89.5, 1.0, 2), 4326, four.clone(), level.clone());
     assert!(message.starts_with("column `lat`: the coordinate 90.5 degrees is out of range"), "{message}");
     let message = new(x, y, 4326, vec![1.0; 3], level.clone());
-    assert_eq!(message, "column `anomaly`: the grid has 4 nodes but 3 values");
+    assert_eq!(message, "column `anomaly`: the grid has 4 nodes, but 3 values");
     assert_eq!(new(x, y, 4326, vec![f64::NAN; 4], level), "column `anomaly`: the map has no known value");
     let message = new(x, y, 4326, four, GridHeight::Cells(vec![0.0; 3]));
-    assert_eq!(message, "column `alt`: the map has a height that is not a number");
+    assert_eq!(message, "column `alt`: a height of the map is not a number");
     let map = made(32630, axis(300_000.0, 1000.0, 5), axis(5_500_000.0, 1000.0, 5));
     assert_eq!(
         map.to_crs(32630, Some(-1.0)).unwrap_err().to_string(),

@@ -62,7 +62,7 @@ pub(crate) fn check(
     let PlausibleRange { low, high, .. } = limits;
     let mut what = format!("{found} is not {noun} ({} to {} {})", shown(low), shown(high), unit.canonical);
     if count > 0 {
-        what += &format!(", and {count} more of {known} values are out of range");
+        what += &format!("; other values out of range: {count} of {known}");
     }
     Err(wrong(first, what).help(remedy(*value)))
 }
@@ -77,7 +77,7 @@ fn nines(values: &[f64], unit: &ValueUnit, wrong: impl Fn(usize, String) -> Read
         return Ok(());
     }
     let first = values.iter().position(|v| *v == most).unwrap_or(0);
-    let what = format!("{} {} is far above the next value, {}", spelt(most), unit.name, spelt(next));
+    let what = format!("{} {} is far above the next largest value, {}", spelt(most), unit.name, spelt(next));
     Err(wrong(first, what).help(remedy(most)))
 }
 

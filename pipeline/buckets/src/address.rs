@@ -75,7 +75,7 @@ pub fn place(text: &str) -> Result<StorageLocation, Fault> {
     let (bucket, key) = rest.split_once('/').unwrap_or((rest, ""));
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | '_');
     if bucket.is_empty() || !bucket.chars().all(plain) {
-        let fault = Fault::new(format!("the address {}:// has no name of a bucket", scheme.as_str()));
+        let fault = Fault::new(format!("the address {}:// lacks the name of a bucket", scheme.as_str()));
         return Err(
             fault.help(format!("write {}://BUCKET/NAME; put a key or password into the environment", scheme.as_str()))
         );
@@ -83,7 +83,7 @@ pub fn place(text: &str) -> Result<StorageLocation, Fault> {
     let key = key.trim_matches('/');
     if key.chars().any(char::is_control) || key.split('/').any(|part| matches!(part, "." | "..")) || key.contains("//")
     {
-        return Err(Fault::new(format!("the address in the bucket `{bucket}` is not a valid name of an object"))
+        return Err(Fault::new(format!("the address in the bucket `{bucket}` is not a valid object name"))
             .help("remove `.`, `..`, `//` and control characters"));
     }
     Ok(StorageLocation::Object(ObjectAddress { scheme, bucket: bucket.to_owned(), key: key.to_owned() }))

@@ -136,7 +136,7 @@ impl Bucket {
 
     fn name(&self, key: &str) -> Result<Name, Fault> {
         let whole = self.address.below(key);
-        Name::parse(&whole.key).map_err(|e| Fault::new(format!("{whole} is not a valid name of an object: {e}")))
+        Name::parse(&whole.key).map_err(|e| Fault::new(format!("{whole} is not a valid object name: {e}")))
     }
 
     fn fault(&self, doing: &str, key: &str, error: &Error) -> Fault {
@@ -153,10 +153,10 @@ impl Bucket {
             }
             _ if text.contains("169.254.169.254") || text.contains("metadata.google") => {
                 Fault::machine(format!("cannot {doing} {address}: there are no credentials"))
-                    .help("set credentials in the environment or a profile, see pipeline/OBJECTS.md")
+                    .help("set credentials in the environment or a profile; see pipeline/OBJECTS.md")
             }
             _ if is_forbidden(error, &text) => Fault::machine(what)
-                .help("the credentials of the environment or the profile do not permit it, see pipeline/OBJECTS.md"),
+                .help("the credentials in the environment or the profile do not permit it; see pipeline/OBJECTS.md"),
             Error::NotImplemented { .. } | Error::NotSupported { .. } => Fault::machine(what)
                 .help("the server lacks an operation that a store requires, such as conditional writes"),
             _ if text.contains("status code: 30") => {
@@ -197,7 +197,7 @@ impl Bucket {
 
     fn cut(&self, key: &str) -> Fault {
         let what = format!("cannot read {}: the response was truncated {TRIALS} times", self.address.below(key));
-        Fault::machine(what).help("run again; if the error persists, check proxies in the network")
+        Fault::machine(what).help("run again; if the error persists, check the proxies of your network")
     }
 
     /// Object; `None` if missing.

@@ -148,9 +148,9 @@ fn allowed(endpoint: &str) -> Result<(), Fault> {
     match url::Url::parse(endpoint).ok().filter(|url| url.has_host()).as_ref().map(url::Url::scheme) {
         Some("https") => Ok(()),
         Some("http") if plain => Ok(()),
-        Some("http") => Err(Fault::machine("the endpoint of S3 does not use TLS")
-            .help("permit it with AWS_ALLOW_HTTP=true, or use an https:// endpoint")),
-        Some(_) | None => Err(Fault::machine("the endpoint of S3 is not a valid address (AWS_ENDPOINT_URL)")
+        Some("http") => Err(Fault::machine("the S3 endpoint does not use TLS")
+            .help("set AWS_ALLOW_HTTP=true to permit this, or use an https:// endpoint")),
+        Some(_) | None => Err(Fault::machine("the S3 endpoint (AWS_ENDPOINT_URL) is not a valid address")
             .help("write it as https://HOST or http://HOST:PORT")),
     }
 }

@@ -63,7 +63,7 @@ impl BucketCache {
         let relative = Path::new(key);
         let plain = relative.components().all(|c| matches!(c, Component::Normal(_)));
         if !plain || key.is_empty() || key.contains('\\') {
-            return Err(Fault::new(format!("{} is not a valid name of a file", self.bucket.address().below(key))));
+            return Err(Fault::new(format!("{} is not a valid file name", self.bucket.address().below(key))));
         }
         Ok(self.folder.join(relative))
     }

@@ -104,7 +104,7 @@ impl AwsProfile {
                 builder = builder.with_token(token);
             }
         } else if self.other && self.access_key_id.is_none() && set("AWS_ACCESS_KEY_ID").is_none() {
-            let what = format!("the profile `{}` has credentials that another program must request", self.name);
+            let what = format!("another program must request the credentials of the profile `{}`", self.name);
             return Err(Fault::machine(what).help(
                 "put them into the environment with `eval \"$(aws configure export-credentials --format env)\"`",
             ));

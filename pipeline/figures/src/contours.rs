@@ -25,7 +25,9 @@ const CELL: f64 = 2.5;
 /// Fails when `step` is not positive or gives too many lines.
 pub fn marks(frame: &MapFrame, step: f64) -> Result<(Vec<SceneMark>, LegendEntry), Fault> {
     if !(step > 0.0 && step.is_finite()) {
-        return Err(Fault::new(format!("contour lines every {step} cannot be drawn")).help("give a step above zero"));
+        return Err(
+            Fault::new(format!("contours at intervals of {step} cannot be drawn")).help("give a step above zero")
+        );
     }
     let size = ((frame.rect.w / CELL).ceil() as usize, (frame.rect.h / CELL).ceil() as usize);
     let sheet = sheet(frame.picture, &frame.window, size);
@@ -34,8 +36,11 @@ pub fn marks(frame: &MapFrame, step: f64) -> Result<(Vec<SceneMark>, LegendEntry
     let (first, last) = ((low / step).ceil(), (high / step).floor());
     if last - first >= MOST {
         let unit = frame.picture.unit;
-        return Err(Fault::new(format!("contour lines every {step} {unit} would be {} lines", last - first + 1.0))
-            .help(format!("from {low:.1} to {high:.1} {unit}, the limit is {MOST} lines")));
+        return Err(Fault::new(format!(
+            "contours at intervals of {step} {unit} would give {} lines",
+            last - first + 1.0
+        ))
+        .help(format!("the values run from {low:.1} to {high:.1} {unit}; the limit is {MOST} lines")));
     }
     let (mut light, mut heavy) = (vec![], vec![]);
     for k in first as i64..=last as i64 {
@@ -54,7 +59,7 @@ pub fn marks(frame: &MapFrame, step: f64) -> Result<(Vec<SceneMark>, LegendEntry
 fn name(step: f64, unit: &str) -> String {
     let heavy = ticks::fixed(step * HEAVY as f64, 6);
     let heavy = heavy.trim_end_matches('0').trim_end_matches('.');
-    format!("contours every {step} {unit}, heavy every {heavy}")
+    format!("contours every {step} {unit}, heavy lines every {heavy}")
 }
 
 /// Lines of one value, in the map's coordinates, by marching squares; the mean of a saddle cell determines the

@@ -138,7 +138,7 @@ fn check(picture: &FlightPicture) -> Result<(), Fault> {
     }
     let ends = picture.time.first().zip(picture.time.last());
     if ends.is_none_or(|(a, b)| !(b > a && (b - a).is_finite())) {
-        return Err(Fault::data("a flight of fewer than two times cannot be drawn"));
+        return Err(Fault::data("a flight with fewer than two samples cannot be drawn"));
     }
     Ok(())
 }

@@ -103,7 +103,7 @@ pub(super) fn map(
 ) -> Result<Vec<Markup>, Fault> {
     check(picture, look)?;
     if picture.plane != AxisQuantity::Degrees {
-        return Err(Fault::new("Google Earth needs a map of latitudes and longitudes, this one is in metres")
+        return Err(Fault::new("Google Earth needs a map in latitude and longitude, but this map is in metres")
             .help("give the map with its coordinate system, or plot it as PNG or SVG"));
     }
     let scale = colour_scale(picture, look)?;

@@ -161,7 +161,7 @@ fn check(picture: &MapPicture, look: &MapStyle) -> Result<(), Fault> {
     for (axis, name) in [(x, "columns"), (y, "rows")] {
         let (from, to) = (axis.at(-0.5), axis.at(axis.len as f64 - 0.5));
         if !(axis.step > 0.0 && axis.len > 0 && from < to && (to - from).is_finite()) {
-            return Err(Fault::data(format!("the {name} of the map are not an even, ascending axis")));
+            return Err(Fault::data(format!("the {name} of the map do not form an evenly spaced, ascending axis")));
         }
     }
     if x.len.checked_mul(y.len) != Some(picture.values.len()) {

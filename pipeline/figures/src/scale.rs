@@ -131,7 +131,7 @@ fn in_order(what: &str, low: f64, high: f64, within: (f64, f64)) -> Result<(), F
         return Ok(());
     }
     let help = if within.1 == 100.0 {
-        "give two percentages from 0 to 100, the smaller one first"
+        "give two percentages from 0 to 100, with the smaller one first"
     } else {
         "give the smaller one first"
     };

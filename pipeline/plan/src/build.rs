@@ -56,7 +56,7 @@ impl PlanBuilder<'_> {
             }
             let taken = RESERVED_TABLES.iter().find(|(taken, _)| name == taken);
             if let Some((_, what)) = taken.filter(|(taken, _)| *taken != "trials" || self.spec.search.is_some()) {
-                let fault = Fault::new(format!("`{name}` is the table of {what}; choose another name"));
+                let fault = Fault::new(format!("`{name}` is the name of the table of {what}; choose another name"));
                 self.faults.push(fault.at(at.clone()));
             }
             seen.push(name);
@@ -206,14 +206,14 @@ impl PlanBuilder<'_> {
         let columns = node.columns();
         for axis in node.axes.iter().filter_map(|i| self.spec.axes.get(*i)) {
             if axis.name == IN_SAMPLE && node.in_sample_meaning().is_some() {
-                let what = format!("the axis `{}` has the name of a column of `{}`", axis.name, node.name);
+                let what = format!("the axis `{}` has the same name as a column of `{}`", axis.name, node.name);
                 self.faults.push(Fault::new(what).at(axis.at.clone()).help("rename the axis"));
             }
             let clash = columns.iter().find(|c| c.name == axis.name);
             // In a small table, `model` or `method` may be the value of the axis of that name.
             let own = axis.name == "model" || clash.is_some_and(|column| self.is_own_value(node, column));
             if clash.is_some() && !(node.is_small() && own) {
-                let what = format!("the axis `{}` has the name of a column of `{}`", axis.name, node.name);
+                let what = format!("the axis `{}` has the same name as a column of `{}`", axis.name, node.name);
                 self.faults.push(Fault::new(what).at(axis.at.clone()).help("rename the axis"));
             }
         }

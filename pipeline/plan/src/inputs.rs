@@ -282,7 +282,7 @@ fn kind_words(kind: InputKind) -> &'static str {
         InputKind::ManyModels => "one or several model tables",
         InputKind::ManyMaps => "one or several maps",
         InputKind::Scores => "a table of scores",
-        InputKind::Record => "a record, a table of flight lines",
-        InputKind::ManyRecords => "one or several records, tables of flight lines",
+        InputKind::Record => "a record (a table of flight lines)",
+        InputKind::ManyRecords => "one or several records (tables of flight lines)",
     }
 }

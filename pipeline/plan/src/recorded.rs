@@ -180,7 +180,7 @@ impl RecordedPlan {
             .map_err(|e| Fault::new(format!("the plan {key} was made by another version of magline: {e}")))?;
         if recorded.form != FORM || recorded.magline != env!("CARGO_PKG_VERSION") {
             let what = format!(
-                "the plan {key} was made by magline {}, form {}; this is magline {}, form {FORM}",
+                "the plan {key} was made by magline {} (format {}), but this is magline {} (format {FORM})",
                 recorded.magline,
                 recorded.form,
                 env!("CARGO_PKG_VERSION")
@@ -189,8 +189,8 @@ impl RecordedPlan {
         }
         if recorded.arithmetic_key != *ARITHMETIC {
             let what = format!(
-                "results of this machine ({}) and of the machine that made the plan {key} ({}) differ in their last \
-                 bits",
+                "results of this machine ({}) and results of the machine that made the plan {key} ({}) differ in \
+                 their last bits",
                 processor(),
                 recorded.arithmetic
             );

@@ -104,7 +104,7 @@ impl PlanBuilder<'_> {
             let shape = node.tables.first().map(|t| t.shape().clone()).unwrap_or_default();
             match Predicate::new(text, &shape) {
                 Ok(predicate) if !predicate.is_of_lines() => {
-                    let what = "the `where` of a search selects lines, so it may use only `flight` and `line`";
+                    let what = "`where` of a search selects lines, so it may use only `flight` and `line`";
                     self.faults.push(Fault::new(what).at(at.clone()));
                 }
                 Ok(_) => {}

@@ -116,8 +116,9 @@ impl Flights {
         let mut found = find(&decl.path.0, folder, any_name).map_err(|f| vec![placed(f)])?;
         let young = trust.settle.and_then(|settle| files::settled(&mut found, settle));
         if let Some(what) = young.as_ref().filter(|_| found.is_empty()) {
-            let fault = Fault::new(format!("every file of `{}` was modified within the time of `--settle`", decl.name))
-                .help(what.clone());
+            let fault =
+                Fault::new(format!("every file of `{}` was modified within the time given by `--settle`", decl.name))
+                    .help(what.clone());
             return Err(vec![placed(fault)]);
         }
         if let Some(mapped) = mapped.as_ref().filter(|_| found.len() > 1) {
@@ -125,7 +126,7 @@ impl Flights {
             if found.is_empty() {
                 let what =
                     format!("no file of `{}` belongs to the table `{}` of the mapping", decl.path.0, mapped.name());
-                return Err(vec![placed(Fault::new(what).help("check the pattern `file` of this table"))]);
+                return Err(vec![placed(Fault::new(what).help("check the pattern in `file` for this table"))]);
             }
         }
         let mut faults = vec![];

@@ -212,8 +212,7 @@ impl PlanBuilder<'_> {
         let shape = seen.map(|t| t.shape().clone()).unwrap_or_default();
         let predicate = Predicate::new(text, &shape)?;
         if entry.grain == Grain::Line && !predicate.is_of_lines() {
-            let what =
-                format!("`{}` works on whole lines, so its `where` may use only `flight` and `line`", entry.name);
+            let what = format!("`{}` works on whole lines, so `where` may use only `flight` and `line`", entry.name);
             return Err(Fault::new(what));
         }
         let predicate = Arc::new(predicate);

@@ -48,8 +48,12 @@ pub fn encryption(certificates: &[u8], key: &[u8]) -> Result<Arc<ServerConfig>, 
     let wrong = |why: &dyn std::fmt::Display| {
         Fault::new(format!("the certificate or its key is invalid: {why}")).help("both must be PEM files")
     };
-    let provider = cryptography()
-        .map_err(|fault| fault.help("listen on the loopback address, and encrypt with a proxy that supports HTTP/2"))?;
+    let provider = cryptography().map_err(|fault| {
+        fault.help(
+            "listen on the loopback address, and use a proxy that supports HTTP/2 for \
+                                     encryption",
+        )
+    })?;
     let chain: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(certificates).collect();
     let chain = chain.map_err(|e| wrong(&e))?;
     let key = PrivateKeyDer::from_pem_slice(key).map_err(|e| wrong(&e))?;

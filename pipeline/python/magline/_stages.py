@@ -1138,7 +1138,7 @@ class StageMethods:
         input : TableLike
             Input: flight lines.
         record : TableLike | Sequence[TableLike]
-            Input: one or several records, tables of flight lines; each line reads the whole tables.
+            Input: one or several tables of flight lines that every line reads as a whole.
         element : str, optional
             Column of the record to use. Unit: nT. Default: `"field_f"`.
         column : str, optional

@@ -202,7 +202,7 @@ def _values(name: str, item: Any, rows: tuple[int, ...]) -> Any:
     if array.dtype.kind in "OUT" and all(isinstance(one, str) for one in array.ravel()):
         return [str(one) for one in array.ravel()]
     if array.ndim == 2:
-        raise ValueError(f"`{name}` has two dimensions; give a pair of its values and the names of its columns")
+        raise ValueError(f"`{name}` has two dimensions; give a pair: the values, and the names of the columns")
     return column(np.full(rows, array) if array.ndim == 0 else array)
 
 
@@ -231,7 +231,7 @@ def _map(map: Map | None) -> Any:
     shape = (len(map.y), len(map.x))
     anomaly = matrix(map.anomaly_nt)
     if anomaly.shape != shape:
-        raise ValueError(f"the anomaly has the shape {anomaly.shape}, not {shape}")
+        raise ValueError(f"the anomaly must have the shape {shape}, not {anomaly.shape}")
     alt = matrix(np.broadcast_to(map.alt_m, shape))
     error = None if map.error_nt is None else matrix(np.broadcast_to(map.error_nt, shape))
     return column(map.x), column(map.y), anomaly, alt, map.epsg, error, map._steps

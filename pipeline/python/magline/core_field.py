@@ -99,7 +99,7 @@ def _field(
 ) -> NDArray[np.float64]:
     names = ("north", "east", "down")
     if component not in ("magnitude", *names):
-        raise ValueError(f"`component` is magnitude, north, east or down, not {component!r}")
+        raise ValueError(f"`component` must be magnitude, north, east or down, not {component!r}")
     given = (np.asarray(one, dtype=np.float64) for one in (lat_deg, lon_deg, alt_m, decimal_year))
     lat, lon, alt, year = np.broadcast_arrays(*given)
     flat = [np.ascontiguousarray(one).reshape(-1) for one in (lat, lon, alt, year)]

@@ -81,9 +81,9 @@ def declare(part: Any, name: str | None, version: int, parameters: list[dict[str
     """Properties that all parts have."""
     called = name or part.__name__
     if not _NAME.match(called):
-        raise ValueError(f"`{called}` is not a name of a part; use lower-case letters, digits and `_`")
+        raise ValueError(f"`{called}` is not a valid name for a part; use lower-case letters, digits and `_`")
     if isinstance(version, bool) or not isinstance(version, int) or not 1 <= version < 2**32:
-        raise ValueError(f"the version of `{called}` must be a whole number from 1, not {version!r}")
+        raise ValueError(f"the version of `{called}` must be a whole number of at least 1, not {version!r}")
     module = sys.modules.get(part.__module__)
     return {
         "name": called,

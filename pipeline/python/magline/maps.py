@@ -234,7 +234,7 @@ def vector(
     north, east, down, damped = _magline.vector(matrix(grid), spacing, *angles)
     if damped:
         warnings.warn(
-            f"at an inclination of {inclination_deg} degrees the map does not determine waves across "
+            f"at an inclination of {inclination_deg} degrees, the map does not determine waves across "
             "the core field; the components are too small",
             stacklevel=2,
         )

@@ -212,7 +212,7 @@ def model(
         parameters = parameters_of(made, lambda p: keys is None or p.name in keys)
         missing = set(keys or ()) - {p["name"] for p in parameters}
         if missing:
-            raise ValueError(f"`{made.__name__}` has no arguments {sorted(missing)} with a known type")
+            raise ValueError(f"`{made.__name__}` lacks the arguments {sorted(missing)}, or their types are unknown")
         _register("model", made, depends, declare(made, name, version, parameters), ModelCall(made))
         return made
 

@@ -310,5 +310,5 @@ def _setup(
     lat_deg, lon_deg, anomaly_nt = map
     grid, lat, lon = matrix(anomaly_nt), column(lat_deg), column(lon_deg)
     if grid.shape != (lat.size, lon.size):
-        raise ValueError(f"the anomaly has the shape {grid.shape}, not {(lat.size, lon.size)}")
+        raise ValueError(f"the anomaly must have the shape {(lat.size, lon.size)}, not {grid.shape}")
     return lat, lon, grid, decimal_year, dict(errors or {}), max_gap_s

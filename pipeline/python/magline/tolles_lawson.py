@@ -157,7 +157,7 @@ def a_matrix(
     """
     vector = np.asarray(flux, dtype=np.float64)
     if vector.ndim != 2 or vector.shape[1] != 3:
-        raise ValueError(f"`flux` has the shape (samples, 3), not {vector.shape}")
+        raise ValueError(f"`flux` must have the shape (samples, 3), not {vector.shape}")
     x, y, z = (column(vector[:, axis]) for axis in range(3))
     bt = None if scalar is None else column(scalar)
     return _magline.a_matrix(x, y, z, list(terms), bt, _times(tt, rate_hz), bt_scale_nt)
@@ -169,7 +169,7 @@ def _times(tt: ArrayLike | None, rate_hz: float | None) -> NDArray[np.float64] |
     if rate_hz is not None and times is not None and times.size > 1:
         found = 1.0 / float(np.median(np.diff(times)))
         if not abs(found / rate_hz - 1.0) < 0.01:
-            raise ValueError(f"`rate_hz` is {rate_hz} Hz, but the rate of `tt` is {found:.6g} Hz")
+            raise ValueError(f"`rate_hz` is {rate_hz} Hz, but the times in `tt` have a rate of {found:.6g} Hz")
     return times
 
 

@@ -78,7 +78,7 @@ impl PartHead {
     fn reserve(&self, taken: &[&str]) -> Result<(), String> {
         match self.params.iter().find(|param| taken.contains(&param.name)) {
             Some(param) => {
-                Err(format!("the parameter `{}` of `{}` has the name of another key", param.name, self.name))
+                Err(format!("the parameter `{}` of `{}` has the same name as another key", param.name, self.name))
             }
             None => Ok(()),
         }

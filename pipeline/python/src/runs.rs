@@ -123,7 +123,7 @@ fn execute(source: &SpecSource, threads: Option<usize>, listener: &dyn Listener)
     let catalogue = catalogue();
     let spec = source.read()?;
     if let Some(other) = made_by_another(&spec) {
-        let what = format!("the pipeline `{}` in this store belongs to another spec, {other}", spec.name);
+        let what = format!("the pipeline `{}` in this store was made by another spec, {other}", spec.name);
         return Err(spec.faults(vec![Fault::new(what).help("change `store` or `name` in the spec")]));
     }
     let plan = Plan::new(spec, &catalogue)?;

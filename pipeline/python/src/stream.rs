@@ -105,7 +105,7 @@ impl FilterStream {
     ) -> PyResult<Self> {
         let setup = setup(&arguments)?;
         if magnetometers.iter().any(|(mean, sigma, _)| mean.len() != sigma.len()) {
-            return Err(value_error("a magnetometer has means and standard deviations of different lengths"));
+            return Err(value_error("the means and standard deviations of a magnetometer have different lengths"));
         }
         let prior = |(mean, sigma, _): &(Vec<f64>, Vec<f64>, Vec<f64>)| CoefficientPrior::independent(mean, sigma);
         let priors: Vec<CoefficientPrior> = magnetometers.iter().map(prior).collect();

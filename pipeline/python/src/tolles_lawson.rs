@@ -102,7 +102,7 @@ pub fn fit<'py>(
     let (a, y) = (a.as_slice()?, y.as_slice()?);
     if terms == 0 || a.len() != y.len() * terms {
         let rows = a.len() / terms.max(1);
-        return Err(value_error(format!("`a` has {rows} rows of {terms} columns, but `y` has {}", y.len())));
+        return Err(value_error(format!("`a` has {rows} rows and {terms} columns, but `y` has {}", y.len())));
     }
     let tt_s = tt_s.as_ref().map(|column| column.as_slice()).transpose()?;
     if let Some(tt) = tt_s.filter(|tt| tt.len() != y.len()) {

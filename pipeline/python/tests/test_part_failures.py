@@ -153,4 +153,4 @@ class Level:
     assert counts(magline.run({**apply, "name": "again"})) == {}
     with_other = magline.run({**apply, "store": str(tmp_path / "third")})
     assert len(with_other.failures) == len(LINES)
-    assert "was fitted by another source" in with_other.failures[0].error
+    assert "was fitted by other source code" in with_other.failures[0].error

@@ -401,7 +401,7 @@ def test_names_of_other_parts_are_refused(parts: Any) -> None:
         def total(line: magline.Line) -> float:
             return 0.0
 
-    with pytest.raises(ValueError, match="has the name of another key"):
+    with pytest.raises(ValueError, match="has the same name as another key"):
 
         @magline.model(version=1)
         def taking(*, target: str = "") -> object:

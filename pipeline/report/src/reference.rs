@@ -49,8 +49,8 @@ pub fn page(catalogue: &[StageEntry]) -> String {
     let of_model = ModelOptions::docs(&lists);
     let _ = write!(
         out,
-        "For a model that was fitted by another pipeline, `path` is the published table of a `fit`. The key `where` is \
-         an SQL condition on its columns; it selects one model of several. Further keys:\n\n{}\n",
+        "For a model that another pipeline fitted, `path` is the published table of its `fit`. The key `where` is an \
+         SQL condition on the columns of this table; it selects one of several models. Further keys:\n\n{}\n",
         params(&of_model.iter().collect::<Vec<_>>())
     );
     for entry in catalogue {
@@ -122,8 +122,8 @@ fn kind(kind: InputKind) -> &'static str {
     match kind {
         InputKind::Lines => "flight lines",
         InputKind::Scores => "a table of scores",
-        InputKind::Record => "a record, a table of flight lines; each line reads the whole table",
-        InputKind::ManyRecords => "one or several records, as tables of flight lines; each line can use all their rows",
+        InputKind::Record => "a table of flight lines that every line reads as a whole",
+        InputKind::ManyRecords => "one or several tables of flight lines that every line reads as a whole",
         InputKind::ManyLines => "one or several tables of flight lines",
         InputKind::Model => "model",
         InputKind::Map => "map",

@@ -172,15 +172,15 @@ pub const COLUMNS: [(&str, &str); 11] = [
     ("metric", "the metric"),
     ("value", "pooled over the lines that are not in sample, or over all lines if every line is in sample"),
     ("unit", "the unit of the value"),
-    ("n", "number of samples or pairs of `value`"),
-    ("lines", "number of lines of `value`"),
+    ("n", "number of samples or pairs that `value` is computed from"),
+    ("lines", "number of lines that `value` is computed from"),
     (
         "in_sample",
         "true if every line of `value` is in sample: used by a model, noise or map, or to choose a parameter",
     ),
     ("value_in_sample", "pooled over the lines in sample; null if there are none"),
-    ("n_in_sample", "number of samples or pairs of `value_in_sample`"),
-    ("lines_in_sample", "number of lines of `value_in_sample`"),
+    ("n_in_sample", "number of samples or pairs that `value_in_sample` is computed from"),
+    ("lines_in_sample", "number of lines that `value_in_sample` is computed from"),
     ("pooled_as", "the rule that pools the values of several lines"),
 ];
 

@@ -229,8 +229,8 @@ impl Scores {
         let axis = self.axes.get(axis)?;
         is_edge.then(|| {
             format!(
-                "the best {name} is at an end of the axis `{axis}`: {own} in the range {low} to {high}; a better value \
-                 may lie outside"
+                "the best {name} is at an end of the axis `{axis}`: {own} in the range {low} to {high}; a value \
+                 outside the range may be better"
             )
         })
     }

@@ -192,7 +192,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     }
     if let Some((sigma_m, limit_m)) = facts.wide_start_m() {
         let text = format!(
-            "{}: its standard deviation is {sigma_m:.0} m, and the map is linear over {limit_m:.0} m",
+            "{}: its standard deviation is {sigma_m:.0} m, but the map is linear only over {limit_m:.0} m",
             WarningKind::WideStart.of_many()
         );
         add(WarningKind::WideStart, (sigma_m, limit_m, "m"), text);
@@ -208,8 +208,8 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     if let Some((bias_m, sigma_m)) = facts.height_bias_m() {
         let (by_m, what) = (bias_m.abs(), if bias_m > 0.0 { "above" } else { "below" });
         let text = format!(
-            "the measured field is that of a height {by_m:.0} m {what} the height of the INS on the map (standard \
-             deviation {sigma_m:.0} m); the filter corrects its own prediction, but not `alt`"
+            "the measured field fits the map at a height {by_m:.0} m {what} the height of the INS (standard deviation \
+             {sigma_m:.0} m); the filter corrects its own prediction, but not `alt`"
         );
         let limit_m = limits::HEIGHT_BIAS_M.max(limits::LAG_SIGMAS * sigma_m);
         add(WarningKind::HeightBias, (by_m, limit_m, "m"), text);
@@ -217,7 +217,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
     if let Some(share) = row.gated()
         && share > limits::GATED
     {
-        let text = format!("{}: {:.0} % of them", WarningKind::Gated.of_many(), 100.0 * share);
+        let text = format!("{}: it rejects {:.0} % of them", WarningKind::Gated.of_many(), 100.0 * share);
         add(WarningKind::Gated, (share, limits::GATED, "1"), text);
     }
     if let Some((count, fixes)) = row.counted(&track::GNSS_REJECTED).filter(|(count, _)| *count > 0.0) {
@@ -249,7 +249,7 @@ fn judge(facts: &LineFacts) -> Vec<WarningDraft> {
         && kept + limits::RETENTION_ERRORS * error < least
     {
         let text = format!(
-            "compensation removed part of the anomaly: anomaly retention {}, standard error {}",
+            "compensation removed part of the anomaly: the anomaly retention is {}, with a standard error of {}",
             shown(kept),
             shown(error)
         );

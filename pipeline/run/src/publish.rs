@@ -198,11 +198,13 @@ fn trials(plan: &Plan, store: &Store, trials: &[SearchTrialScore]) -> Result<Opt
         fields.push(field(name, kind.clone(), "", Role::Key, "axis of the sweep"));
         arrays.push(one_array(&cells, &kind)?);
     }
-    let about =
-        format!("`{}` of the table `{}`, pooled over its lines; null without a value", goal.metric.name, search.table);
+    let about = format!(
+        "`{}` of the table `{}`, pooled over the lines; null if there is no value",
+        goal.metric.name, search.table
+    );
     fields.push(field("goal", DataType::Float64, goal.metric.unit, Role::Derived, &about));
     arrays.push(Arc::new(trials.iter().map(|t| t.goal).collect::<Float64Array>()));
-    fields.push(field("lines", DataType::Int64, "", Role::Derived, "number of line scores in the goal"));
+    fields.push(field("lines", DataType::Int64, "", Role::Derived, "number of line scores that the goal pools"));
     arrays.push(whole(&|t| t.lines));
     let word = |name: &str, about: &str| field(name, DataType::Utf8, "", Role::Key, about);
     fields.push(word("state", "state of the trial: done, promoted (to the next rung), pruned or failed"));

@@ -87,7 +87,7 @@ pub fn serve(
 /// Plan of a task.
 fn opened(store: &Store, catalogue: &[StageEntry], task: &Task) -> Result<(RecordedPlan, Plan), Fault> {
     if task.magline != VERSION {
-        let what = format!("the task is of magline {}; this is magline {VERSION}", task.magline);
+        let what = format!("the task was written by magline {}, but this is magline {VERSION}", task.magline);
         return Err(Fault::new(what).help("use the same version for tasks and workers"));
     }
     let key = task.plan.ok_or_else(|| Fault::new("the task has no plan"))?;
@@ -105,9 +105,12 @@ pub fn given_up(tries: &UnitAttempts) -> Fault {
     let lost = "its worker was lost";
     let what = match (&tries.why, tries.lost) {
         (Some(why), 0) => format!("{why} ({} in a worker)", times(tries.failed)),
-        (Some(why), n) => format!("{why} ({} in a worker); and {lost} {}", times(tries.failed), times(n)),
+        (Some(why), n) => format!("{why} ({} in a worker), and {lost} {}", times(tries.failed), times(n)),
         (None, n) => {
-            format!("{lost} {} during this computation: killed, out of memory, or over the time limit", times(n))
+            format!(
+                "{lost} {} during this computation: it was killed, ran out of memory, or exceeded the time limit",
+                times(n)
+            )
         }
     };
     Fault::machine(what).help(format!("to try again, use `--retries {}`", tries.all()))
@@ -312,7 +315,7 @@ fn checked(graph: &PlanGraph, task: &Task) -> Result<usize, Fault> {
         }
         let key = graph.key(unit.unit(table)).map_err(|fault| strange(format!("{place}: {fault}")))?;
         if key != unit.key {
-            let what = format!("{place} has the key {} in the task, and {key} in this program", unit.key);
+            let what = format!("{place} has the key {} in the task, but {key} in this program", unit.key);
             return Err(Fault::new(what).help("use the same version for tasks and workers"));
         }
     }

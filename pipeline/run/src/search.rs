@@ -78,7 +78,8 @@ pub fn search(
 /// Failure that stops a search after a fault of the machine. The fault may not recur in a later run, and the next
 /// trials would then differ.
 fn stopped(done: usize) -> Failure {
-    let what = format!("the search stopped after {done} trials, because the machine failed during the next trials");
+    let what =
+        format!("the search stopped after {done} trials, because the machine failed during the trials that followed");
     let fault = Fault::machine(what).help("run the spec again to resume; finished results are stored");
     Failure { table: "search".into(), point: Default::default(), line: None, fault }
 }

@@ -231,7 +231,7 @@ fn parsed<T: DeserializeOwned>(text: &str, word: &str) -> Result<T, Fault> {
             serde_json::from_value(value).map_err(|e| Fault::new(format!("the {word} is incomplete: {e}")).help(help))
         }
         Some(other) => {
-            let what = format!("the {word} has form {other}; magline {VERSION} supports form {FORM}");
+            let what = format!("the {word} has format {other}, but magline {VERSION} supports only format {FORM}");
             Err(Fault::new(what).help("use the same version for tasks and workers"))
         }
         None => Err(Fault::new(format!("the line is not a {word}, but other JSON")).help(help)),

@@ -82,12 +82,13 @@ pub fn check(graph: &PlanGraph) -> Result<(), Fault> {
 pub fn no_trial_succeeded(plan: &Plan, trials: &[SearchTrialScore]) -> Option<Failure> {
     let search = plan.spec.search.as_ref()?;
     let why = trials.first()?.error.clone().unwrap_or_default();
-    let what = format!("the goal `{}.{}` has no value in any of {} trials", search.table, search.metric, trials.len());
+    let what =
+        format!("the goal `{}.{}` has no value in any of the {} trials", search.table, search.metric, trials.len());
     trials.iter().all(|t| t.cost.is_none()).then(|| Failure {
         table: search.table.clone(),
         point: Default::default(),
         line: None,
-        fault: Fault::data(format!("{what}; the first trial: {why}")),
+        fault: Fault::data(format!("{what}; the reason for the first trial: {why}")),
     })
 }
 

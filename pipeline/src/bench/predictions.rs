@@ -118,7 +118,7 @@ impl Predictions {
             };
             let Some(sample) = samples.get(&tick(*tt)) else {
                 let what = format!("flight {flight}, line {line} has no sample at tt = {tt} s");
-                return Err(fault(what).help("use the `tt` of the flight's samples, s past midnight UTC"));
+                return Err(fault(what).help("use the `tt` of the flight's samples, in seconds past midnight UTC"));
             };
             let place = places
                 .get_mut(*i)
@@ -203,9 +203,9 @@ fn numbers(array: &ArrayRef, name: &str) -> Result<Vec<f64>, Fault> {
 fn possible(name: &str, values: &[f64]) -> Result<(), Fault> {
     let Some(task) = TASKS.iter().find(|t| t.columns.contains(&name)) else { return Ok(()) };
     let (from, to, what) = match task.measure {
-        BenchMetric::StdError => (10_000.0, 100_000.0, "the total field, in nT"),
-        BenchMetric::Drms if task.columns.first() == Some(&name) => (-90.0, 90.0, "a latitude, in degrees"),
-        BenchMetric::Drms => (-360.0, 360.0, "a longitude, in degrees"),
+        BenchMetric::StdError => (10_000.0, 100_000.0, "a total field in nT"),
+        BenchMetric::Drms if task.columns.first() == Some(&name) => (-90.0, 90.0, "a latitude in degrees"),
+        BenchMetric::Drms => (-360.0, 360.0, "a longitude in degrees"),
     };
     match values.iter().enumerate().find(|(_, x)| !(from..=to).contains(*x)) {
         None => Ok(()),

@@ -65,7 +65,7 @@ pub fn mapping(path: &Path, format: Option<&str>, started: bool) -> Result<Optio
     let others: Vec<&str> = found.iter().skip(1).map(|fit| fit.name).collect();
     let others = if others.is_empty() { "no other fits".to_owned() } else { format!("others: {}", others.join(", ")) };
     note(&format!(
-        "{}{version}: mapping `{}`, chosen by its content; {others}; choose with `--mapping NAME`",
+        "{}{version}: the content of the log fits the mapping `{}`; {others}; choose with `--mapping NAME`",
         path.display(),
         best.name
     ));
@@ -115,12 +115,16 @@ pub fn keys(mapped: bool, path: &Path, mut options: FlightOptions) -> FlightOpti
     let similar = |key: &str| names.iter().any(|n| n.to_lowercase().contains(key));
     if options.flight.is_none() && !has("flight") && !similar("flight") {
         let flight = plain(path);
-        note(&format!("{}: flight `{flight}`, from the file name; choose another with `--flight`", path.display()));
+        note(&format!(
+            "{}: the flight is named `{flight}` after the file; choose another name with `--flight`",
+            path.display()
+        ));
         options.flight = Some(flight);
     }
     if options.line.is_none() && !has("line") && !similar("line") {
         note(&format!(
-            "{}: one line, `1`; choose another name with `--line`, or divide with `--lines auto`",
+            "{}: the whole file is one line, `1`; choose another name with `--line`, or divide the file with `--lines \
+             auto`",
             path.display()
         ));
         options.line = Some("1".to_owned());

@@ -24,7 +24,7 @@ const AGAIN_AFTER: Duration = Duration::from_secs(1);
 #[derive(Args)]
 struct ClusterKeyArgs {
     /// The file with the key that scheduler, workers and runs of a cluster share. Connections are encrypted; a
-    /// connection without the key is rejected. By default the key is in the environment variable MAGLINE_CLUSTER_KEY.
+    /// connection without the key is rejected. By default, the key is in the environment variable MAGLINE_CLUSTER_KEY.
     #[arg(long, value_name = "FILE")]
     key_file: Option<PathBuf>,
     /// For tests: require no key, and listen only on the loopback address. Every user of this machine can then run
@@ -97,9 +97,14 @@ pub struct WorkerArgs {
 /// The help of `worker`.
 pub const WORKER_HELP: &str = "\
 The worker prints a receipt of each task, as `magline task` does. A worker that loses its scheduler waits for it and \
-registers again. After SIGTERM or Ctrl-C it finishes its current units and ends. Exit status: 0 stopped by a signal; \
-1 the scheduler cannot connect to the worker, or a port is not available; 2 the scheduler has another version or key, \
-or there is no key. pipeline/CLUSTER.md describes all failures.";
+registers again. After SIGTERM or Ctrl-C, it finishes its current units and ends.
+
+Exit status:
+  0  stopped by a signal
+  1  the scheduler cannot connect to the worker, or a port is not available
+  2  the scheduler has another version or key, or there is no key
+
+pipeline/CLUSTER.md describes all failures.";
 
 /// Sets the log of Ballista: warnings, or the levels of the variable RUST_LOG.
 fn log() {
@@ -131,7 +136,7 @@ pub fn scheduler(args: &SchedulerArgs) -> Result<(), ExitReason> {
         "workers: `magline worker --scheduler {at} --store STORE`; runs: `magline run SPEC --engine ballista://{at}`"
     ));
     if args.trust.insecure_loopback {
-        note("no key is required: every user of this machine can run computations in this process");
+        note("no key is required, so every user of this machine can run computations in this process");
     }
     Ok(listening.serve()?)
 }

@@ -104,7 +104,7 @@ fn temporary() -> Finding {
         fs::write(own.path().join("doctor"), [0; 1 << 16]).map_err(failed)
     });
     match tried {
-        Ok(()) => space(&folder, "set TMPDIR to a folder of a larger disk"),
+        Ok(()) => space(&folder, "set TMPDIR to a folder on a larger disk"),
         Err(fault) => Finding::Wrong(fault.help("set TMPDIR to a folder that you can write to")),
     }
 }
@@ -145,7 +145,7 @@ fn file_size() -> Finding {
 /// The store opens, is writable, has no damaged files, and has space.
 fn store(root: &Path) -> Finding {
     if !tend::is_store(root) {
-        return Finding::Fine(format!("none at {}; the first run makes it", shown(root)));
+        return Finding::Fine(format!("there is none at {}; the first run makes it", shown(root)));
     }
     let tables = match store::pulled(root).and_then(|()| Store::open(root)).and_then(|_| stored::list(root)) {
         Ok(tables) => counted(tables.len(), "table"),
@@ -154,11 +154,11 @@ fn store(root: &Path) -> Finding {
     let name = shown(root).to_string();
     if scrub::mark_is_damaged(root) {
         let help = format!("run `magline verify --store {}`", crate::shell::shell_word(&name));
-        return Finding::Wrong(Fault::data(format!("{name}, {tables}: its mark is damaged")).help(help));
+        return Finding::Wrong(Fault::data(format!("{name} ({tables}): the mark of the store is damaged")).help(help));
     }
     if let Err(e) = access(root, AccessFlags::W_OK) {
         let help = "runs require write access; queries and reports do not";
-        return Finding::Warning(format!("{tables}, {name}, which cannot be written: {e}"), help.to_owned());
+        return Finding::Warning(format!("{name} ({tables}) cannot be written to: {e}"), help.to_owned());
     }
     match space(root, "remove unreferenced results: `magline gc`") {
         Finding::Fine(text) => Finding::Fine(format!("{tables}, {text}")),

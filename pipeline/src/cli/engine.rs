@@ -28,7 +28,7 @@ pub struct EngineArgs {
     #[cfg(feature = "cluster")]
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = tend::age)]
     patience: Duration,
-    /// With a cluster: the file with the key that scheduler, workers and runs share. By default the key is in the
+    /// With a cluster: the file with the key that scheduler, workers and runs share. By default, the key is in the
     /// environment variable MAGLINE_CLUSTER_KEY.
     #[cfg(feature = "cluster")]
     #[arg(long, value_name = "FILE")]

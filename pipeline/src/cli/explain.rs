@@ -28,7 +28,7 @@ pub struct ExplainArgs {
 /// Output format of a cost.
 #[derive(Clone, Copy, Default, ValueEnum)]
 pub enum CostFormat {
-    /// Aligned columns, values to two significant digits.
+    /// Aligned columns, with values to two significant digits.
     #[default]
     Table,
     /// One JSON object: the tables, and the totals rows, bytes, processor_s, clock_s, memory_bytes.

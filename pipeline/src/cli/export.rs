@@ -70,7 +70,7 @@ pub fn run(args: &ExportArgs) -> Result<(), ExitReason> {
     let format = format(&args.output)?;
     if args.units && !matches!(format, ExportFormat::Answer(answer::AnswerFormat::Csv)) {
         let fault = Fault::new("`--units` requires the extension .csv");
-        return Err(fault.help("remove `--units`; files of the other formats hold the units").into());
+        return Err(fault.help("remove `--units`; the other formats store the units anyway").into());
     }
     let query = export::query(&args.table, &args.line, args.condition.as_deref())?;
     let memory = memory::by_default();

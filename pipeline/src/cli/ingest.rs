@@ -42,11 +42,11 @@ pub struct IngestArgs {
     /// log, without its extension; `flights` for several logs.
     #[arg(long)]
     to: Option<PathBuf>,
-    /// The format of the logs; by default determined from content and extension.
+    /// The format of the logs; by default, it is detected from content and extension.
     #[arg(long)]
     format: Option<String>,
-    /// The mapping of the columns: a TOML file, or the name of a built-in mapping. Default for logs of several tables:
-    /// the built-in mapping that reads most of them.
+    /// The mapping of the columns: a TOML file, or the name of a built-in mapping. Default for logs with several
+    /// tables: the built-in mapping that reads most of them.
     #[arg(long)]
     mapping: Option<String>,
     /// One table of the mapping; all tables by default.
@@ -73,8 +73,8 @@ pub struct IngestArgs {
     /// Accept impossible values.
     #[arg(long)]
     accept_range: bool,
-    /// Write a suggested mapping for the logs instead, with the reason for each guess. Of several logs, the first one is
-    /// examined, and the others are compared with it.
+    /// Write a suggested mapping for the logs instead, with the reason for each guess. If there are several logs, the
+    /// first one is examined, and the others are compared with it.
     #[arg(long, conflicts_with = "lines")]
     suggest: bool,
     /// The output file of the suggested mapping; standard output by default.
@@ -83,7 +83,7 @@ pub struct IngestArgs {
     /// The number of threads; all cores by default. Results do not depend on it.
     #[arg(long, value_parser = threads::count)]
     threads: Option<usize>,
-    /// Write one JSON object per line to standard output, one for each line of each file, with its quality figures.
+    /// Write JSON Lines to standard output: one object for each flight line of each file, with its quality figures.
     #[arg(long)]
     json: bool,
     /// Suppress progress, notes and tables; print only errors.

@@ -84,9 +84,9 @@ pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> 
         questions,
     };
     if writer.navigates && !found.tables.iter().any(|table| table.has("ins_aligned")) {
-        let question = "when was the INS aligned? Without the time, the filter chooses the more likely of two: the \
-                        start of each line, and one hour before it. Append the time as the column `ins_aligned`, in \
-                        seconds past midnight UTC of the day of take-off";
+        let question = "when was the INS aligned? Without this time, the filter chooses the more likely of two times: \
+                        the start of each line, or one hour before it. Append the time as the column `ins_aligned`, \
+                        in seconds past midnight UTC of the day of take-off";
         writer.questions.push(question.to_owned());
     }
     writer.lines = writer.halves(&stem);

@@ -26,8 +26,8 @@ use super::{ExitReason, note, say};
 /// Options for the division of logs into lines.
 #[derive(Args)]
 pub struct LineArgs {
-    /// A table of lines (`flight`, `line`, `t_start`, `t_end` in s past midnight UTC) that replaces the lines in the
-    /// logs; or `auto` to find survey and tie lines, calibration boxes, cloverleafs, figures of eight and circles.
+    /// A table of lines (`flight`, `line`, `t_start`, `t_end` in seconds past midnight UTC) that replaces the lines in
+    /// the logs; or `auto` to find survey and tie lines, calibration boxes, cloverleafs, figures of eight and circles.
     #[arg(long, value_name = "FILE|auto")]
     pub lines: Option<String>,
     /// Draw the lines for checking, one .svg or .png file per flight.
@@ -147,7 +147,8 @@ fn written(
     let other = fs::read(&path).is_ok_and(|known| known != text.as_bytes());
     if other && !replace {
         let help = format!(
-            "use its lines with `--lines {}`, give another file with `--write-lines`, or add `--replace`",
+            "use the lines in this file with `--lines {}`, give another file with `--write-lines`, or replace it with \
+             `--replace`",
             path.display()
         );
         return Err(Fault::new(format!("{} already contains other lines", path.display())).help(help).into());

@@ -42,13 +42,13 @@ pub enum MapCommand {
 /// Options for reading a map file.
 #[derive(Args, Clone)]
 pub struct InputArgs {
-    /// The format, if content and name of the file do not determine it.
+    /// The format, if the content and name of the file do not determine it.
     #[arg(long)]
     format: Option<String>,
     /// The EPSG code of the coordinates; overrides the file.
     #[arg(long)]
     epsg: Option<u16>,
-    /// The height of the map above the WGS-84 ellipsoid, m; overrides the file.
+    /// The height of the map above the WGS-84 ellipsoid, in metres; overrides the file.
     #[arg(long, allow_negative_numbers = true)]
     alt: Option<f64>,
     /// The unit of the anomaly; overrides the file.

@@ -61,7 +61,7 @@ static THOR75: Sample = sample!("thor75": "flight.parquet", "MANIFEST.toml", "NO
 static EXAMPLES: [Example; 9] = [
     Example {
         name: "osborne",
-        about: "simulated flights over a real map: compensation and navigation with 27 combinations",
+        about: "simulated flights over a real map: compensation and navigation with 27 combinations of settings",
         texts: texts!("osborne.toml", "magline-bench.synth.toml"),
         samples: &[&OSBORNE],
     },
@@ -79,7 +79,7 @@ static EXAMPLES: [Example; 9] = [
     },
     Example {
         name: "uav",
-        about: "calibration of the only magnetometer of a real small drone",
+        about: "calibration of the only magnetometer of a small drone, with real data",
         texts: texts!("uav.toml", "uav_mapping.toml"),
         samples: &[&THOR75],
     },

@@ -72,7 +72,12 @@ pub fn run(args: &OnnxArgs) -> Result<(), ExitReason> {
     }
     let Some(LearnedModel::Network(network)) = LearnedModel::read(&terms.names, &terms.values)? else {
         let fault = Fault::new(format!("{} has no dense network", args.table));
-        return Err(fault.help("only networks of single samples can be exported: `m1`, `m2a` to `m2d`, `m3tl` to `m3vc`, `tlnn` and `etlnn`").into());
+        return Err(fault
+            .help(
+                "only networks that use single samples can be exported: `m1`, `m2a` to `m2d`, `m3tl` to \
+                               `m3vc`, `tlnn` and `etlnn`",
+            )
+            .into());
     };
     let bytes = network.to_onnx()?;
     std::fs::write(&args.output, &bytes)

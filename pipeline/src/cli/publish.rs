@@ -99,7 +99,7 @@ fn as_text(done: &ReleaseSummary, to: &str) -> String {
     };
     if done.failures > 0 {
         note(&format!(
-            "{} could not be computed; the README of the published set lists them",
+            "{} could not be computed and are listed in the README of the published set",
             counted(done.failures, "line or fit")
         ));
     }

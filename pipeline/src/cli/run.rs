@@ -42,18 +42,30 @@ pub struct RunArgs {
 
 /// Description of output and exit status in `magline run --help`.
 pub const JSON_HELP: &str = "\
-A score is flagged in five cases. The filter is worse than the INS alone (worse_than_ins). The NEES of the position is \
-outside 0.2 to 20; its expected value is 2 (nees_low, nees_high). The NIS is outside 0.25 to 4; its expected value is \
-1 (nis_low, nis_high). The innovations are correlated more than the assumed noise allows: `whiteness` is below 0.8 and \
-`correlated_nis` above 1.5; their expected values are 0.95 and 1 (not_white). The filter rejects more than 10 % of the \
-measurements (gated). The table <name>.warnings has one row for each flag, with the likely cause. For the worst line \
-of each kind, `run` repeats the navigation with changed keys; the cause has the first change that improves this line, \
-and its result. The table also has rows for an initial position that is too uncertain for a filter that linearises the \
-map (wide_start), late time stamps of the magnetometer (late), a constant error of the height on the map \
-(height_bias), rejected GNSS positions (gnss), lines mostly off the map (off_map), flat maps (flat), a map at a \
-different height from the flight (map_height), a low anomaly retention (retention), fits (fit), maps (map) and metrics \
-that cannot be computed (metric). Warnings do not change the exit \
-status.
+A score is flagged in five cases:
+  worse_than_ins       the filter is worse than the INS alone
+  nees_low, nees_high  the NEES of the position is outside 0.2 to 20; its expected value is 2
+  nis_low, nis_high    the NIS is outside 0.25 to 4; its expected value is 1
+  not_white            the innovations are correlated more than the assumed noise allows: `whiteness` is below 0.8 and \
+`correlated_nis` is above 1.5; their expected values are 0.95 and 1
+  gated                the filter rejects more than 10 % of the measurements
+
+The table <name>.warnings has one row for each flag, with the likely cause. For the worst line of each kind, `run` \
+repeats the navigation with changed keys. The cause then contains the first change that improves this line, and its \
+result. The table also has rows of these kinds:
+  wide_start   the initial position is too uncertain for a filter that linearises the map
+  late         the time stamps of the magnetometer are late
+  height_bias  the height on the map has a constant error
+  gnss         GNSS positions are rejected
+  off_map      the line is mostly off the map
+  flat         the map is flat
+  map_height   the map is at a different height from the flight
+  retention    the anomaly retention is low
+  fit          the fit has a warning
+  map          the map has a warning
+  metric       a metric cannot be computed
+
+Warnings do not change the exit status.
 
 Events of --json, one object per line, each with the key `event`:
   reading     table, file, simulated, lines, of_lines, done, all: a file is opened or closed, or one more line is read
@@ -71,11 +83,18 @@ seconds of each); failures; notes; warnings (stage, axes, flight, line, kind, va
 (stage, axes, lines, marked, metrics: pooled over the lines, null without a value); left (tables that --until did not \
 change), compared (of --force: table, units, differ); unused_bytes (unreferenced results, which gc removes); interrupted
 
-Exit status: 0 everything is computed; 1 something failed, the rest is computed and stored; 2 the spec, an argument or \
-an input is wrong, nothing was run; 3 another run of the pipeline holds the lock; 4 stopped by --max-time; \
-130 interrupted. After 4 and 130, run the same command again to resume.
+Exit status:
+  0    everything is computed
+  1    something failed; the rest is computed and stored
+  2    the spec, an argument or an input is wrong; nothing was run
+  3    another run of the pipeline holds the lock
+  4    stopped by --max-time
+  130  interrupted
 
-`run` is a hash of the spec and its inputs: the same for the same spec and inputs. `time` is UTC.";
+After 4 and 130, run the same command again to resume.
+
+In the events, `run` is a hash of the spec and its inputs, so it is the same for the same spec and inputs. `time` is \
+UTC.";
 
 /// Runs a spec. With `compact`, its tables become the files of a single run.
 ///
@@ -117,7 +136,7 @@ fn ran(
         let mut spec = read_spec(&args.spec.spec, &args.spec.sets)?;
         if let Some(other) = results::made_by_another(&spec).filter(|_| !args.take_over) {
             let store = spec.store.display();
-            let what = format!("the pipeline `{}` in the store {store} belongs to another spec, {other}", spec.name);
+            let what = format!("the pipeline `{}` in the store {store} was made by another spec, {other}", spec.name);
             let help = "change `store` or `name` in the spec, or replace the tables with `--take-over`";
             return Err(spec.faults(vec![Fault::new(what).help(help)]));
         }

@@ -150,8 +150,10 @@ impl ScheduleArgs {
                     ));
                 }
                 Some(Some(most)) if begun.elapsed() >= most => {
-                    let help =
-                        format!("the wait of {} s is over; run again later or increase `--wait`", most.as_secs());
+                    let help = format!(
+                        "the waiting time of {} s has expired; run again later, or increase `--wait`",
+                        most.as_secs()
+                    );
                     return Err(refused(&what, &help, held, watch));
                 }
                 Some(_) => {}

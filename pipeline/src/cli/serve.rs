@@ -27,14 +27,14 @@ pub struct ServeArgs {
     /// The key of the certificate in PEM format.
     #[arg(long, value_name = "FILE", requires = "tls_cert")]
     tls_key: Option<PathBuf>,
-    /// The memory limit of all queries together, such as 4GB. Larger operations use temporary files. By default a
+    /// The memory limit of all queries together, such as 4GB. Larger operations use temporary files. By default, a
     /// quarter of the machine's memory, at most 8 GB.
     #[arg(long, value_name = "SIZE", value_parser = memory::size)]
     memory_limit: Option<usize>,
     /// The maximum number of concurrent queries; further queries wait.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..))]
     queries: u16,
-    /// The time limit of a query from its request to its last row, s.
+    /// The time limit of a query from its request to its last row, in seconds.
     #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..))]
     timeout: u32,
 }
@@ -76,14 +76,14 @@ pub fn run(args: &ServeArgs) -> Result<(), ExitReason> {
     });
     let token = token.transpose()?;
     if let Some(path) = args.token_file.as_deref().filter(|path| others_read(path)) {
-        note(&format!("other users of this machine can read the token; run `chmod 600 {}`", path.display()));
+        note(&format!("other users of this machine can read the token file; run `chmod 600 {}`", path.display()));
     }
     let tls = match (&args.tls_cert, &args.tls_key) {
         (Some(certificate), Some(key)) => Some((read(certificate)?, read(key)?)),
         _ => None,
     };
     if tls.is_none() && !args.bind.ip().is_loopback() && token.is_some() {
-        note("the token and all results are sent unencrypted; encrypt them with `--tls-cert` and `--tls-key`");
+        note("the token and all results are sent without encryption; encrypt them with `--tls-cert` and `--tls-key`");
     }
     let (stop, stopped) = watch::channel(false);
     // If no handler can be set, an interrupt ends the process at once.

@@ -80,11 +80,15 @@ pub struct TaskArgs {
 
 /// The help of `task` on its exit status.
 pub const STATUS_HELP: &str = "\
-Exit status: 0 every unit has a result, or an error caused by the data; `magline run` reports that error too. 1 a unit \
-has no result, because the machine failed, a stage panicked, or the time limit was exceeded: submit the task again. \
-2 a task was rejected: it is truncated, of another version, or of a plan that is not in the store; write the tasks \
-again with `magline tasks`. 130 interrupted; finished results are stored. pipeline/TASKS.md describes tasks and \
-receipts.";
+Exit status:
+  0    every unit has a result, or an error caused by the data; `magline run` reports that error too
+  1    a unit has no result, because the machine failed, a stage panicked, or the time limit was exceeded: submit the \
+task again
+  2    a task was rejected, because it is truncated, of another version, or of a plan that is not in the store: write \
+the tasks again with `magline tasks`
+  130  interrupted; finished results are stored
+
+pipeline/TASKS.md describes tasks and receipts.";
 
 fn units(text: &str) -> Result<usize, String> {
     match text.parse() {

@@ -164,7 +164,7 @@ pub fn rm(args: &StoreArgs, name: &str) -> Result<(), ExitReason> {
     let store = args.open()?;
     let (pipeline, table) = name.split_once('.').map_or((name, None), |(p, t)| (p, Some(t)));
     tend::remove(&store, pipeline, table)?;
-    say(format!("removed {name}; computed results stay until `magline gc --yes`\n"))
+    say(format!("removed {name}; its computed results stay in the store until `magline gc --yes`\n"))
 }
 
 /// Prints the history of runs, or the changes between two runs.

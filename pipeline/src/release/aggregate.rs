@@ -108,12 +108,12 @@ pub fn judge(
     if let Some((name, n)) = few.iter().next() {
         let what = if name.is_empty() { String::new() } else { format!(" of `{name}`") };
         let least = found.least_samples;
-        return Ok(Err(format!("a value{what} is computed from {n} samples; `least_samples` is {least}")));
+        return Ok(Err(format!("a value{what} is computed from only {n} samples; `least_samples` is {least}")));
     }
     if found.ratio < found.least_ratio {
         let numbers = if node.entry.yields == TableKind::Model { "row of a model" } else { "score of a line" };
         let (ratio, least) = (found.ratio, found.least_ratio);
-        return Ok(Err(format!("there are {ratio:.1} samples for each {numbers}; `least_ratio` is {least}")));
+        return Ok(Err(format!("there are only {ratio:.1} samples for each {numbers}; `least_ratio` is {least}")));
     }
     let own = together(&[(node.name.as_str(), &found)]);
     Ok(own.map(|()| found))
@@ -186,7 +186,8 @@ pub fn together(all: &[(&str, &Aggregate)]) -> Result<(), String> {
         let sorted: Vec<i64> = found.iter().copied().collect();
         if let Some([a, b]) = sorted.array_windows::<2>().find(|[a, b]| b - a < least) {
             let what = format!(
-                "{}: the sets of {a} and of {b} samples behind two values differ by fewer than {least} samples",
+                "{}: two values are computed from sets of {a} and {b} samples, which differ by fewer than {least} \
+                 samples",
                 names()
             );
             return Err(format!("{what} (`least_samples`), so single samples can be derived from them"));

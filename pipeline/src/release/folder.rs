@@ -93,7 +93,7 @@ impl FolderDraft {
         // Equality with an existing set can be checked only when this one is complete.
         allowed(to, true)?;
         let name = to.file_name().filter(|n| !n.is_empty());
-        let name = name.ok_or_else(|| Fault::new(format!("{} is not a valid name of a folder", to.display())))?;
+        let name = name.ok_or_else(|| Fault::new(format!("{} is not a valid folder name", to.display())))?;
         let above = to.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         fs::create_dir_all(above).map_err(|e| cannot("make", above, &e))?;
         let path = above.join(format!(".{}.{}.new", name.to_string_lossy(), std::process::id()));
@@ -162,8 +162,8 @@ fn allowed(to: &Path, replace: bool) -> Result<(), Fault> {
         DestinationContent::Nothing => Ok(()),
         DestinationContent::Set if replace => Ok(()),
         DestinationContent::Set => {
-            let fault = Fault::new(format!("{} is another published set", to.display()));
-            Err(fault.help("give another folder, or replace it with `--replace`"))
+            let fault = Fault::new(format!("{} already holds another published set", to.display()));
+            Err(fault.help("give another folder, or replace that set with `--replace`"))
         }
         DestinationContent::Other(what) => {
             let fault = Fault::new(format!("{} {what}", to.display()));

@@ -180,10 +180,7 @@ impl SpecFolder {
             .collect();
         match names.len().checked_sub(up) {
             Some(from) => Ok(SpecFolder { folders: names.into_iter().skip(from).collect() }),
-            None => {
-                Err(Fault::new("`include_inputs`: the path of an input leads above the root of the file system")
-                    .help(HELP))
-            }
+            None => Err(Fault::new("`include_inputs`: the path of an input leads above the root folder").help(HELP)),
         }
     }
 

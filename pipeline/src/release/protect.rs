@@ -215,7 +215,7 @@ pub fn rules(
             if name == *table {
                 format!("aggregate of restricted columns, {words}")
             } else {
-                format!("through the aggregate `{name}`, {words}")
+                format!("restricted columns are used only through the aggregate `{name}`, {words}")
             }
         });
         let words: Vec<String> = words.collect();

@@ -61,7 +61,7 @@ fn tables(set: &ReleaseSet) -> String {
     }
     if !set.dictionary.failures.is_empty() {
         const SHOWN: usize = 20;
-        text += "\nThe tables lack these results, which could not be computed:\n\n";
+        text += "\nThese results could not be computed, so they are not in the tables:\n\n";
         for f in set.dictionary.failures.iter().take(SHOWN) {
             let line =
                 f.line.as_ref().map(|l| format!(", flight {}, line {l}", f.flight.as_deref().unwrap_or_default()));
@@ -131,7 +131,7 @@ fn datasheet(set: &ReleaseSet) -> String {
         };
         let _ = writeln!(
             steps,
-            "- `{}`: stage `{}`, version {}, of {}{rows}{sweep}",
+            "- `{}`: stage `{}`, version {}, from {}{rows}{sweep}",
             s.table,
             s.stage,
             s.version,
@@ -141,7 +141,7 @@ fn datasheet(set: &ReleaseSet) -> String {
     part("Processing", &steps);
     part("Uses", about.uses.as_deref().unwrap_or(unsaid));
     part("Limits", about.limits.as_deref().unwrap_or(unsaid));
-    let mut distribution = format!("Licence {}, version {} of {}.", about.licence.name, about.version, about.date);
+    let mut distribution = format!("Licence {}; version {} of {}.", about.licence.name, about.version, about.date);
     if let Some(address) = about.address() {
         let _ = write!(distribution, " {address}");
     }

@@ -31,8 +31,8 @@ fn copied(folder: &Path, bucket: &Bucket, replace: bool) -> Result<bool, Fault> 
             return Ok(false);
         }
         if !replace {
-            let fault = Fault::new(format!("{address} is another published set"));
-            return Err(fault.help("give another address, or replace it with `--replace`"));
+            let fault = Fault::new(format!("{address} already holds another published set"));
+            return Err(fault.help("give another address, or replace that set with `--replace`"));
         }
         bucket.remove(checksums::NAME)?;
     }

@@ -241,7 +241,7 @@ fn check_file(
             let (Some(wanted), Some(array)) = (wanted, batch.column_by_name(name)) else { continue };
             let texts = array.as_string_opt::<i32>().ok_or_else(|| format!("`{name}` is not text"))?;
             if texts.iter().any(|x| x != Some(wanted.as_str())) {
-                return Err(format!("it contains rows whose {name} is not `{wanted}`"));
+                return Err(format!("it has rows whose {name} is not `{wanted}`"));
             }
         }
         Ok(())

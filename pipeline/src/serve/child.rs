@@ -192,7 +192,7 @@ pub fn answer() -> Result<(), Fault> {
     let mut send = |piece: QueryChunk| piece.write(&mut out).map_err(lost);
     // A text whose length exceeds its offsets causes a panic of DataFusion.
     let too_long = |_| {
-        let what = format!("{}, or its texts exceed 2 GiB", memory::exceeded(question.memory));
+        let what = format!("{}, or its text exceeds 2 GiB", memory::exceeded(question.memory));
         Err(Fault::new(what).help("select fewer rows or shorter texts"))
     };
     let end = match catch_unwind(AssertUnwindSafe(|| answered(&question, &mut send))).unwrap_or_else(too_long) {

@@ -85,7 +85,7 @@ pub fn valued(open: &Schema) -> Result<(), Fault> {
         return Ok(());
     }
     let fault = Fault::new(format!("the query has parameters without a value: {}", listed(&names)));
-    Err(fault.help("prepare the query and bind one row of values"))
+    Err(fault.help("prepare the query, and bind one row of values"))
 }
 
 /// Values of the one row of `values` for the open parameters of `plan`: numbered ones by position, others by name.

@@ -104,7 +104,7 @@ pub(super) fn is_old(path: &Path, than: Duration) -> bool {
 /// Error of `gc` when the manifest of a newest version is damaged: any pack may belong to that version.
 pub(super) fn packs_unknown(list: &dyn std::fmt::Display, remedy: &str) -> Fault {
     let help = format!("{remedy} to publish its tables again; then run `magline gc`");
-    Fault::machine(format!("{list} is damaged, so its packs are unknown")).help(help)
+    Fault::machine(format!("{list} is damaged, so the packs that it lists are unknown")).help(help)
 }
 
 /// Drops versions that are not the newest, and packs that no version references.

@@ -37,7 +37,8 @@ pub fn page(data: &ViewData) -> String {
                         h1 { (title) }
                         @if let Some(run) = data.run { p.lead { "magline view of " code { (run.spec()) } } }
                     }
-                    noscript { p.note { "This page needs JavaScript. `magline report` writes a page that does not." } }
+                    noscript { p.note { "This page needs JavaScript. `magline report` writes a page that works \
+                                         without it." } }
                     @if data.run.is_some() { section.live id="live" data-src="api/run" { h2 { "Run" } } }
                     @for table in &scores {
                         section.explorer id=(format!("explore-{table}")) data-table=(table) data-src=(source(table)) {

@@ -77,7 +77,7 @@ impl ViewQuery {
     pub fn read(query: &str) -> Result<ViewQuery, Fault> {
         let pairs: Vec<(String, String)> = form_urlencoded::parse(query.as_bytes()).into_owned().collect();
         if pairs.iter().any(|(key, value)| key != "columns" && key.len().max(value.len()) > LONGEST) {
-            return Err(Fault::new(format!("a name of the request has more than {LONGEST} bytes")));
+            return Err(Fault::new(format!("a name or value in the request is longer than {LONGEST} bytes")));
         }
         Ok(ViewQuery(pairs))
     }
@@ -99,7 +99,7 @@ impl ViewQuery {
 
     fn time(&self, key: &str) -> Result<Option<f64>, Fault> {
         match self.number::<f64>(key)? {
-            Some(time) if !time.is_finite() => Err(Fault::new(format!("`{key}={time}` is not a time, in s"))),
+            Some(time) if !time.is_finite() => Err(Fault::new(format!("`{key}={time}` is not a time in seconds"))),
             time => Ok(time),
         }
     }
@@ -107,14 +107,14 @@ impl ViewQuery {
     fn degrees(&self, key: &str) -> Result<f64, Fault> {
         self.need(key)?;
         let found = self.number::<f64>(key)?.filter(|v| v.is_finite());
-        found.ok_or_else(|| Fault::new(format!("`{key}` is not an angle, in deg")))
+        found.ok_or_else(|| Fault::new(format!("`{key}` is not an angle in degrees")))
     }
 
     /// Latitude and longitude, deg.
     fn position(&self, key: &str) -> Result<(f64, f64), Fault> {
         let text = self.need(key)?;
         let pair = text.split_once(',').and_then(|(lat, lon)| Some((lat.parse().ok()?, lon.parse().ok()?)));
-        let wrong = || Fault::new(format!("`{key}={text}` is not a position")).help("write LAT,LON in deg");
+        let wrong = || Fault::new(format!("`{key}={text}` is not a position")).help("write it as LAT,LON in degrees");
         pair.filter(|(lat, lon): &(f64, f64)| lat.is_finite() && lon.is_finite()).ok_or_else(wrong)
     }
 

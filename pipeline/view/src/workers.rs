@@ -60,7 +60,8 @@ pub fn work(data: &ViewData, jobs: &JobReceiver) {
             continue;
         }
         let answered = catch_unwind(AssertUnwindSafe(|| answer(data, &request)));
-        let answered = answered.unwrap_or_else(|_| Err(Fault::bug("a panic while an answer was computed").into()));
+        let answered =
+            answered.unwrap_or_else(|_| Err(Fault::bug("an answer could not be computed because of a panic").into()));
         // The receiver may be gone.
         let _ = reply.send(answered);
     }

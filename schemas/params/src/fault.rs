@@ -177,7 +177,7 @@ impl Fault {
     pub fn nearest<S: AsRef<str>>(mut self, given: &str, known: &[S]) -> Self {
         self.help = Some(match nearest(given, known) {
             Some(name) => format!("did you mean `{name}`?"),
-            None if known.is_empty() => "there are none here".to_owned(),
+            None if known.is_empty() => "there are none".to_owned(),
             None => format!("known here: {}", listed(known)),
         });
         self

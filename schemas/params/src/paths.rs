@@ -72,7 +72,7 @@ pub fn check_path(path: &str) -> Result<(), String> {
     }
     for part in path.split('/') {
         if part.is_empty() || part == "." || part == ".." {
-            return Err("the path leads out of the folder, or has an empty part".to_owned());
+            return Err("the path leads out of the folder or has an empty part".to_owned());
         }
         if part.len() > LONGEST_PART {
             return Err(format!("a part of the path is longer than {LONGEST_PART} bytes"));

@@ -200,8 +200,9 @@ impl<S: LineStage> LineStageDyn for S {
         let typed: Vec<Result<LinePoint<S>, Fault>> = points.iter().map(AnyLinePoint::typed).collect();
         let ours: Vec<LinePoint<S>> = typed.iter().flatten().copied().collect();
         let mut answers = S::run_points(&ours).into_iter();
-        let mut answer =
-            || answers.next().unwrap_or_else(|| Err(Fault::bug("the stage returned fewer results than points")));
+        let mut answer = || {
+            answers.next().unwrap_or_else(|| Err(Fault::bug("the stage returned fewer results than there are points")))
+        };
         typed.into_iter().map(|point| point.and_then(|_| answer())).collect()
     }
 }

@@ -163,7 +163,7 @@ fn in_other_units(line: &ConsistencyLine, set: MotionColumns, all: &[MotionChord
             let fit =
                 if north && east { "the velocities agree".to_owned() } else { format!("`{}` agrees", columns[0]) };
             causes
-                .push((disagreement(all, scaled), format!("in {unit} {fit}: {}", line.origins.units(&columns, unit))));
+                .push((disagreement(all, scaled), format!("in {unit}, {fit}: {}", line.origins.units(&columns, unit))));
         }
     }
     causes
@@ -217,13 +217,13 @@ pub fn vertical(line: &ConsistencyLine, set: MotionColumns) -> Option<(Fault, Fi
     let causes = units.map(|(unit, by)| (disagreement(&climbs, |f| [by * f[0], 0.0]), unit));
     let (_, unit) = causes.filter(|c| c.0 < AGREE).min_by(|a, b| a.0.total_cmp(&b.0))?;
     let what = format!(
-        "`{}` changes at {} m/s where `{}` is {} m/s on average",
+        "`{}` changes at {} m/s on average, but `{}` is {} m/s on average",
         set.alt,
         shown(round(mean_speed(&climbs, |c| c.moved))),
         set.vd,
         shown(round(mean_speed(&climbs, |c| c.integrated)))
     );
-    let help = format!("in {unit} `{}` agrees with the heights: {}", set.vd, line.origins.units(&[set.vd], unit));
+    let help = format!("in {unit}, `{}` agrees with the heights: {}", set.vd, line.origins.units(&[set.vd], unit));
     let row = climbs.first().map_or(0, |c| c.row);
     Some(line.contradiction((set.vd, row, vd[row], "m/s"), climbs.len(), what, &help))
 }

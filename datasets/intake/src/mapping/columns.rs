@@ -43,7 +43,7 @@ impl<'a> MappingColumns<'a> {
             let mut fault = fault.nearest(name, &names);
             if let Some(ready) = other_ready::fitting(self.source) {
                 let known = fault.help.unwrap_or_default();
-                fault.help = Some(format!("{known}; the built-in mapping `{ready}` reads a table with these columns"));
+                fault.help = Some(format!("{known}; the built-in mapping `{ready}` reads tables with these columns"));
             }
             self.push(fault.at(at));
         }

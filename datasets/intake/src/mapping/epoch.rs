@@ -79,7 +79,7 @@ pub fn find(
     let topic = declared.topic.clone().or_else(|| decl.head.value.topic.clone().filter(|_| declared.file.is_none()));
     let options = FlightOptions { topic: topic.clone(), ..options.clone() };
     let reader = open_raw_among(formats, &path, &options, &ReadHints::default());
-    let mut reader = reader.map_err(|e| e.help(format!("the epoch of `{}` is read from it", decl.name)))?;
+    let mut reader = reader.map_err(|e| e.help(format!("the epoch of `{}` is read from this file", decl.name)))?;
     let schema = reader.schema().clone();
     let place = super::place(&path, topic.as_deref());
     let mut columns = MappingColumns::new(&schema, place.clone());
@@ -122,8 +122,8 @@ pub fn find(
     let instant = UtcInstant::new(day, median(&mut seconds));
     let set = if high - low > SET_S { "; one of the clocks was adjusted during the recording" } else { "" };
     let note = format!(
-        "{name}: its clock read 0 on {} at {} UTC, the median of {} rows of {place}, which differ by up to {:.3} \
-         s{set}",
+        "{name}: its clock read 0 on {} at {} UTC (the median of {} rows in {place}, which differ by up to {:.3} \
+         s){set}",
         date_text(instant.day),
         time_text(instant.s),
         starts.len(),

@@ -90,7 +90,8 @@ impl MappingReader {
         let in_data = |f: Fault| self.mapping.in_data(&self.path, f);
         let (times, wrong) = self.bound.time.read(&batch).map_err(in_data)?;
         let no_time = |w: TimeParseError| {
-            let fault = ReadError::data(&self.path, format!("`{}` is not a time in the format of the mapping", w.text));
+            let fault =
+                ReadError::data(&self.path, format!("`{}` is not a time in the format that the mapping gives", w.text));
             RowFault { row: w.row, fault: fault.in_row(file_row(w.row)) }
         };
         faults.extend(wrong.into_iter().map(no_time));

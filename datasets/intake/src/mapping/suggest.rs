@@ -84,7 +84,7 @@ pub fn suggest_for(
                     _ => names.iter().map(|name| name.as_str()).collect::<Vec<_>>().join(", "),
                 };
                 let (less, more) = (own.difference(&other).collect(), other.difference(&own).collect());
-                format!("{name} lacks {}, and has also {}", list(less), list(more))
+                format!("{name} lacks {}, and also has {}", list(less), list(more))
             }
             Err(e) => format!("{name} cannot be read: {e}"),
         };
@@ -206,7 +206,7 @@ fn table(
     }
     text += &format!("time  = {}   # {}\n", clock.toml, clock.why);
     if clock.repeats {
-        text += "drop_repeated = true   # some rows have the time of the previous row\n";
+        text += "drop_repeated = true   # some rows repeat the time of the previous row\n";
     }
     for (section, vectors) in [("columns", false), ("vectors", true)] {
         let of: Vec<&ColumnGuess> = found.iter().filter(|g| g.is_used() && g.is_vector == vectors).collect();

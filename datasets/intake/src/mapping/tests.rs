@@ -149,7 +149,7 @@ fn unit_the_epoch_is_the_median_over_new_fixes() {
     };
     let mut reader = open(text).unwrap();
     let note = &reader.notes[0];
-    assert!(note.contains("on 2021-04-21 at 23:59:42.000 UTC, the median of 3 rows of gps.csv"), "{note}");
+    assert!(note.contains("on 2021-04-21 at 23:59:42.000 UTC (the median of 3 rows in gps.csv"), "{note}");
     assert!(note.contains("differ by up to 0.500 s"), "{note}");
     let first = reader.next_part().unwrap().unwrap().batch;
     let days = numbers(&first, "doy");
@@ -162,7 +162,7 @@ fn unit_the_epoch_is_the_median_over_new_fixes() {
         "{none}"
     );
     let gone = open(&text.replace("gps.csv", "gsp.csv")).err().unwrap().to_string();
-    assert!(gone.contains("gsp.csv") && gone.contains("the epoch of `t` is read from it"), "{gone}");
+    assert!(gone.contains("gsp.csv") && gone.contains("the epoch of `t` is read from this file"), "{gone}");
 }
 
 #[test]
@@ -221,7 +221,7 @@ fn gold_mismatches_are_reported_with_their_position_in_the_mapping() {
         ("{ from = 'ms', unit = 'nT', clock = 'boot' }", "cannot be in `nT`"),
         ("{ from = 'ms', unit = 'ms' }", "`clock`, the origin of the time, is required"),
         ("{ from = 'ms', unit = 'ms', clock = 'gps' }", "requires `week`"),
-        ("{ from = 'mode', clock = 'text' }", "`a` is not a time in the format of the mapping"),
+        ("{ from = 'mode', clock = 'text' }", "`a` is not a time in the format that the mapping gives"),
         ("{ from = 'ms', clock = 'text' }", "`clock = \"text\"` requires text"),
         ("{ from = 'ms', unit = 'ms', clock = 'unix', week = 3 }", "`week` does not apply to the clock `unix`"),
         ("{ from = 'ms', unit = 'ms', clock = 'day', zone = '10' }", "`zone` cannot be `10`"),

@@ -292,8 +292,9 @@ fn refuse_second_zone(stamp: &SpannedValue<TimeStampKeys>, columns: &mut Mapping
     for name in &stamp.value.from {
         let Ok(field) = columns.source.field_with_name(name) else { continue };
         if let DataType::Timestamp(_, Some(zone)) = field.data_type() {
-            let fault =
-                second_zone(&format!("the type of `{name}` already has the zone {zone}, so its times are read as UTC"));
+            let fault = second_zone(&format!(
+                "the type of `{name}` already contains the zone {zone}, so its times are converted to UTC"
+            ));
             columns.push(fault.at(stamp.at("zone")));
         }
     }
@@ -448,8 +449,11 @@ fn text(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Op
         let part = parts.get(i).filter(|_| parts.len() == names.len());
         let digits = part.and_then(|part| digits_of(part)).filter(|digits| *digits > 0 && kind.is_numeric());
         if digits.is_none() {
-            let what = format!("`{name}` contains {kind}, but `clock = \"text\"` requires text or numbers in digits");
-            let help = "numbers require a `format` that consists of digits only, with a blank between columns: \
+            let what = format!(
+                "`{name}` contains {kind}, but `clock = \"text\"` requires text, or numbers whose \
+                                digits are a date or time"
+            );
+            let help = "numbers require a `format` without separators, except for a blank between columns: \
                         `%H%M%S%.f` for hhmmss.s, `%Y%m%d %H%M` for a date and hhmm";
             columns.push(Fault::new(what).help(help).at(stamp.at("from")));
             return None;
@@ -459,7 +463,7 @@ fn text(stamp: &SpannedValue<TimeStampKeys>, columns: &mut MappingColumns) -> Op
     let Some(form) = TimeTextFormat::new(format) else {
         let text = stamp.value.format.clone().unwrap_or_default();
         let fault = Fault::new(format!("`format` cannot be `{text}`"));
-        let help = "it requires at least the hour, in the letters of `strftime`: `%d/%m/%Y %H:%M:%S%.f`";
+        let help = "it requires at least the hour, in the notation of `strftime`: `%d/%m/%Y %H:%M:%S%.f`";
         columns.push(fault.help(help).at(stamp.at("format")));
         return None;
     };

@@ -32,7 +32,7 @@ impl ObservatoryVariation {
         let chosen: Vec<&[f64; 3]> = record.ned_nt.iter().enumerate().filter(counts).map(|(_, v)| v).collect();
         if chosen.is_empty() {
             let what =
-                if quiet_base { "has no value in its first three hours of the local day" } else { "has no value" };
+                if quiet_base { "has no value in the first three hours of its local day" } else { "has no value" };
             let error = ReadError::data(path, format!("the record {what}"));
             if let Some(note) = record.notes.first() {
                 return Err(error.help(note.clone()));
@@ -93,7 +93,7 @@ impl ObservatoryVariation {
         let minutes = (tt_s / 60.0).floor() as i64;
         let seconds = tt_s.rem_euclid(60.0);
         let clock = format!("{:02}:{:02}:{seconds:04.1}", minutes.div_euclid(60), minutes.rem_euclid(60));
-        format!("the record of the observatory {} has no value at {clock} ({tt_s:.1} s past midnight)", self.name)
+        format!("the record of the observatory {} has no value at {clock} ({tt_s:.1} s past midnight UTC)", self.name)
     }
 }
 

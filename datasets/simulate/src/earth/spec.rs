@@ -247,7 +247,7 @@ fn buried(s: &SynthSection) -> Option<BuriedSource> {
             ];
             foreign(given, BuriedBodyKind::Prism);
             if keys.moment_am2.is_none() {
-                s.fault("a dipole needs `moment_am2`, its moment in A m2".to_owned());
+                s.fault("a dipole needs `moment_am2`, its magnetic moment in A m2".to_owned());
             }
             BuriedBody::Dipole { moment_am2: keys.moment_am2? }
         }
@@ -273,7 +273,10 @@ fn diurnal(s: &SynthSection, folder: &Path) -> Option<Diurnal> {
     let irregular = GaussMarkov { sigma: keys.sigma_nt, tau_s: keys.tau_s };
     let (sigma_nt, period_s, width) = (keys.pulsation_nt, keys.pulsation_period_s, keys.pulsation_width);
     if keys.storm_nt > 0.0 && keys.storm_start_tt_s.is_none() {
-        s.fault_at("storm_nt", "`storm_nt` needs `storm_start_tt_s`, the start in s past midnight UTC".to_owned());
+        s.fault_at(
+            "storm_nt",
+            "`storm_nt` needs `storm_start_tt_s`, the start in seconds past midnight UTC".to_owned(),
+        );
     }
     let storm = |start_tt_s| {
         let (main_s, recovery_s) = (keys.storm_main_s, keys.storm_recovery_s);

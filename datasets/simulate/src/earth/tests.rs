@@ -364,7 +364,7 @@ fn gold_faults_of_the_earths_field() {
         "a source needs either `depth_m` or `alt_m`",
         "`lat` must be -90 to 90",
         "a prism needs `size_m`, its length, width and thickness",
-        "`storm_nt` needs `storm_start_tt_s`, the start in s past midnight UTC",
+        "`storm_nt` needs `storm_start_tt_s`, the start in seconds past midnight UTC",
         "did you mean `quiet_nt`?",
     ] {
         assert!(message.contains(what), "{what} is not in\n{message}");

@@ -133,7 +133,7 @@ pub(in super::super) fn ins(root: &SynthSection) -> SynthIns {
     // The tenth largest of a hundred, as in Lee 2019.
     let take = keys.take.unwrap_or(keys.ensemble.div_ceil(10));
     if take > keys.ensemble {
-        s.fault_at("take", format!("`take` of `ins` must be at most `ensemble`, {}", keys.ensemble));
+        s.fault_at("take", format!("`take` of `ins` must be at most `ensemble` ({})", keys.ensemble));
     }
     let scale_ppm = [keys.acc_scale_ppm, keys.gyro_scale_ppm];
     if keys.method == InsErrorPropagation::ErrorModel {

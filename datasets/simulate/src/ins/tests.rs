@@ -249,7 +249,7 @@ fn gold_faults_of_the_ins_are_reported_with_their_place() {
     for what in [
         "`grade` cannot be `navigatoin`",
         "did you mean `navigation`?",
-        "`take` of `ins` must be at most `ensemble`, 10",
+        "`take` of `ins` must be at most `ensemble` (10)",
         "`gyro_scale_ppm` of `ins` needs `method = \"mechanisation\"`",
         "`init_tilt_error_deg` of `ins` must be a list of 3 numbers",
         "`ins` has no parameter `algin`",

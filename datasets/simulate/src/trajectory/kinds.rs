@@ -241,8 +241,8 @@ pub(super) fn waypoints(
 
 fn short(from: usize, length_m: f64, least_m: f64) -> RouteError {
     let what = format!(
-        "the leg after waypoint {from} has only {length_m:.0} m for a turn of {least_m:.0} m: move the waypoints \
-         apart, fly slower or bank more steeply (`bank_deg` of `dynamics`)"
+        "the leg after waypoint {from} has only {length_m:.0} m left for a turn that requires {least_m:.0} m: move \
+         the waypoints apart, fly slower or bank more steeply (`bank_deg` of `dynamics`)"
     );
     RouteError::new("waypoints", what)
 }

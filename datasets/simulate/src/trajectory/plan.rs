@@ -350,8 +350,8 @@ fn too_steep(e: &ExcessiveClimb, request: &TrajectoryRequest, fastest_mps: f64, 
         ": raise `turns` or `climb_mps`"
     };
     let what = format!(
-        "the climb after height {} is {climb:.1} m/s at {fastest_mps:.1} m/s over ground, steeper than `climb_mps` of \
-         `dynamics`, {most}{way_out}",
+        "the climb after height {} is {climb:.1} m/s at a ground speed of {fastest_mps:.1} m/s, but `climb_mps` of \
+         `dynamics` is {most}{way_out}",
         e.knot + 1
     );
     RouteError::new(key, what)

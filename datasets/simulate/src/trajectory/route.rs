@@ -159,8 +159,9 @@ impl Route {
         if bank_deg > dynamics.bank_deg + 1e-9 {
             let (most, least) = (dynamics.bank_deg, dynamics.tightest_m(fastest_mps).ceil());
             let what = format!(
-                "a turn of {radius} m at {fastest_mps:.1} m/s over ground needs a bank of {bank_deg:.0} degrees, more \
-                 than `bank_deg` of `dynamics`, {most}: raise `radius_m` to at least {least} m"
+                "a turn with a radius of {radius} m at a ground speed of {fastest_mps:.1} m/s needs a bank of \
+                 {bank_deg:.0} degrees, but `bank_deg` of `dynamics` is {most}: raise `radius_m` to at least {least} \
+                 m"
             );
             return Err(RouteError::new("radius_m", what));
         }

@@ -479,7 +479,7 @@ fn gold_lines_that_cannot_be_flown_are_reported_at_their_key() {
             "the leg after waypoint 1",
         ),
         ("[wind]\nspeed_mps = 55.0", EACH[4], "7:1", "a wind of 55.0 m/s is too strong"),
-        ("", "kind = 'looping'\ncenter = [-22.0, 140.5]\ntop_m = 9000.0", "11:9", "steeper than `climb_mps`"),
+        ("", "kind = 'looping'\ncenter = [-22.0, 140.5]\ntop_m = 9000.0", "11:9", "but `climb_mps`"),
         (
             "",
             "kind = 'free'\nwaypoints = [[-22.0, 140.5], [-21.9, 140.5]]\nalts_m = [500.0]",

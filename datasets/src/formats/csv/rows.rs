@@ -94,13 +94,13 @@ impl CsvRowFault {
     /// The fault of the row `row` in the line `line` of the file.
     pub(super) fn fault(&self, path: &Path, layout: &CsvLayout, row: u64, line: u64) -> ReadError {
         let of_row = |what: String| ReadError::data(path, what).in_row(row);
-        let ragged = |n: usize| of_row(format!("the row has {n} values where the header has {}", layout.names.len()));
+        let ragged = |n: usize| of_row(format!("the row has {n} values, but the header has {}", layout.names.len()));
         match &self.what {
             CsvFaultKind::Ragged(n) => ragged(*n).help(format!("line {line} of the file")),
             CsvFaultKind::Cut(n) => ragged(*n)
                 .help(format!("line {line} of the file, where the file ends without a newline: it is cut short")),
             CsvFaultKind::OtherHeader => {
-                let what = "the row looks like another header: the file is several tables, one after another";
+                let what = "the row looks like another header: the file contains several tables, one after another";
                 of_row(what.to_owned()).help(format!("line {line} of the file; put each table into a file"))
             }
             CsvFaultKind::NoNumber(column, cell) => {

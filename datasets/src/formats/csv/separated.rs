@@ -186,9 +186,9 @@ impl ConvertedText {
         self.done = true;
         self.end_cell()?;
         match &self.sign {
-            DecimalSign::Comma(Some(number)) => {
-                Err(wrong(format!("numbers such as `{number}` may have a decimal comma or separate thousands")))
-            }
+            DecimalSign::Comma(Some(number)) => Err(wrong(format!(
+                "the comma in numbers such as `{number}` may be a decimal comma or separate thousands"
+            ))),
             _ => Ok(()),
         }
     }
@@ -347,7 +347,7 @@ mod tests {
     #[test]
     fn unit_ambiguous_numbers_are_an_error() {
         let fault = converted("a;b\n51,336;1\n51,337;2\n").unwrap_err().to_string();
-        assert!(fault.contains("`51,336` may have a decimal comma or separate thousands"), "{fault}");
+        assert!(fault.contains("`51,336` may be a decimal comma or separate thousands"), "{fault}");
         for text in ["a;b\n1,5;2\n3.5;2\n", "a;b\n1.5;2\n3,5;2\n"] {
             let fault = converted(text).unwrap_err().to_string();
             assert!(fault.contains("mixes numbers with decimal points"), "{fault}");

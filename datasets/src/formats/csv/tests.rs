@@ -162,7 +162,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> CsvReadResult {
             } else {
                 ""
             };
-            let counts = format!("the row has {} values where the header has {}", record.len(), names.len());
+            let counts = format!("the row has {} values, but the header has {}", record.len(), names.len());
             result.faults.push((row, fault_text(format!("{counts} (line {line} of the file{cut})"))));
             continue;
         }
@@ -172,7 +172,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> CsvReadResult {
             |i: &usize| text(&record[*i]).is_some_and(|t| !missing::is_usual_word(&t) && missing.number(&t).is_none());
         let (numbers, words) = ((0..names.len()).filter(numeric), (0..names.len()).filter(numeric).filter(word));
         if words.clone().count() > 1 && words.count() == numbers.count() {
-            let what = "the row looks like another header: the file is several tables, one after another";
+            let what = "the row looks like another header: the file contains several tables, one after another";
             let error = fault_text(format!("{what} (line {line} of the file; put each table into a file)"));
             return CsvReadResult { notes: result.notes, error: Some(error), ..CsvReadResult::default() };
         }

@@ -104,7 +104,7 @@ fn unit_faults_are_reported_with_their_line() {
     let part = reader.next_part().unwrap().unwrap();
     assert_eq!(numbers(&part.batch, "column_3")[2], 6.0);
     let fault = part.faults[0].fault.to_string();
-    assert!(fault.ends_with("row 1: the row has 2 values where the others have 3 (line 4 of the file)"), "{fault}");
+    assert!(fault.ends_with("row 1: the row has 2 values, but the others have 3 (line 4 of the file)"), "{fault}");
     fs::write(&path, "/ x y\nLine 10\n\x1a").unwrap();
     assert!(open_raw(&path, &FlightOptions::default(), &ReadHints::default()).is_err());
 }

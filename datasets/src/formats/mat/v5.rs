@@ -45,13 +45,13 @@ pub(super) fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Outcome, 
         file.seek(SeekFrom::Start(at)).map_err(io)?;
         let mut tag = [0; 8];
         if length - at < 8 || file.read_exact(&mut tag).is_err() {
-            outcome.notes.push(format!("{} bytes at the end are not a variable", length - at));
+            outcome.notes.push(format!("the last {} bytes of the file are not a variable", length - at));
             break;
         }
         let (kind, bytes) = (word(&tag, 0, big), u64::from(word(&tag, 4, big)));
         let end = at + 8 + bytes;
         let node = match kind {
-            _ if end > length => Err(broken(&format!("it has {} of {bytes} bytes", length - at - 8))),
+            _ if end > length => Err(broken(&format!("it is truncated: it has {} of {bytes} bytes", length - at - 8))),
             MATRIX => {
                 MatByteReader::new(&mut (&mut file).take(bytes), big, &limit).matrix(bytes, DEPTH, keep, true).map(Some)
             }

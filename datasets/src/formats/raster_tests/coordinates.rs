@@ -62,7 +62,7 @@ fn unit_units_of_coordinates_in_every_format() {
     with_size.doubles.push((34736, vec![0.5]));
     assert!((west(&tiff(&[with_size]), "m.tif", &utm()).unwrap() - 0.5 * corner).abs() < 1e-6);
     let fault = west(&tiff(&[image(&own)]), "m.tif", &utm()).unwrap_err();
-    assert!(fault.contains("user-defined, but its size is missing"), "{fault}");
+    assert!(fault.contains("user-defined, but the file does not give its size"), "{fault}");
     let fault = west(&tiff(&[image(&keys(9999))]), "m.tif", &utm()).unwrap_err();
     assert!(fault.contains("the unit EPSG:9999 of the coordinates is unknown"), "{fault}");
     // The system and the unit in the file contradict each other; an `epsg` in the options resolves this.
@@ -84,7 +84,7 @@ fn unit_units_of_coordinates_in_every_format() {
     assert!((west(csv.as_bytes(), "m.csv", &utm()).unwrap() - 152.4).abs() < 1e-9);
     let gxf = fs::read_to_string(case("km.gxf")).unwrap();
     let fault = west(gxf.replace("\"km\",1000", "\"ft\",1000").as_bytes(), "m.gxf", &utm()).unwrap_err();
-    assert!(fault.contains("#UNIT_LENGTH gives the unit `ft` a wrong length of 1000 m"), "{fault}");
+    assert!(fault.contains("#UNIT_LENGTH gives the length of the unit `ft` as 1000 m, which is wrong"), "{fault}");
     let fault = west(gxf.replace("\"km\",1000", "\"cubit\"").as_bytes(), "m.gxf", &utm()).unwrap_err();
     assert!(fault.contains("the unit `cubit` of the coordinates is unknown"), "{fault}");
     let folder = TempDir::new().unwrap();

@@ -7,7 +7,7 @@ fn unit_impossible_values_of_maps_are_rejected() {
     let fault = read_grid(&case("emag2.nc"), &MapOptions::default()).unwrap_err().to_string();
     for part in [
         "emag2.nc, column `anomaly`: in row ",
-        "99,999 nT is not a magnetic anomaly (-20,000 to 20,000 nT), and 1 more of 63 values are out of range",
+        "99,999 nT is not a magnetic anomaly (-20,000 to 20,000 nT); other values out of range: 1 of 63",
         "set `missing = [99999]` in the table of the spec or use `--missing=99999`",
         "`accept = [\"range\"]`",
     ] {

@@ -73,7 +73,7 @@ impl UlogTopic {
         let found = range(self.misfits.bytes?);
         let defined = range((self.layout.least, self.layout.most));
         let (count, name) = (counted(self.misfits.messages, "message"), self.spelt());
-        Some(format!("{count} of `{name}`, of {found} bytes each, skipped: the definition has {defined} bytes"))
+        Some(format!("{count} of `{name}` skipped: each has {found} bytes, but the definition has {defined} bytes"))
     }
 
     /// The reason for a topic without rows; `None` if it has rows, or no messages at all.
@@ -81,7 +81,7 @@ impl UlogTopic {
         let misfitting = self.misfitting().filter(|_| self.rows == 0);
         let others = || {
             let (count, name) = (counted(self.others, "message"), self.spelt());
-            format!("{count} of `{name}` skipped: it was redefined with other fields")
+            format!("{count} of `{name}` skipped: the message was redefined with other fields")
         };
         misfitting.or_else(|| (self.rows == 0 && self.others > 0).then(others))
     }
@@ -434,8 +434,9 @@ impl UlogScanState {
         let incompatible = body.get(8..16).unwrap_or_default();
         let unknown = incompatible.iter().enumerate().any(|(i, b)| b & !(if i == 0 { APPENDED } else { 0 }) != 0);
         if unknown {
-            let what = "the file has unsupported features: an unknown incompatible flag is set";
-            return Err(ReadError::data(path, what).help(format!("its incompatible flags are {incompatible:02x?}")));
+            let what = "the file has unsupported features: an unknown flag for incompatible features is set";
+            return Err(ReadError::data(path, what)
+                .help(format!("its flags for incompatible features are {incompatible:02x?}")));
         }
         if incompatible.first().is_some_and(|b| b & APPENDED != 0) {
             let offsets = body.get(16..40).unwrap_or_default().chunks_exact(8);

@@ -166,7 +166,8 @@ impl LogExport<'_> {
         if lines.is_empty() {
             let Some(mapped) = &self.mapped else { return Err(Fault::data("the file contains no samples")) };
             let name = self.input.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            log.notes.push(format!("{name}: no row belongs to the table `{}`; nothing is written", mapped.name()));
+            log.notes
+                .push(format!("{name}: no row belongs to the table `{}`, so nothing is written for it", mapped.name()));
         }
         once_each(&lines)?;
         let described = canonical.schema().fields().iter();

@@ -127,7 +127,7 @@ fn plain(batch: &RecordBatch) -> Result<RecordBatch, Fault> {
     }
     for (name, kind) in [(TERM, DataType::Utf8), (VALUE, DataType::Float64)] {
         if !fields.iter().any(|field| field.name() == name && *field.data_type() == kind) {
-            let what = format!("not the table of a `fit`: it has no column `{name}` of {kind}");
+            let what = format!("the table is not made by a `fit`: it has no column `{name}` of {kind}");
             return Err(Fault::data(what));
         }
     }

@@ -132,7 +132,7 @@ fn chosen(decl: &SourceDecl, folder: &Path, options: &FlightOptions) -> Result<(
     };
     let tables = best.tables.join(", ");
     let note =
-        format!("`{}`: the mapping `{}` is chosen by the content of {shown}; it reads {tables}", decl.name, best.name);
+        format!("`{}`: the mapping `{}` is chosen by the content of {shown}, and reads {tables}", decl.name, best.name);
     Ok((best.name.to_owned(), Some(note)))
 }
 

@@ -123,8 +123,10 @@ fn subsets(name: &str, table: &DeTable, at: std::ops::Range<usize>) -> Result<Ve
         let (many, entries) = (sum(&of), sum(&|k| (k as u128).saturating_mul(of(k))));
         if many.is_none_or(|m| m > MOST_VALUES) || entries.is_none_or(|e| e > MOST_ENTRIES) {
             let number = many.map_or("more than 10^30".to_owned(), |m| m.to_string());
-            let fault =
-                Fault::new(format!("the axis `{name}` would have {number} values: subsets of {n} entries")).at(at);
+            let fault = Fault::new(format!(
+                "the axis `{name}` would have {number} values: that many subsets of its {n} entries"
+            ))
+            .at(at);
             let help = format!(
                 "at most {MOST_VALUES} values with {MOST_ENTRIES} entries in total are permitted: use a smaller \
                  `up_to`"

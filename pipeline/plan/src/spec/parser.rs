@@ -145,7 +145,7 @@ impl SpecParser {
         } else if store.chars().any(char::is_control) {
             Some("give a folder without control characters such as line breaks")
         } else if store.split(['/', '\\']).any(|part| part.len() > paths::LONGEST_PART) {
-            Some("give a folder of at most 255 bytes in each part of its path")
+            Some("give a folder whose path has at most 255 bytes in each part")
         } else {
             None
         };
@@ -181,7 +181,7 @@ impl SpecParser {
         if let Err(help) = paths::check_name(name) {
             let long = name.is_ascii() && name.len() > paths::LONGEST_NAME;
             let what = if long {
-                format!("a name of {} characters is too long", name.len())
+                format!("the name is too long: it has {} characters", name.len())
             } else {
                 format!("`{}` cannot be a name", plain(name))
             };

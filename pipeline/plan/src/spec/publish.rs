@@ -282,12 +282,12 @@ impl ProtectionKeys {
             faults.push(place("embargo", fault));
         }
         if own.contains_key("reason") && read.embargo.is_none() && read.restricted == ColumnRestriction::None {
-            let fault = Fault::new(format!("`reason` of `{table}` has no effect: nothing is restricted"));
+            let fault = Fault::new(format!("`reason` of `{table}` has no effect, because nothing is restricted"));
             faults.push(place("reason", fault.help("add `restricted` or `embargo`, or remove this key")));
         }
         let lone = own.keys().find(|k| k.starts_with("least_"));
         if let Some(key) = lone.filter(|_| read.embargo.is_none() && read.restricted == ColumnRestriction::None) {
-            let fault = Fault::new(format!("`{key}` of `{table}` has no effect: nothing is restricted"));
+            let fault = Fault::new(format!("`{key}` of `{table}` has no effect, because nothing is restricted"));
             faults.push(place(key, fault.help("add `restricted` or `embargo`, or remove this key")));
         }
         if faults.is_empty() { Ok(read) } else { Err(faults) }

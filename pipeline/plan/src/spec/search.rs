@@ -221,12 +221,12 @@ pub fn docs() -> SearchDocs {
 pub fn reference() -> String {
     let SearchDocs { search, axis, halving } = docs();
     let mut text = "# A search\n\nA search proposes the values of the axes in `[search.axes]`. A trial has one value \
-                    of each axis. Stages use these axes like listed ones: `\"$lambda\"`. Every table that depends on \
+                    for each axis. Stages use these axes like listed ones: `\"$lambda\"`. Every table that depends on \
                     a searched axis has the column `trial` and one column for each axis. The table `trials` has the \
                     goal of each trial. An axis is a list of choices or a table with two ends. `where` in `[search]` \
                     is an SQL predicate on `flight` and `line` that selects the lines of the goal. `values` of \
-                    `halving` are the values of its axis, the cheapest first. Every trial of a generation is run \
-                    with the first value, and the best 1/`eta` of them with the next value.\n"
+                    `halving` are the values of its axis, the cheapest first. Every trial of a generation is run with \
+                    the first value. The best 1/`eta` of the trials are then run with the next value.\n"
         .to_owned();
     let groups =
         [("[search]", search), ("[search.axes] NAME = { ... }", axis), ("[search] halving = { ... }", halving)];
@@ -322,7 +322,7 @@ fn clashes(search: &SearchSpec, listed: &[SweepAxis]) -> Vec<Fault> {
     let mut faults = vec![];
     let mut push = |what: String, at: &SpecSpan, help: &str| faults.push(Fault::new(what).at(at.clone()).help(help));
     if let Some(axis) = listed.iter().find(|a| a.name == TRIAL) {
-        let what = format!("the axis `{TRIAL}` has the name of the column of trials");
+        let what = format!("the axis `{TRIAL}` has the same name as the column of trials");
         push(what, &axis.at, "rename the axis");
     }
     for (name, at) in search.columns().into_iter().skip(1) {
@@ -330,7 +330,7 @@ fn clashes(search: &SearchSpec, listed: &[SweepAxis]) -> Vec<Fault> {
             push(format!("the axis `{name}` is both searched and listed in `[axes]`"), at, "remove one of them");
         }
         if TAKEN.contains(&name) {
-            let what = format!("the axis `{name}` has the name of a column of the table of trials");
+            let what = format!("the axis `{name}` has the same name as a column of the table of trials");
             push(what, at, "rename the axis");
         }
     }

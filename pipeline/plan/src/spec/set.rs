@@ -58,7 +58,8 @@ impl SetAssignment {
                 None => Err(unknown("axis", &path[1], &[])),
             },
             ["tables", table, key, ..] if PROTECTION_KEYS.contains(key) => {
-                let what = format!("`--set` cannot change `{key}` of `{table}`: a restriction belongs to the source");
+                let what =
+                    format!("`--set` cannot change `{key}` of `{table}`, because a restriction belongs to the source");
                 Err(Fault::new(what).at(self.span_of(&path)).help("change it in the spec"))
             }
             ["tables", _, _, ..] => match table(root.get_mut("tables")) {

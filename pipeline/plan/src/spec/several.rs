@@ -44,7 +44,7 @@ fn spread(decl: SourceDecl) -> Result<Vec<SourceDecl>, Fault> {
         names.push(name);
     }
     if names.is_empty() {
-        return Err(at(Fault::new("`table` is empty").help("list tables of the mapping, or remove `table`")));
+        return Err(at(Fault::new("`table` is empty").help("list only tables of the mapping, or remove `table`")));
     }
     let one = |name: &str| {
         let mut own = SourceDecl { name: format!("{}_{name}", decl.name), ..decl.clone() };

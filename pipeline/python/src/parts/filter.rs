@@ -134,7 +134,7 @@ fn track(name: &str, input: &FilterInput, (columns, update): Found) -> Result<Fi
     let [sd_n_m, sd_e_m, cov_ne_m2, residual_nt, nis] = [(); 5].map(|()| next().unwrap_or(vec![f64::NAN; rows]));
     let update = match update {
         Some(words) if words.len() != rows => {
-            return Err(broken(name, &format!("returned {} words of `update` for {rows} samples", words.len())));
+            return Err(broken(name, &format!("returned {} values of `update` for {rows} samples", words.len())));
         }
         Some(words) => {
             let read = |word: String| {
@@ -195,7 +195,7 @@ impl Flight {
             let mut field = PredictedField::new(map, input.core.as_ref());
             let (offset_nt, samples) = field.offset(ins, &measured, input.offset_window_s);
             if samples == 0 {
-                let what = "no sample within `offset_window_s` has a measurement and a map value";
+                let what = "no sample within `offset_window_s` has both a measurement and a map value";
                 return Err(Fault::data(format!("{what}, which the filter `{name}` requires")));
             }
             measured.iter_mut().for_each(|m| *m -= offset_nt);

@@ -132,13 +132,13 @@ impl fmt::Debug for PythonFitted {
 pub fn read(reading: &TermLookup) -> Result<Arc<dyn ExternalModel>, Fault> {
     let name = reading.word("model")?;
     let part = parts().models.get(name).map(|part| part.head).ok_or_else(|| {
-        let what = format!("the model `{name}` is written in Python, and is not loaded");
+        let what = format!("the model `{name}` is written in Python, but its file is not loaded");
         Fault::data(what).help("use `magline --parts FILE.py`, or import the module that declares it")
     })?;
     let source = reading.word("source")?;
     if source != part.source {
-        let what = format!("the model `{name}` was fitted by another source: {source}, not {}", part.source);
-        return Err(Fault::data(what).help("fit the model again, or load the source that fitted it"));
+        let what = format!("the model `{name}` was fitted by other source code: {source}, not {}", part.source);
+        return Err(Fault::data(what).help("fit the model again, or load the source code that fitted it"));
     }
     let parameters = reading.word("parameters")?;
     let (inputs, _) = reading.list("input")?;

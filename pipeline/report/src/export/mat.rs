@@ -101,7 +101,8 @@ impl<W: Write + Send> TableWriter for MatWriter<W> {
         for (column, array) in self.columns.iter_mut().zip(batch.columns()) {
             column.extend(array)?;
             if column.values.len() > self.largest / 8 {
-                let fault = Fault::new(format!("the table has more rows than a MAT-file holds: {}", self.largest / 8));
+                let fault =
+                    Fault::new(format!("the table has more rows than a MAT-file can hold: {}", self.largest / 8));
                 return Err(fault.help("select rows with `--line` or `--where`, or use the extension .parquet"));
             }
         }
@@ -155,8 +156,10 @@ impl MatVector {
         if self.values.iter().rev().take(array.len()).all(exact) {
             return Ok(());
         }
-        let fault =
-            Fault::new(format!("column `{}` has integers of 2^53 or more, which a double may not hold", self.names[1]));
+        let fault = Fault::new(format!(
+            "column `{}` has integers of 2^53 or more, which a double cannot represent exactly",
+            self.names[1]
+        ));
         Err(fault.help("use the extension .csv or .parquet"))
     }
 }

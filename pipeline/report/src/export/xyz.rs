@@ -173,7 +173,8 @@ fn unusable(text: &str, what: &str) -> Fault {
 }
 
 fn several(key: &str, value: &str) -> Fault {
-    let fault = Fault::new(format!("column `{key}` has several values, and each line of Geosoft XYZ is written once"));
+    let fault =
+        Fault::new(format!("column `{key}` has several values, but each line is written only once in Geosoft XYZ"));
     let (key, value) = (key.replace('"', "\"\""), value.replace('\'', "''"));
     fault.help(format!("select one value with `--where`, such as `\"{key}\" = '{value}'`, or use the extension .csv"))
 }

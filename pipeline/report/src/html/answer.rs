@@ -196,7 +196,7 @@ fn figure(metric: Metric, value: f64, over: Option<(MetricBaseline, f64)>, lines
     let bottom = ROW * rows.len() as f64 + 4.0;
     let middle = |i: usize| ROW * (i as f64 + 0.5) + 2.0;
     let ticks = if log { ticks::logarithmic(low, high) } else { ticks::linear(low, high, 6) };
-    let label = format!("{} of the pooled lines and of the worst lines", metric.name);
+    let label = format!("{}: pooled over the lines, and for the worst lines", metric.name);
     html! {
         figure {
             p.legend {

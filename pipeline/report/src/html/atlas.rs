@@ -174,7 +174,7 @@ impl Atlas {
         let minute =
             (line_tracks.tt.get(k).copied().unwrap_or(0.0) - line_tracks.tt.first().copied().unwrap_or(0.0)) / 60.0;
         let mut caption = format!(
-            "The largest distance of the INS {of}: {} m at {minute:.1} min.",
+            "The largest distance of the INS {of} is {} m, at {minute:.1} min.",
             number(separation(line_tracks, k))
         );
         if let (Some(error), true) = (own_error(line_tracks, k), line_tracks.ins.is_some()) {
@@ -182,8 +182,8 @@ impl Atlas {
         }
         if let Some((_, e)) = rings.iter().find(|(i, _)| *i == k) {
             caption.push_str(&format!(
-                " The ellipses are the 3σ region of the filter: {} m by {} m at that time, the longer axis at an \
-                 azimuth of {:.0}°.",
+                " The ellipses are the 3σ region of the filter. At that time, it is {} m by {} m, with the longer \
+                 axis at an azimuth of {:.0}°.",
                 number(Some(e.major_m)),
                 number(Some(e.minor_m)),
                 e.azimuth_deg,
@@ -191,7 +191,7 @@ impl Atlas {
         }
         html! {
             figure {
-                h4 { "Enlarged: largest error of the INS" }
+                h4 { "Enlarged: the largest error of the INS" }
                 (legend(line_tracks, (!rings.is_empty()).then_some(1.0)))
                 (self.drawn(&canvas, line_tracks, "Tracks near the largest error of the \
                                              INS", html! {}, outlines(&canvas, line_tracks, &rings, 1.0)))

@@ -187,7 +187,7 @@ impl KmlTrack {
         let (centre, ellipse) = (estimate.at(k)?, self.line_tracks.ellipse(k, SIGMAS)?);
         let [_, _, alt] = &self.alt;
         let mut about = format!(
-            "{SIGMAS}σ region of the estimate: {} m by {} m, the longer axis at an azimuth of {:.0}°.",
+            "{SIGMAS}σ region of the estimate: {} m by {} m, with the longer axis at an azimuth of {:.0}°.",
             number(Some(ellipse.major_m)),
             number(Some(ellipse.minor_m)),
             ellipse.azimuth_deg
@@ -323,7 +323,7 @@ mod tests {
         assert_eq!((areas.len(), areas[0].name.as_str(), areas[59].name.as_str()), (60, "0.0 min", "19.9 min"));
         // 199 steps of 2e-6 degrees at 21.8 degrees south are 41 m.
         assert!(
-            areas[59].about.contains("60.00 m by 30.00 m, the longer axis at an azimuth of 90°"),
+            areas[59].about.contains("60.00 m by 30.00 m, with the longer axis at an azimuth of 90°"),
             "{}",
             areas[59].about
         );

@@ -55,10 +55,10 @@ fn position(
 ) -> LineChart {
     let time = minutes(&line_tracks.tt);
     let rms = |x: &[f64]| number(Some(statistics::rms(x).value));
-    let mut caption = format!("Truth minus estimate: {} m root mean square", rms(error));
+    let mut caption = format!("Truth minus estimate. The root mean square is {} m", rms(error));
     let mut lines = vec![];
     if let Some(ins) = ins {
-        caption.push_str(&format!("; {} m for the INS alone", rms(ins)));
+        caption.push_str(&format!("; for the INS alone, it is {} m", rms(ins)));
         lines.push(ChartLine { name: "INS alone".into(), class: "ins", points: extremes(&time, ins, MOST) });
     }
     caption.push('.');

@@ -83,8 +83,8 @@ impl MapProfile {
             let (shifted, constant) = on_the_map(signal, &self.map);
             lines.push(line(&format!("{name} minus core field and temporal variation"), "before", &shifted));
             caption.push_str(&format!(
-                " The standard deviation of {name} minus the map is {} nT. Its mean of {} nT is subtracted, because \
-                 compensation does not determine the bias.",
+                " The standard deviation of {name} minus the map is {} nT. The mean difference of {} nT is \
+                 subtracted, because compensation does not determine the bias.",
                 number(Some(difference(signal, &self.map))),
                 number(Some(constant)),
             ));
@@ -148,7 +148,7 @@ mod tests {
         let along = MapProfile { tt, measured: Some(("mag_c".into(), signal)), truth: Some(map.clone()), map };
         let chart = along.chart();
         assert_eq!(chart.lines.len(), 3);
-        assert!(chart.caption.contains("Its mean of -350.0 nT"), "{}", chart.caption);
+        assert!(chart.caption.contains("The mean difference of -350.0 nT"), "{}", chart.caption);
         for (a, b) in chart.lines[0].points.iter().zip(&chart.lines[2].points) {
             assert!((a.1 - b.1).abs() < 1e-9);
         }

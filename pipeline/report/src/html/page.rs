@@ -194,7 +194,7 @@ fn alert_sections(source: &ReportSource, ReportAlerts { failures, warnings, outd
         (warned(&plan.spec.name, warnings))
         @if *outdated {
             section.trouble id="outdated" {
-                h2 { "The spec or its data changed since the last run" }
+                h2 { "The spec or its data have changed since the last run" }
                 p { "The stored scores belong to the earlier spec or data and are omitted. The page shows only \
                      results of the current spec and data. "
                     code { "magline run " (plan.spec.file) } " updates the tables." }

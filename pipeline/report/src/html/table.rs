@@ -32,7 +32,7 @@ pub fn section(source: &ReportSource, board: &ScoreBoard, by_line: Vec<Markup>) 
                                                                   never the best." }
                 @if points > 1 { " The best value of each metric is coloured. Click a heading to sort." }
                 @if (0..points).any(|r| board.marked(r) > 0 && !scores.is_cautious(r)) { " Rows with \
-                    a " strong { "!" } " are flagged; the number counts their flagged lines. On these lines the \
+                    a " strong { "!" } " are flagged; the number counts their flagged lines. On these lines, the \
                                         filter is worse than the INS alone, its NEES or NIS is far from the expected \
                                         value, or its innovations are correlated: " code { "whiteness" }
                     " is below 0.8 and " code { "correlated_nis" } " is above 1.5. Flagged rows are never the best." }

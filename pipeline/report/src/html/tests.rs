@@ -100,7 +100,7 @@ fn unit_navigation_alone_has_no_model() {
         "Innovations",
         "NIS",
         "NEES",
-        "Enlarged: largest error of the INS",
+        "Enlarged: the largest error of the INS",
     ] {
         assert!(html.contains(part), "{part}");
     }

@@ -142,7 +142,7 @@ impl ModelCoefficients {
             h3 { (title) ": over " (of.axis) ", " (self.models.len()) @if of.all > of.members.len() { " of " (of.all) } " " (what) }
             p.lead {
                 "The coefficient of variation is the standard deviation divided by the absolute mean. Averaged over \
-                 all terms it is "
+                 all terms, it is "
                 strong { (number(mean_of(&spread))) }
                 ". It is large for terms that change sign. Differences between calibrations are not caused by the \
                  aircraft alone. A larger lambda makes coefficients smaller and more similar."

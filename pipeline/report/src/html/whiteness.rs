@@ -88,10 +88,11 @@ impl NormalisedInnovations {
         let white = known().filter(|(_, r)| r.value.abs() <= half(*r)).count();
         let counted = whiteness(x, COUNTED).value;
         let caption = format!(
-            "Autocorrelation of the innovations divided by their predicted standard deviation, without subtracting the \
-             mean; {} s between samples. For white innovations 95 % of the lags are within ±1.96/√n. Here {:.0} % of \
-             the plotted lags and {} of the first {COUNTED} lags are within this band. A positive autocorrelation \
-             indicates correlated noise, or an error of the map or compensation, that the filter treats as white.",
+            "Autocorrelation of the innovations divided by their predicted standard deviation, without subtracting \
+             the mean; {} s between samples. For white innovations, 95 % of the lags are within ±1.96/√n. Here {:.0} \
+             % of the plotted lags and {} of the first {COUNTED} lags are within this band. A positive \
+             autocorrelation indicates correlated noise, or an error of the map or compensation, that the filter \
+             treats as white.",
             number(Some(step_s)),
             100.0 * white as f64 / points.len() as f64,
             if counted.is_nan() { "too few".to_owned() } else { format!("{:.0} %", 100.0 * counted) },
@@ -116,7 +117,7 @@ impl NormalisedInnovations {
         let (low, high) = mean_square_band(window as f64);
         let largest = points.iter().map(|p| p.1).fold(0.0, f64::max);
         let caption = format!(
-            "Normalised innovation squared, means over {window} updates. For independent innovations of the predicted \
+            "Normalised innovation squared: means over {window} updates. For independent innovations of the predicted \
              variance, 95 % of the means are between {} and {}. Means above this band indicate that the assumed noise \
              is too small. Means below it indicate that it is too large. The mean of the line is {}.",
             number(Some(low)),

@@ -306,10 +306,10 @@ impl<'a> RunComparison<'a> {
         let (Some(a), Some(b)) = (cells[0], cells[1]) else { return None };
         if a.in_sample != b.in_sample {
             let run = self.runs[usize::from(b.in_sample)].record.number;
-            return Some(format!("in sample in run {run} only"));
+            return Some(format!("in sample only in run {run}"));
         }
         let (Some(one), Some(two)) = (&self.runs[0].rows, &self.runs[1].rows) else {
-            return Some("too many rows to compare".to_owned());
+            return Some("the runs have too many rows to compare".to_owned());
         };
         let counted = |rows: Option<&CellRows>, side: &RunCell| -> Vec<(u32, i64)> {
             counted(rows, side).map(|row| (row.line, row.n)).collect()
@@ -336,14 +336,14 @@ impl<'a> RunComparison<'a> {
             .map(|(side, lines)| format!("run {} only: {}", self.runs[*side].record.number, listed(lines)))
             .collect();
         if !words.is_empty() {
-            return Some(format!("other lines: {}", words.join("; ")));
+            return Some(format!("different lines: {}", words.join("; ")));
         }
         let other_n = one.iter().zip(two).find(|((_, a), (_, b))| a != b);
         if let Some(((line, a), (_, b))) = other_n {
-            return Some(format!("other n: {a} and {b} on line {}", name(line)));
+            return Some(format!("different n: {a} and {b} on line {}", name(line)));
         }
         let changed: Vec<u32> = one.iter().map(|(line, _)| *line).filter(|l| self.changed.contains(name(l))).collect();
-        (!changed.is_empty()).then(|| format!("other data of {}", listed(&changed)))
+        (!changed.is_empty()).then(|| format!("different data on {}", listed(&changed)))
     }
 
     /// Differences of a metric on each line, in the order of the lines; empty for values of unequal rows.

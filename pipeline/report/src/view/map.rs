@@ -122,7 +122,7 @@ impl StoreView {
         let is_position = |(lat, lon): (f64, f64)| is_latitude_deg(lat) && lon.is_finite() && lon.abs() <= 720.0;
         if !is_position(from) || !is_position(to) || from == to {
             let fault = Fault::new("a profile needs two different positions");
-            return Err(ViewFault::Wrong(fault.help("give `from=LAT,LON` and `to=LAT,LON`, in deg")));
+            return Err(ViewFault::Wrong(fault.help("give `from=LAT,LON` and `to=LAT,LON`, in degrees")));
         }
         let (grid, unit) = self.grid(name, point)?;
         let found = DrawnProfile::new(&grid, from, to);

@@ -181,7 +181,7 @@ impl<'a> LineFacts<'a> {
     pub fn cause(&self, kind: WarningKind) -> Option<String> {
         if kind == WarningKind::Retention {
             let cause = "the model was fitted over strong anomalies, or learnt the map from its inputs; on a single \
-                         line the residual may also correlate with the anomaly by chance";
+                         line, the residual may also correlate with the anomaly by chance";
             return Some(cause.to_owned());
         }
         let settings = self.settings.as_ref()?;
@@ -203,7 +203,8 @@ impl<'a> LineFacts<'a> {
                 )
             }).into_iter().collect(),
             WarningKind::Gnss => {
-                vec!["the receiver is jammed, spoofed or faulty, or the errors of the INS exceed its grade".to_owned()]
+                vec!["the receiver is jammed, spoofed or faulty, or the errors of the INS exceed those of its grade"
+                    .to_owned()]
             }
             WarningKind::OffMap if self.diverged() => vec!["the filter diverged and left the map".to_owned()],
             WarningKind::OffMap => vec!["the map does not cover the line, or has unknown nodes below it".to_owned()],
@@ -234,7 +235,8 @@ impl<'a> LineFacts<'a> {
         let mut found = vec![];
         if let Some((sigma_m, limit_m)) = self.wide_start_m() {
             found.push(format!(
-                "the initial position is known to {sigma_m:.0} m, but the map is linear only over {limit_m:.0} m"
+                "the standard deviation of the initial position is {sigma_m:.0} m, but the map is linear only over \
+                 {limit_m:.0} m"
             ));
         }
         // An estimated noise includes an offset.

@@ -140,7 +140,7 @@ impl WarningKind {
             WarningKind::Gated => "the filter rejects many measurements as outliers, so it may have lost the position",
             WarningKind::Gnss => "GNSS positions contradict the INS and are rejected",
             WarningKind::OffMap => "most samples are off the map",
-            WarningKind::Flat => "the map is too flat to correct the position at most samples",
+            WarningKind::Flat => "at most samples, the map is too flat to correct the position",
             WarningKind::MapHeight => "the map is at a different height from the flight",
             WarningKind::Retention => "compensation removed part of the anomaly",
             WarningKind::Fit => "the fit has a warning",

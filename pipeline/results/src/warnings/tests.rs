@@ -180,7 +180,7 @@ fn unit_a_wide_start_is_flagged() {
     let lost = LineMetrics::from([("drms", 9000.0), ("ins_drms", 900.0), ("nis", 1.0)]);
     let found = judge(&facts(&lost, NavigationSettings { start_m: Some((1500.0, 285.0)), ..given(5.0) }));
     assert_eq!(kinds(&found), ["worse_than_ins", "wide_start"]);
-    assert!(found[0].cause.as_ref().unwrap().starts_with("the initial position is known to 1500 m"));
+    assert!(found[0].cause.as_ref().unwrap().starts_with("the standard deviation of the initial position is 1500 m"));
 }
 
 #[test]

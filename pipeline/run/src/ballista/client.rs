@@ -98,7 +98,7 @@ impl SchedulerFault {
                 ))
             }
             SchedulerFault::Stranger => {
-                let fault = Fault::new(format!("the scheduler at {authority} has another key or no key"));
+                let fault = Fault::new(format!("the scheduler at {authority} has a different key or no key"));
                 fault.help("use the same `--key-file` for scheduler, workers and runs")
             }
             SchedulerFault::Other(what) => {

@@ -192,7 +192,7 @@ impl<'a> WaveDispatcher<'a> {
         let seconds = patience.as_secs();
         if self.scheduler_seen.longer_than(patience) {
             let what = format!("the scheduler at {authority} has not answered for {seconds} s: {}", self.last_error);
-            return Some(Fault::machine(what).help("restart the scheduler; the next run resumes"));
+            return Some(Fault::machine(what).help("restart the scheduler, then run the spec again to resume"));
         }
         if self.restarts > MOST_RESTARTS {
             let what = format!("the scheduler at {authority} restarted more than {MOST_RESTARTS} times");
@@ -326,7 +326,7 @@ impl<'a> WaveDispatcher<'a> {
             let Some(at) = self.tasks.get(&id).and_then(|i| left.iter().position(|l| l == i)) else {
                 // Duplicate or foreign answer: it does not match a dispatched task.
                 let fault = Fault::bug(format!(
-                    "the worker {worker} returned a receipt of a task that it does not have, or a duplicate"
+                    "the worker {worker} returned a receipt for a task that it does not have, or a duplicate receipt"
                 ));
                 tasks.iter().for_each(|i| self.settle(*i, self.wave.tasks[*i].failure(&fault)));
                 return;

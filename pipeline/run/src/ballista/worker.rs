@@ -168,8 +168,8 @@ fn executed(
         Err(e) => {
             let what = format!("the scheduler at {}:{} rejects this worker: {e}", config.host, config.port);
             Err(Fault::machine(what).help(format!(
-                "it connects to this worker at {own}, ports {} and {}; change them with `--bind`, `--port` and \
-                 `--advertise`",
+                "the scheduler connects to this worker at {own}, ports {} and {}; change them with `--bind`, `--port` \
+                 and `--advertise`",
                 ports.0, ports.1
             )))
         }

@@ -194,5 +194,8 @@ impl UnitWorker<'_> {
 /// The fault of a survey stage without usable lines.
 fn nothing_left(faults: &[Fault]) -> Fault {
     let Some(first) = faults.first() else { return Fault::data("none of the selected lines could be computed") };
-    Fault::data(format!("none of the {} selected lines can be used; the first: {first}", faults.len()))
+    Fault::data(format!(
+        "none of the {} selected lines can be used; the reason for the first line: {first}",
+        faults.len()
+    ))
 }

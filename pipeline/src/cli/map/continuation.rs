@@ -21,7 +21,7 @@ pub struct ContinueArgs {
     map: PathBuf,
     #[command(flatten)]
     input: InputArgs,
-    /// Heights above the WGS-84 ellipsoid, m, separated by commas.
+    /// Heights above the WGS-84 ellipsoid, in metres, separated by commas.
     #[arg(long, visible_alias = "to", value_name = "M", value_delimiter = ',', allow_negative_numbers = true)]
     to_m: Vec<f64>,
     /// A map on the same grid with the output height of each node.
@@ -32,8 +32,7 @@ pub struct ContinueArgs {
     /// Write a plot of the L-curve of a downward continuation to this SVG file.
     #[arg(long)]
     l_curve: Option<PathBuf>,
-    /// Write the edge error to this file: the error at each node that is caused by the unknown field beyond the map's
-    /// edges.
+    /// Write the edge error of each node to this file. The unknown field beyond the edges of the map causes this error.
     #[arg(long)]
     error: Option<PathBuf>,
     /// The output file. With several heights, its name must contain `{alt}`, which is replaced by the height.

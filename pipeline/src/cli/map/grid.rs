@@ -43,7 +43,7 @@ pub struct GridArgs {
 /// Options for the columns of survey points. Unset columns are found by their usual names.
 #[derive(Args)]
 struct ColumnArgs {
-    /// A flight format, `parquet` or `text`, if content and name of the file do not determine it.
+    /// A flight format, `parquet` or `text`, if the content and name of the file do not determine it.
     #[arg(long)]
     format: Option<String>,
     /// The column of longitudes or eastings.
@@ -130,7 +130,7 @@ fn read(args: &GridArgs, stage: &MapGrid, progress: MapGridProgress) -> Result<(
             Some(all) => append(all, points),
         }
     }
-    let mut all = all.ok_or_else(|| ExitReason::from(Fault::new("there are no survey points")))?;
+    let mut all = all.ok_or_else(|| ExitReason::from(Fault::new("the files contain no survey points")))?;
     let far = if stage.keep_outliers { vec![] } else { without_far(&mut all) };
     name_far(&far, &all, &args.points, &starts);
     Ok((all, far.len()))
@@ -192,7 +192,7 @@ fn name_far(far: &[usize], points: &SurveyPointSet, files: &[PathBuf], starts: &
         return;
     }
     let many = if far.len() == 1 { "1 point is".to_owned() } else { format!("{} points are", far.len()) };
-    note(&format!("{many} far from all others and removed; `--keep-outliers` keeps such points"));
+    note(&format!("{many} far from all others and therefore removed; `--keep-outliers` keeps such points"));
     for &i in far.iter().take(NAMED) {
         let file = starts.partition_point(|start| *start <= i).saturating_sub(1);
         let line = points.lines.get(points.line[i] as usize).filter(|name| !name.is_empty());
@@ -224,8 +224,8 @@ fn levelling_report(levelled: &LevellingResult, names: &[String]) -> String {
     let ties = levelled.lines.iter().filter(|l| l.tie).count();
     let noise = &levelled.noise;
     text += &format!(
-        "{} lines, {ties} of them ties; standard deviation of level lines at crossings: {:.2} nT, plus {:.0} m times \
-         the gradient\n",
+        "{} lines, including {ties} ties; standard deviation of level lines at crossings: {:.2} nT, plus {:.0} m \
+         times the gradient\n",
         levelled.lines.len(),
         noise.sigma_nt,
         noise.position_m

@@ -32,7 +32,7 @@ pub struct PlotArgs {
     /// The title above the map. Default: the name of the map file.
     #[arg(long)]
     title: Option<String>,
-    /// The width of the image, pixels.
+    /// The width of the image, in pixels.
     #[arg(long, default_value_t = 1600)]
     width: usize,
     /// The colour palette.
@@ -44,7 +44,7 @@ pub struct PlotArgs {
     /// Draw without hill shading.
     #[arg(long)]
     no_shade: bool,
-    /// The contour interval, nT.
+    /// The contour interval, in nT.
     #[arg(long)]
     contours: Option<f64>,
     #[command(flatten)]
@@ -54,7 +54,7 @@ pub struct PlotArgs {
 /// Colour scales.
 #[derive(Clone, Copy, ValueEnum)]
 enum PaletteName {
-    /// The rainbow of potential-field maps, without its false edges.
+    /// The usual rainbow of potential-field maps, but without its false edges.
     Turbo,
     /// Dark blue to yellow, readable without red or green.
     Viridis,
@@ -244,7 +244,7 @@ fn lines(args: &PlotArgs, path: &Path) -> Result<Vec<PlotTrack>, ExitReason> {
         }
     }
     if tracks.is_empty() {
-        return Err(wrong(path, &"no line of the flights is selected; check `--line`"));
+        return Err(wrong(path, &"`--line` selects no line of the flights"));
     }
     Ok(tracks)
 }

@@ -41,22 +41,22 @@ pub fn text(state: &RunWatchState, end: &RunEnd, path: &Path) -> String {
     });
     family(&mut out, "magline_run_units", "Number of units of a table in the last run, by outcome.", units);
     let seconds = state.tables.iter().map(|(name, _, seconds)| (of(name), *seconds));
-    family(&mut out, "magline_run_table_seconds", "Duration of a table in the last run, s.", seconds);
+    family(&mut out, "magline_run_table_seconds", "Time to compute a table in the last run, in seconds.", seconds);
     let published = state.published(end);
     let tables = published.iter().flat_map(|v| &v.manifest.tables);
     let bytes = tables.map(|t| (of(&t.name), t.files.iter().map(|f| f.size).sum::<u64>() as f64));
-    family(&mut out, "magline_table_bytes", "Size of the files of a published table, bytes.", bytes);
+    family(&mut out, "magline_table_bytes", "Size of the files of a published table, in bytes.", bytes);
     let warnings = end.summary.map(|s| s.warnings.len() as f64).map(|n| (pipeline.clone(), n));
     family(&mut out, "magline_run_warnings", "Number of warnings about results of the last run.", warnings);
     let one = |value: f64| [(pipeline.clone(), value)];
     let took = state.begun.elapsed().as_secs_f64();
-    family(&mut out, "magline_run_seconds", "Duration of the last run, s.", one(took));
+    family(&mut out, "magline_run_seconds", "Duration of the last run, in seconds.", one(took));
     family(&mut out, "magline_run_exit_status", "Exit status of the last run.", one(f64::from(end.status.exit())));
     let now = clock::unix();
-    family(&mut out, "magline_run_end_timestamp_seconds", "End of the last run, Unix time in s.", one(now));
+    family(&mut out, "magline_run_end_timestamp_seconds", "End of the last run, as Unix time in seconds.", one(now));
     let success = if end.status == RunStatus::Done { Some(now) } else { before(path, &pipeline) };
     let success = success.map(|t| (pipeline.clone(), t));
-    family(&mut out, SUCCESS, "End of the last successful run, Unix time in s.", success);
+    family(&mut out, SUCCESS, "End of the last successful run, as Unix time in seconds.", success);
     out
 }
 

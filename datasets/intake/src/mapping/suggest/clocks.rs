@@ -169,7 +169,7 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
     if clock_digits::minute_after(&known).is_some() {
         return Some(ClockGuess {
             toml: format!("{{ from = {}, clock = \"text\", format = \"%H%M%S%.f\" }}", quoted(&column.name)),
-            why: "guess: clock times in digits, hhmmss; the date is not known".to_owned(),
+            why: "guess: clock times written as digits, hhmmss; the date is unknown".to_owned(),
             column: column.name.clone(),
             unit: "s",
             boot: false,
@@ -189,7 +189,7 @@ fn one(column: &ColumnSample) -> Option<ClockGuess> {
     let of_day = name_of_head(&column.name) == "tt"
         || (column.words().iter().any(|w| w == "day" || w == "utc") && last * seconds < 172_800.0);
     let (clock, why) = match (unix, of_day) {
-        (true, _) => ("unix", "as seconds since 1970, the values give a date in this century"),
+        (true, _) => ("unix", "as seconds since 1970, the values are dates in this century"),
         (_, true) => ("day", "its name indicates seconds past midnight; the date is unknown"),
         (false, false) => ("boot", "it probably counts from the start of the log"),
     };

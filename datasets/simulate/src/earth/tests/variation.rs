@@ -143,5 +143,5 @@ fn law_a_flight_has_the_record_along_the_core_field() {
         night.contains("flight A, line A.1: the record of the observatory BOU has no value at 23:59:50"),
         "{night}"
     );
-    assert!(night.contains("fly at a time that the record covers"), "{night}");
+    assert!(night.contains("move the flight to a time that the record covers"), "{night}");
 }

@@ -162,7 +162,7 @@ function curveView(input) {
     const code = scores.block.at[a][ideal], value = scores.value(metric, ideal) ?? NaN;
     svg.append(shape("circle", { class: "best", cx: x.at(place(code)), cy: y.at(value), r: 8 }));
     if (axis.numeric && codes.length > 1 && (code === codes[0] || code === codes[codes.length - 1])) {
-      edge = ` The best value is at an end of ${axis.name}, so a better value may lie outside.`;
+      edge = ` The best value is at an end of ${axis.name}, so a value outside the range may be better.`;
     }
   }
   const many = b >= 0 && valuesOf(scores, b, rows).length > 8 ? ` The first 8 values of ${state.y} are drawn.` : "";

@@ -250,7 +250,7 @@ pub(in super::super) fn current(s: &SynthSection) -> Option<Current> {
             }
         }
         CurrentControl::Periodic { every_s, for_s, .. } if for_s > every_s => {
-            s.fault_at("for_s", format!("`for_s`, {for_s} s, must be at most `every_s`, {every_s} s"));
+            s.fault_at("for_s", format!("`for_s` ({for_s} s) must be at most `every_s` ({every_s} s)"));
         }
         CurrentControl::Switched { .. }
         | CurrentControl::Periodic { .. }
