@@ -104,7 +104,7 @@ enum TableSelection {
 /// Facts of the spec.
 ///
 /// # Errors
-/// Fails when the spec has no `[publish]` or an invalid one; without `[publish]`, the fault contains an example.
+/// Fails if the spec has no `[publish]` or an invalid one; without `[publish]`, the fault contains an example.
 pub fn facts(spec: &Spec) -> Result<&PublishFacts, SpecFaults> {
     let none = || Fault::new(format!("{} has no `[publish]`", spec.file)).help(EXAMPLE);
     match &spec.publish {
@@ -117,8 +117,8 @@ pub fn facts(spec: &Spec) -> Result<&PublishFacts, SpecFaults> {
 /// Publishes tables of the last run of a plan.
 ///
 /// # Errors
-/// Fails when the facts are invalid, a table does not exist or was not computed, or restricted data would be published.
-/// Fails when the folder holds other files, or the file system reports an error. The target then stays unchanged.
+/// Fails if the facts are invalid, a table does not exist or was not computed, or restricted data would be published.
+/// Fails if the folder holds other files, or the file system reports an error. The target then stays unchanged.
 pub fn release(graph: &PlanGraph, store: &Store, request: &ReleaseRequest) -> Result<ReleaseSummary, Fault> {
     let plan = graph.plan;
     let spec = &plan.spec;

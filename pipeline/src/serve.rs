@@ -72,7 +72,7 @@ fn machine(what: &str, e: &dyn std::fmt::Display) -> Fault {
 /// Serves until `stop` is true, or its sender is dropped. `started` receives the address.
 ///
 /// # Errors
-/// Fails when the address is in use or is reachable from other hosts without a token, or the certificate or key is
+/// Fails if the address is in use or is reachable from other hosts without a token, or the certificate or key is
 /// invalid.
 pub fn serve(
     settings: ServerSettings,

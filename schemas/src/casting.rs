@@ -13,7 +13,7 @@ use crate::Fault;
 /// therefore implemented here.
 ///
 /// # Errors
-/// Fails when `kind` cannot represent a value, or when a list has another length.
+/// Fails if `kind` cannot represent a value, or if a list has another length.
 pub fn cast(array: &ArrayRef, kind: &DataType) -> Result<ArrayRef, Fault> {
     match (array.data_type(), kind) {
         (from, to) if from == to => Ok(array.clone()),

@@ -128,7 +128,7 @@ impl MapErrors {
     /// Standard deviation of the nodes' error at each sample of a line, in nT.
     ///
     /// # Errors
-    /// Fails as [`map_noise::along`].
+    /// Returns the errors of [`map_noise::along`].
     pub fn at_nodes_nt(&self, line: &NavigationLine<'_>) -> Result<Option<Vec<f64>>, Fault> {
         let Some(own) = &self.own else { return Ok(None) };
         let mut error_nt = map_noise::along(line, &own.map, 1.0).map_err(data)?;
@@ -153,7 +153,7 @@ impl MapErrors {
     /// autocorrelation of the error falls to 1/e over `length_m`; samples are `step_m` apart.
     ///
     /// # Errors
-    /// Fails as [`map_noise::along`].
+    /// Returns the errors of [`map_noise::along`].
     pub fn own_nt(&self, line: &NavigationLine<'_>, step_m: f64, length_m: f64) -> Result<Option<Vec<f64>>, Fault> {
         let factor = lasting_factor(step_m, length_m);
         self.own.as_ref().map(|own| map_noise::along(line, &own.map, factor).map_err(data)).transpose()

@@ -47,7 +47,7 @@ impl AnomalyGrid {
     /// Nodes outside the map, or within two nodes of an unknown node, are NaN.
     ///
     /// # Errors
-    /// Fails for an unknown system, an invalid spacing, and in the cases of [`AnomalyGrid::to_geographic`].
+    /// Fails for an unknown system or an invalid spacing. Also fails in the cases of [`AnomalyGrid::to_geographic`].
     pub fn to_crs(&self, epsg: u16, spacing: Option<f64>) -> Result<AnomalyGrid, ReadError> {
         let target = Crs::from_epsg(&self.source, epsg)?;
         if self.crs == target && spacing.is_none() {

@@ -58,7 +58,7 @@ impl SurveyPointSet {
     /// points. They have no values, no heights and one unnamed line; the caller adds these.
     ///
     /// # Errors
-    /// Fails without points, for an unknown system or a system in degrees, without a UTM zone, and for points that are
+    /// Fails without points, for an unknown system or a system in degrees, without a UTM zone, or for points that are
     /// invalid in the system.
     pub fn at(lat_deg: Vec<f64>, lon_deg: Vec<f64>, to_epsg: Option<u16>) -> Result<SurveyPointSet, ReadError> {
         let nowhere = Path::new("");

@@ -61,7 +61,7 @@ impl Mapping {
     /// Reads a mapping: the built-in mapping `name`, or the file that `locate` finds by that name.
     ///
     /// # Errors
-    /// Fails as `locate`, for a missing mapping, and for all faults of the mapping's form.
+    /// Returns the errors of `locate`. Also fails for a missing mapping, or for all faults of the mapping's form.
     pub fn load(name: &str, locate: impl FnOnce(&str) -> Result<PathBuf, Fault>) -> Result<Mapping, Fault> {
         if let Some(ready) = READY.iter().find(|r| r.name == name) {
             return Mapping::of_text(format!("{name}.toml"), ready.text.to_owned());
@@ -131,7 +131,7 @@ impl Mapping {
     /// Its table `name`; by default the only table.
     ///
     /// # Errors
-    /// Fails for an unknown table, and for several tables without `name`.
+    /// Fails for an unknown table, or for several tables without `name`.
     pub fn table(self: &Arc<Self>, name: Option<&str>) -> Result<MappingTable, Fault> {
         let tables = self.tables();
         let table = match (name, tables.as_slice()) {
@@ -229,7 +229,7 @@ impl MappingTable {
     /// Opens a file through the table.
     ///
     /// # Errors
-    /// Fails when the file cannot be read, and for all mismatches of mapping and file.
+    /// Fails if the file cannot be read. Also fails for all mismatches of mapping and file.
     pub fn open(
         &self,
         path: &Path,

@@ -43,7 +43,7 @@ pub struct LineExamination {
 /// Examines a whole line.
 ///
 /// # Errors
-/// Fails when the batch cannot be rebuilt, which data cannot cause.
+/// Fails if the batch cannot be rebuilt, which data cannot cause.
 pub fn examine(
     batch: &RecordBatch,
     origins: &FileColumns,

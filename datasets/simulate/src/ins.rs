@@ -86,7 +86,7 @@ impl FlightIns {
     /// the truth.
     ///
     /// # Errors
-    /// Fails for a trajectory or a parameter outside the error model, and for an INS whose error exceeds the limit.
+    /// Fails for a trajectory or a parameter outside the error model, or for an INS whose error exceeds the limit.
     pub(super) fn line(
         &mut self,
         scene: &SynthLineContext,

@@ -74,7 +74,7 @@ impl Simulation {
     /// Reads a spec.
     ///
     /// # Errors
-    /// Fails with all faults of the spec, and for a map that does not exist.
+    /// Fails with all faults of the spec, or for a map that does not exist.
     pub fn open(path: &Path) -> Result<Simulation, ReadError> {
         let spec = SynthSpec::read(path)?;
         if let Some((what, file)) = spec.earth.files().into_iter().find(|(_, file)| !file.exists()) {
@@ -169,8 +169,8 @@ impl SimulationContext {
 /// written under a temporary name, and all are renamed when the last is complete. Returns the paths.
 ///
 /// # Errors
-/// Fails with all faults of the spec, for a line that leaves the map, and when a file cannot be written. After a
-/// failure no new file exists.
+/// Fails with all faults of the spec, or for a line that leaves the map. Also fails if a file cannot be written. After
+/// a failure no new file exists.
 pub fn synthesise(spec: &Path, to: &Path) -> Result<Vec<PathBuf>, ReadError> {
     synthesise_with(spec, to, &|_, _| ())
 }

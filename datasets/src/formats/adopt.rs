@@ -24,7 +24,7 @@ pub(super) struct FlightColumnTarget {
 /// unit in the options takes precedence, then the unit in the file, then the unit in the name.
 ///
 /// # Errors
-/// Fails for a unit that does not convert to the unit of the column, and for a name whose unit contradicts the unit in
+/// Fails for a unit that does not convert to the unit of the column, or for a name whose unit contradicts the unit in
 /// the file.
 pub(super) fn named(
     path: &Path,
@@ -219,7 +219,7 @@ fn settled(path: &Path, source: &Field, unstated: bool, options: &FlightOptions)
 /// The name and unit of a column with a head such as `alt [ft]`.
 ///
 /// # Errors
-/// Fails as [`named`], and for a unit that does not convert to the unit of the name.
+/// Returns the errors of [`named`]. Also fails for a unit that does not convert to the unit of the name.
 fn of_head(
     path: &Path,
     head: &str,

@@ -55,7 +55,7 @@ impl ParquetSource {
     /// Opens a file and checks the size that it declares.
     ///
     /// # Errors
-    /// Fails for an incomplete file, and for one that declares more bytes than its size permits.
+    /// Fails for an incomplete file, or for one that declares more bytes than its size permits.
     pub(super) fn new(path: &Path) -> Result<ParquetSource, ReadError> {
         let file = File::open(path).map_err(|e| ReadError::io(path, &e))?;
         let bytes = file.metadata().map_err(|e| ReadError::io(path, &e))?.len();

@@ -77,7 +77,7 @@ pub fn topics_among(
 /// `rename`, `units`, `flight` and `line` are ignored; markers of missing values apply.
 ///
 /// # Errors
-/// Fails for a file that is missing, empty, unreadable or in no known format, and for a file of several tables if
+/// Fails for a file that is missing, empty, unreadable or in no known format, or for a file of several tables if
 /// `topic` does not name one of them.
 pub fn open_raw(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Result<RawReader, ReadError> {
     open_raw_among(FLIGHT_FORMATS, path, options, reading)
@@ -102,7 +102,7 @@ pub fn open_raw_among(
 /// `tables` are names and row counts; `asked` is the name in the format's spelling.
 ///
 /// # Errors
-/// Fails for an unknown name, and for several tables without a name; the error lists them.
+/// Fails for an unknown name, or for several tables without a name; the error lists them.
 pub(super) fn chosen(path: &Path, asked: Option<&str>, tables: &[(String, u64)]) -> Result<usize, ReadError> {
     let names: Vec<&str> = tables.iter().map(|(name, _)| name.as_str()).collect();
     match (asked, tables) {

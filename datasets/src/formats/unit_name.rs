@@ -274,7 +274,7 @@ pub(super) enum UnitNameError {
 /// implies none.
 ///
 /// # Errors
-/// Fails for a name with a unit that does not convert, and for an ambiguous name.
+/// Fails for a name with a unit that does not convert, or for an ambiguous name.
 pub(super) fn unit_of_renamed(name: &str, ours: &str, wanted: &str) -> Result<Option<String>, UnitNameError> {
     let factor = |unit: &str| convert(unit, wanted);
     match implied_unit(name) {

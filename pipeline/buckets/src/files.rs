@@ -142,7 +142,7 @@ fn is_hidden(key: &str, folder: &str) -> bool {
 /// `fit`. Companions of the same name are copied too.
 ///
 /// # Errors
-/// Fails when no object matches, or the server cannot be reached or reports an error.
+/// Fails if no object matches, or the server cannot be reached or reports an error.
 pub fn find(address: &ObjectAddress, fit: &dyn Fn(&str) -> bool) -> Result<Vec<PathBuf>, Fault> {
     let copies = BucketCache::from_address(address)?;
     let key = address.key.as_str();
@@ -183,7 +183,7 @@ pub fn find(address: &ObjectAddress, fit: &dyn Fn(&str) -> bool) -> Result<Vec<P
 /// Copy of one object.
 ///
 /// # Errors
-/// Fails when the object does not exist, or the server cannot be reached or reports an error.
+/// Fails if the object does not exist, or the server cannot be reached or reports an error.
 pub fn fixed(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     let copies = BucketCache::from_address(address)?;
     match copies.bucket.about(&address.key)? {
@@ -195,7 +195,7 @@ pub fn fixed(address: &ObjectAddress) -> Result<PathBuf, Fault> {
 /// Copy of an object with its companions of the same name, or of a folder.
 ///
 /// # Errors
-/// Fails when the object does not exist, or the server cannot be reached or reports an error.
+/// Fails if the object does not exist, or the server cannot be reached or reports an error.
 pub fn whole(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     let copies = BucketCache::from_address(address)?;
     let key = address.key.as_str();
@@ -224,7 +224,7 @@ pub fn whole(address: &ObjectAddress) -> Result<PathBuf, Fault> {
 /// Copies the object of `path`, a file of the cache that another file in the cache refers to; ignores other paths.
 ///
 /// # Errors
-/// Fails when the server cannot be reached or reports an error.
+/// Fails if the server cannot be reached or reports an error.
 pub fn fetch_companion(path: &Path) -> Result<(), Fault> {
     match place(&cache::shown(path))? {
         StorageLocation::Object(address) => {

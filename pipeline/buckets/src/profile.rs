@@ -54,7 +54,7 @@ impl AwsProfile {
     /// Profile that the environment names, or `default` if it exists.
     ///
     /// # Errors
-    /// Fails for a named profile that is missing, and for an unreadable file.
+    /// Fails for a named profile that is missing, or for an unreadable file.
     pub fn chosen() -> Result<Option<AwsProfile>, Fault> {
         let named = set("AWS_PROFILE").or_else(|| set("AWS_DEFAULT_PROFILE"));
         let name = named.clone().unwrap_or_else(|| "default".to_owned());

@@ -80,7 +80,7 @@ const NARROW: f64 = 8.0;
 /// Picture as a PNG file, `width_px` pixels wide, 200 to 10,000.
 ///
 /// # Errors
-/// Fails when there are fewer than two times, lengths differ, or the width is out of range.
+/// Fails if there are fewer than two times, lengths differ, or the width is out of range.
 pub fn flight_png(picture: &FlightPicture, width_px: usize) -> Result<Vec<u8>, Fault> {
     pixels::png(&scene(picture, width_px)?)
 }
@@ -88,7 +88,7 @@ pub fn flight_png(picture: &FlightPicture, width_px: usize) -> Result<Vec<u8>, F
 /// Picture as an SVG file.
 ///
 /// # Errors
-/// Fails as [`flight_png`].
+/// Returns the errors of [`flight_png`].
 pub fn flight_svg(picture: &FlightPicture) -> Result<String, Fault> {
     svg::document(&scene(picture, WIDTH as usize)?)
 }

@@ -43,7 +43,7 @@ pub struct EarthFolder<'a> {
 /// [`crate::kml()`]; pictures of several maps are named `<stem>_1_map.png` and so on.
 ///
 /// # Errors
-/// Fails when a map is not geographic or has nothing to draw, or columns of a track or an area have different lengths.
+/// Fails if a map is not geographic or has nothing to draw, or columns of a track or an area have different lengths.
 pub fn folders_kml(
     title: &str,
     maps: &[MapPicture],

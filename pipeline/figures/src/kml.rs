@@ -53,7 +53,7 @@ impl Kml {
     /// Document and pictures in one file.
     ///
     /// # Errors
-    /// Fails when the files do not fit into a zip file.
+    /// Fails if the files do not fit into a zip file.
     pub fn kmz(&self) -> Result<Vec<u8>, Fault> {
         let zipped = || {
             let mut zip = ZipWriter::new(Cursor::new(vec![]));
@@ -83,7 +83,7 @@ const TOLERANCE_M: f64 = 1.0;
 /// `<stem>_map.png` (`_map_1`, `_map_2` if the map crosses the date line) and `<stem>_bar.png`.
 ///
 /// # Errors
-/// Fails when the map is not geographic or has nothing to draw, or columns of a track have different lengths.
+/// Fails if the map is not geographic or has nothing to draw, or columns of a track have different lengths.
 pub fn kml(picture: &MapPicture, look: &MapStyle, tracks: &[EarthTrack], stem: &str) -> Result<Kml, Fault> {
     let mut files = vec![];
     let mut features = map(picture, look, look.colour_bar, stem, &mut files)?;

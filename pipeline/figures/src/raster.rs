@@ -51,7 +51,7 @@ struct PixelGrid {
 /// Part of `grid` within `bounds`; `None` if picture and map share no known cell.
 ///
 /// # Errors
-/// Fails when the picture cannot be encoded.
+/// Fails if the picture cannot be encoded.
 pub fn raster(grid: &GeographicGrid, bounds: &Bounds) -> Result<Option<Raster>, Fault> {
     let Some(pixels) = cut(grid, bounds) else { return Ok(None) };
     let mut known: Vec<f64> = pixels.values.iter().copied().filter(|v| v.is_finite()).collect();

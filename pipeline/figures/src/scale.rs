@@ -40,7 +40,7 @@ impl ColourScale {
     /// Colour scale for `values`, ignoring values that are not finite.
     ///
     /// # Errors
-    /// Fails when no value is known, or percentiles or range are not ascending.
+    /// Fails if no value is known, or percentiles or range are not ascending.
     pub fn new(values: &[f64], scale: ColourMapping, palette: Palette) -> Result<ColourScale, Fault> {
         let mut known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
         known.sort_unstable_by(f64::total_cmp);

@@ -31,7 +31,7 @@ pub struct TrackDrawing {
 /// Track, thinned to within `tolerance` on the paper and clipped at the frame; its index gives the colour.
 ///
 /// # Errors
-/// Fails when its coordinates have different lengths.
+/// Fails if its coordinates have different lengths.
 pub fn drawn(track: &TrackLine, index: usize, frame: &MapFrame, tolerance: f64) -> Result<TrackDrawing, Fault> {
     check_lengths(track.name, &[track.x.len(), track.y.len()])?;
     let colour = track_colour(track.colour, index);

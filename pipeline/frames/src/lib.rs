@@ -18,7 +18,7 @@ use polars::prelude::{LazyFrame, PlRefPath, PolarsError, PolarsResult, ScanArgsP
 /// The tables that are published in `store`, each as `<pipeline>.<table>`, sorted.
 ///
 /// # Errors
-/// Fails when the folder of tables cannot be read.
+/// Fails if the folder of tables cannot be read.
 pub fn tables(store: &Path) -> PolarsResult<Vec<String>> {
     let mut found = vec![];
     for pipeline in names(&store.join("tables"))? {

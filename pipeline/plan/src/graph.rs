@@ -254,7 +254,7 @@ impl<'a> PlanGraph<'a> {
     /// The map `r` on its native grid, from a file or a stage.
     ///
     /// # Errors
-    /// Fails when `r` is not in the store, or is not a map.
+    /// Fails if `r` is not in the store, or is not a map.
     pub fn map(&self, store: &Store, r: TableRef) -> Result<RecordBatch, Fault> {
         let key = self.whole(r)?;
         match r {

@@ -102,7 +102,7 @@ impl Flights {
     /// [`Flights::open`], without scanning unchanged files that have facts in a store.
     ///
     /// # Errors
-    /// Fails as [`Flights::open`].
+    /// Returns the errors of [`Flights::open`].
     pub fn open_trusting(
         decl: &SourceDecl,
         folder: &std::path::Path,
@@ -168,7 +168,7 @@ impl Flights {
     /// Its files, and the inputs of its simulations.
     ///
     /// # Errors
-    /// Fails when the spec of a simulation cannot be read.
+    /// Fails if the spec of a simulation cannot be read.
     pub fn inputs(&self) -> Result<Vec<PathBuf>, Fault> {
         let mut found = vec![];
         for file in &self.files {
@@ -244,7 +244,7 @@ impl MapSource {
     /// A map: checks the options and that the file exists.
     ///
     /// # Errors
-    /// Fails for unknown options, and for a file that does not exist.
+    /// Fails for unknown options, or for a file that does not exist.
     pub fn open(decl: &SourceDecl, folder: &std::path::Path) -> Result<MapSource, Vec<Fault>> {
         let path = existing(decl, folder)?;
         let options = map_options(decl)?;
@@ -268,8 +268,8 @@ impl MapSource {
     /// Opens a model: checks that the files hold one model.
     ///
     /// # Errors
-    /// Fails for unknown options, for a file that does not exist, and for a file that is not the table of a fit or
-    /// holds several models.
+    /// Fails for unknown options, for a file that does not exist, or for a file that is not the table of a fit or holds
+    /// several models.
     pub fn open_model(decl: &SourceDecl, folder: &std::path::Path) -> Result<MapSource, Vec<Fault>> {
         let path = existing(decl, folder)?;
         let content = MapSourceContent::Model(ModelTable::open(decl, &path)?);
@@ -328,7 +328,7 @@ impl MapSource {
     /// The key of its content, and the bytes of its files; the grid or the model itself is put into the store.
     ///
     /// # Errors
-    /// Fails when it cannot be read.
+    /// Fails if it cannot be read.
     pub fn load(&self, store: &Store) -> Result<(HashKey, Vec<FileDigest>), Fault> {
         let files = match self.content {
             // The cells of a map may be next to its header.
@@ -380,7 +380,7 @@ fn existing(decl: &SourceDecl, folder: &std::path::Path) -> Result<PathBuf, Vec<
 /// The whole map `key`, on its native grid.
 ///
 /// # Errors
-/// Fails when the store cannot be read.
+/// Fails if the store cannot be read.
 pub fn map_batch(store: &Store, key: HashKey) -> Result<RecordBatch, Fault> {
     store.whole(key)
 }
@@ -388,7 +388,7 @@ pub fn map_batch(store: &Store, key: HashKey) -> Result<RecordBatch, Fault> {
 /// The whole map `key` that a stage made, on its native grid.
 ///
 /// # Errors
-/// Fails when the store cannot be read.
+/// Fails if the store cannot be read.
 pub fn made_map_batch(store: &Store, key: HashKey) -> Result<RecordBatch, Fault> {
     let error = store.columns(key)?.field_with_name(schemas::map::ERROR).is_ok().then_some(schemas::map::ERROR);
     let columns: Vec<&str> = schemas::map::MADE_COLUMNS.into_iter().chain(error).collect();

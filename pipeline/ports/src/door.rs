@@ -186,7 +186,7 @@ impl PortListener {
     /// Address of the port.
     ///
     /// # Errors
-    /// Fails when the system does not report the address.
+    /// Fails if the system does not report the address.
     pub fn address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }

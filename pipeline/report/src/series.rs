@@ -179,7 +179,7 @@ impl Series {
     /// The series as an Arrow IPC stream.
     ///
     /// # Errors
-    /// Fails when the stream cannot be encoded.
+    /// Fails if the stream cannot be encoded.
     pub fn stream(&self) -> Result<Vec<u8>, Fault> {
         let failed = |e: arrow_schema::ArrowError| Fault::machine(format!("cannot encode the series: {e}"));
         let mut writer = StreamWriter::try_new(vec![], self.batch.schema_ref()).map_err(failed)?;

@@ -49,7 +49,7 @@ pub trait BatchSink: Send {
     /// Receives the next batch; all batches have the same schema. Returns whether more are wanted.
     ///
     /// # Errors
-    /// Fails when the batch cannot be written.
+    /// Fails if the batch cannot be written.
     fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault>;
 
     /// Number of bytes of this batch that the receiver will keep.
@@ -58,14 +58,14 @@ pub trait BatchSink: Send {
     /// Ends the result, which may have no batches.
     ///
     /// # Errors
-    /// Fails when it cannot be written.
+    /// Fails if it cannot be written.
     fn finish(&mut self, schema: &SchemaRef) -> Result<(), Fault>;
 }
 
 /// Runs a query.
 ///
 /// # Errors
-/// Fails when the query is wrong, refers to an unknown table, is not read-only, or exceeds its memory limit.
+/// Fails if the query is wrong, refers to an unknown table, is not read-only, or exceeds its memory limit.
 pub fn sql(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault> {
     query(question, sink, false)
 }
@@ -73,7 +73,7 @@ pub fn sql(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault>
 /// Runs a query in one partition, so that the rows of a table keep their order.
 ///
 /// # Errors
-/// Fails as [`sql`].
+/// Returns the errors of [`sql`].
 pub fn sql_in_order(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault> {
     query(question, sink, true)
 }

@@ -74,7 +74,7 @@ pub fn tables(plan: &Plan) -> impl Iterator<Item = usize> + '_ {
 /// order of their declaration.
 ///
 /// # Errors
-/// Fails when the store cannot be read.
+/// Fails if the store cannot be read.
 pub fn find(
     graph: &PlanGraph,
     store: &Store,
@@ -94,7 +94,7 @@ pub fn find(
 /// The pooled scores of the results in the store.
 ///
 /// # Errors
-/// Fails when the store cannot be read.
+/// Fails if the store cannot be read.
 pub fn present(graph: &PlanGraph, store: &Store) -> Result<Vec<PooledMetric>, Fault> {
     find(graph, store, &|unit| graph.key(unit).is_ok_and(|key| store.has(key)))
 }
@@ -199,7 +199,7 @@ pub fn made_of(name: &str) -> (&'static str, &'static [&'static str]) {
 /// name of one of their columns. Points that the spec no longer has are skipped.
 ///
 /// # Errors
-/// Fails when the scores exist but cannot be read.
+/// Fails if the scores exist but cannot be read.
 pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<PooledMetric>>, Fault> {
     let axes = &plan.spec.axes;
     let columns = || COLUMNS.iter().map(|(name, _)| *name);
@@ -288,7 +288,7 @@ impl AxisValueIndex {
 /// A note for each table that pools lines in sample with others.
 ///
 /// # Errors
-/// Fails when the goal of the search selects no line.
+/// Fails if the goal of the search selects no line.
 pub fn mixed(graph: &PlanGraph) -> Result<Vec<String>, Fault> {
     let mut notes = vec![];
     for (t, node) in graph.plan.tables.iter().enumerate().filter(|(_, node)| node.entry.grain == Grain::Survey) {

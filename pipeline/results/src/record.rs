@@ -97,7 +97,7 @@ pub struct SnapshotColumn {
 /// Stores the inputs of a run's tables. The tables in `left` keep the description of the previous run.
 ///
 /// # Errors
-/// Fails when the store cannot be written.
+/// Fails if the store cannot be written.
 pub fn record(graph: &PlanGraph, store: &Store, costs: &[(usize, f64)], left: &[usize]) -> Result<Snapshot, Fault> {
     let plan = graph.plan;
     let before = snapshots(store.root()).into_iter().find(|s| s.pipeline == plan.spec.name);

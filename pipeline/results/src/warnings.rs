@@ -69,7 +69,7 @@ impl Warning {
 /// plan's order, then fits, then maps and others, each in the order of the sweep and of the lines.
 ///
 /// # Errors
-/// Fails when the store cannot be read.
+/// Fails if the store cannot be read.
 pub fn find(graph: &PlanGraph, store: &Store, done: &(dyn Fn(PlanUnit) -> bool + Sync)) -> Result<Vec<Warning>, Fault> {
     let plan = graph.plan;
     let units =
@@ -94,7 +94,7 @@ pub fn find(graph: &PlanGraph, store: &Store, done: &(dyn Fn(PlanUnit) -> bool +
 /// Warnings of the results that are in the store now, for any outcome of the last run.
 ///
 /// # Errors
-/// Fails when the store cannot be read.
+/// Fails if the store cannot be read.
 pub fn present(graph: &PlanGraph, store: &Store) -> Result<Vec<Warning>, Fault> {
     find(graph, store, &|unit| graph.key(unit).is_ok_and(|key| store.has(key)))
 }

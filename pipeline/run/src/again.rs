@@ -28,7 +28,7 @@ pub struct TableComparison {
 /// For a search, the trials of the plan are compared. `None` after an interrupt.
 ///
 /// # Errors
-/// Fails when a source cannot be read, or the store cannot be read or written.
+/// Fails if a source cannot be read, or the store cannot be read or written.
 pub fn again(
     plan: &Plan,
     store: &Store,

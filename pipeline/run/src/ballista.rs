@@ -67,8 +67,7 @@ impl BallistaEngine {
     /// Connects to the scheduler at HOST:PORT. Calls `waits` once if no scheduler answers at first.
     ///
     /// # Errors
-    /// Fails when the scheduler does not answer for [`DispatchLimits::patience`], or has another version or another
-    /// key.
+    /// Fails if the scheduler does not answer for [`DispatchLimits::patience`], or has another version or another key.
     pub fn connect(
         authority: &str,
         trust: &ClusterTrust,
@@ -100,7 +99,7 @@ impl TaskEngine for BallistaEngine {
 /// at first.
 ///
 /// # Errors
-/// Fails when the scheduler has another version or another key, or does not answer.
+/// Fails if the scheduler has another version or another key, or does not answer.
 pub fn await_scheduler(
     authority: &str,
     trust: &ClusterTrust,

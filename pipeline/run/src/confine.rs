@@ -29,7 +29,7 @@ pub fn end_with_parent() {
 /// Limits the memory of this process to its current size plus `bytes`. A larger allocation ends the process.
 ///
 /// # Errors
-/// Fails when the system rejects the limit.
+/// Fails if the system rejects the limit.
 pub fn limit_memory(bytes: usize) -> Result<(), Fault> {
     let refused = |e: nix::errno::Errno| Fault::machine(format!("cannot limit the memory of a process: {e}"));
     let (_, hard) = getrlimit(Resource::RLIMIT_DATA).map_err(refused)?;

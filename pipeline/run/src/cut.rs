@@ -32,7 +32,7 @@ impl<'a> TableAssembler<'a> {
     /// Schema of the table `table`.
     ///
     /// # Errors
-    /// Fails when the types of a column at different sweep points do not fit one file.
+    /// Fails if the types of a column at different sweep points do not fit one file.
     pub fn new(graph: &'a PlanGraph<'a>, table: usize) -> Result<TableAssembler<'a>, Fault> {
         let plan = graph.plan;
         let node = &plan.tables[table];
@@ -130,7 +130,7 @@ impl<'a> TableAssembler<'a> {
     /// Rows of a unit as in a file, from `made`, the columns that its stage made.
     ///
     /// # Errors
-    /// Fails when the carried columns cannot be read.
+    /// Fails if the carried columns cannot be read.
     pub fn rows(&self, unit: PlanUnit, made: &RecordBatch, held: &mut LineColumnCache) -> Result<RecordBatch, Fault> {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
@@ -210,7 +210,7 @@ impl<'a> TableAssembler<'a> {
 /// Field of a column that may have several types at the points of a sweep: lists of different lengths.
 ///
 /// # Errors
-/// Fails when the types are of different kinds.
+/// Fails if the types are of different kinds.
 pub fn one_type(column: &Column, makers: &[&Column]) -> Result<Field, Fault> {
     let first = column.field();
     let types: Vec<DataType> = makers.iter().map(|c| c.column_type.data_type()).collect();

@@ -126,7 +126,7 @@ impl Default for RunOptions<'_> {
 /// runs only the trials of the plan; [`search()`] runs the search to its end.
 ///
 /// # Errors
-/// Fails when a source cannot be read, the store cannot be written, or another run holds the lock of the pipeline. No
+/// Fails if a source cannot be read, the store cannot be written, or another run holds the lock of the pipeline. No
 /// task has been computed then.
 pub fn run(
     plan: &Plan,

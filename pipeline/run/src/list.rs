@@ -29,7 +29,7 @@ const TASK_S: f64 = 0.1;
 /// are in the store on return. Computes nothing, but reads new sources.
 ///
 /// # Errors
-/// Fails when a source cannot be read, the table `only` is unknown, or the store cannot be written.
+/// Fails if a source cannot be read, the table `only` is unknown, or the store cannot be written.
 pub fn list(
     plan: &Plan,
     store: &Store,

@@ -28,7 +28,7 @@ pub fn count(graph: &PlanGraph) -> (usize, usize) {
 /// Writes all findings, even if the table is empty.
 ///
 /// # Errors
-/// Fails when the store cannot be written.
+/// Fails if the store cannot be written.
 pub fn table(graph: &PlanGraph, store: &Store) -> Result<ExtraTable, Fault> {
     let rows = rows(graph);
     let text = |f: &dyn Fn(&QualityFindingRow) -> String| -> ArrayRef {

@@ -38,7 +38,7 @@ enum StoredUnitState {
 /// Unreadable lines are excluded from all trials.
 ///
 /// # Errors
-/// Fails when `where` selects no line, or the store cannot be read.
+/// Fails if `where` selects no line, or the store cannot be read.
 pub fn scored(
     graph: &PlanGraph,
     store: &Store,
@@ -73,7 +73,7 @@ pub fn scored(
 /// Checks that the goal of a search covers at least one line.
 ///
 /// # Errors
-/// Fails when the goal covers no line.
+/// Fails if the goal covers no line.
 pub fn check(graph: &PlanGraph) -> Result<(), Fault> {
     graph.plan.goal()?.map_or(Ok(()), |goal| wanted(graph, &goal).map(drop))
 }
@@ -223,7 +223,7 @@ fn stored_state(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Stor
 /// advance, the plan itself.
 ///
 /// # Errors
-/// Fails when a plan of these trials, its sources or the store cannot be read.
+/// Fails if a plan of these trials, its sources or the store cannot be read.
 pub fn settled(
     plan: Plan,
     catalogue: &[StageEntry],

@@ -188,7 +188,7 @@ impl<'a> UnitWorker<'a> {
     /// Columns that one unit of a line stage makes.
     ///
     /// # Errors
-    /// Fails when its inputs cannot be read, or its stage fails.
+    /// Fails if its inputs cannot be read, or its stage fails.
     pub fn alone(&self, unit: PlanUnit, line: LineId, held: &mut LineColumnCache) -> Result<RecordBatch, Fault> {
         let input = self.input(unit, line, held)?;
         let arrays = guarded(|| input.stage.of_lines()?.run(&input.line, &input.prepared));

@@ -37,7 +37,7 @@ impl Predictions {
     /// Reads a file: CSV by its extension, otherwise Parquet.
     ///
     /// # Errors
-    /// Fails when it cannot be read, lacks a key, has a column of no task, or has a missing or impossible value.
+    /// Fails if it cannot be read, lacks a key, has a column of no task, or has a missing or impossible value.
     pub fn open(path: &Path) -> Result<Predictions, Fault> {
         let is_csv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
         let file = shown(path);
@@ -81,7 +81,7 @@ impl Predictions {
     /// Columns of a task.
     ///
     /// # Errors
-    /// Fails when one of them is missing.
+    /// Fails if one of them is missing.
     pub fn columns(&self, task: &BenchTask) -> Result<Vec<&[f64]>, Fault> {
         let of = |name: &&str| {
             let missing = || {

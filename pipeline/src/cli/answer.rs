@@ -62,7 +62,7 @@ impl AnswerWriter {
     /// Creates a writer to `output`, or to standard output.
     ///
     /// # Errors
-    /// Fails when the output cannot be written in this format.
+    /// Fails if the output cannot be written in this format.
     pub fn new(format: AnswerFormat, output: Option<&Path>) -> Result<AnswerWriter, Fault> {
         if format == AnswerFormat::Parquet && output.is_none() {
             let fault = Fault::new("a Parquet file cannot be written to the terminal");

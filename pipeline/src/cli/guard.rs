@@ -62,7 +62,7 @@ pub fn limit(memory: usize) {
 /// gives the file that a killed child leaves behind, by process id.
 ///
 /// # Errors
-/// Fails when the child fails. The child has already printed its message.
+/// Fails if the child fails. The child has already printed its message.
 pub fn run(memory: usize, folder: &Path, unfinished: impl Fn(u32) -> Option<PathBuf>) -> Result<(), ExitReason> {
     let failed = |e: &io::Error| Fault::machine(format!("cannot start the process of the query: {e}"));
     let program = invocation::program().map_err(|e| failed(&e))?;

@@ -80,7 +80,7 @@ an input is wrong, nothing was run; 3 another run of the pipeline holds the lock
 /// Runs a spec. With `compact`, its tables become the files of a single run.
 ///
 /// # Errors
-/// Fails when part of the run fails, or when the run is stopped.
+/// Fails if part of the run fails, or if the run is stopped.
 pub fn run(catalogue: &[StageEntry], args: &RunArgs, compact: bool) -> Result<(), ExitReason> {
     QUIET.store(args.quiet, Ordering::Relaxed);
     let engine = engine::engine(&args.engine, args.threads)?;

@@ -45,7 +45,7 @@ impl Aggregate {
 /// Figures of the small table `t`, which is made from `reached`; or the reason why it is not an aggregate.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn judge(
     graph: &PlanGraph,
     store: &Store,
@@ -166,7 +166,7 @@ fn place(graph: &PlanGraph, unit: PlanUnit) -> String {
 /// Checks aggregates that are published together.
 ///
 /// # Errors
-/// Fails when two values differ by fewer samples than the minimum, or there are more numbers than samples.
+/// Fails if two values differ by fewer samples than the minimum, or there are more numbers than samples.
 pub fn together(all: &[(&str, &Aggregate)]) -> Result<(), String> {
     let least = all.iter().map(|(_, a)| a.least_samples).max().unwrap_or(0);
     let names = || all.iter().map(|(name, _)| format!("`{name}`")).collect::<Vec<_>>().join(", ");

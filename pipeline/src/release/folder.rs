@@ -60,7 +60,7 @@ fn look(path: &Path) -> Result<DestinationContent, Fault> {
 /// Paths of all files below a folder, including hidden ones and links, sorted; folders without files end in `/`.
 ///
 /// # Errors
-/// Fails when a folder cannot be read.
+/// Fails if a folder cannot be read.
 pub fn files(folder: &Path) -> io::Result<Vec<String>> {
     let mut found = vec![];
     let mut waiting = vec![(folder.to_owned(), String::new())];
@@ -88,7 +88,7 @@ impl FolderDraft {
     /// Begins a folder that is to become `to`.
     ///
     /// # Errors
-    /// Fails when `to` holds files that must be kept, or the file system reports an error.
+    /// Fails if `to` holds files that must be kept, or the file system reports an error.
     pub fn begin(to: &Path, replace: bool) -> Result<FolderDraft, Fault> {
         // Equality with an existing set can be checked only when this one is complete.
         allowed(to, true)?;
@@ -118,7 +118,7 @@ impl FolderDraft {
     /// unchanged.
     ///
     /// # Errors
-    /// Fails when other files have appeared there, or the file system reports an error; the existing set then stays.
+    /// Fails if other files have appeared there, or the file system reports an error; the existing set then stays.
     pub fn settle(self) -> Result<bool, Fault> {
         let sums = |folder: &Path| fs::read(folder.join(checksums::NAME)).ok();
         let there = look(&self.to)?;

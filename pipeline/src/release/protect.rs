@@ -46,7 +46,7 @@ impl<'a> Lineage<'a> {
     /// Lineage of the columns of a plan with results in `store`.
     ///
     /// # Errors
-    /// Fails when the store is damaged.
+    /// Fails if the store is damaged.
     pub fn new(graph: &'a PlanGraph, store: &Store) -> Result<Lineage<'a>, Fault> {
         let plan = graph.plan;
         let mut reads: HashMap<String, Vec<LineageColumn>> = HashMap::new();

@@ -46,7 +46,7 @@ const MISSING: &str = "it is missing";
 /// Checks the set in the folder `root`: checksums, files, every value of every table, and the documents against these.
 ///
 /// # Errors
-/// Fails when there is no published set, or the folder cannot be read.
+/// Fails if there is no published set, or the folder cannot be read.
 pub fn verify(root: &Path) -> Result<ReleaseVerification, Fault> {
     let mut found = checked(root)?;
     found.merge();

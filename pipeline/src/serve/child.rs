@@ -130,7 +130,7 @@ impl QueryChunk {
 /// Schema, or a batch with its schema, as an IPC stream.
 ///
 /// # Errors
-/// Fails when Arrow cannot write it.
+/// Fails if Arrow cannot write it.
 pub fn packed(schema: &Schema, batch: Option<&RecordBatch>) -> Result<Vec<u8>, ArrowError> {
     let mut bytes = vec![];
     let mut writer = StreamWriter::try_new_with_options(&mut bytes, schema, IpcWriteOptions::default())?;
@@ -143,7 +143,7 @@ pub fn packed(schema: &Schema, batch: Option<&RecordBatch>) -> Result<Vec<u8>, A
 /// Schema and batches of an IPC stream.
 ///
 /// # Errors
-/// Fails when it is not an IPC stream.
+/// Fails if it is not an IPC stream.
 pub fn unpacked(bytes: &[u8]) -> Result<(SchemaRef, Vec<RecordBatch>), ArrowError> {
     let reader = StreamReader::try_new(bytes, None)?;
     Ok((reader.schema(), reader.collect::<Result<_, _>>()?))
@@ -180,7 +180,7 @@ fn plain(schema: &Schema) -> Schema {
 /// Answers the request on standard input; an invalid request is reported in the answer.
 ///
 /// # Errors
-/// Fails when the answer has no reader.
+/// Fails if the answer has no reader.
 pub fn answer() -> Result<(), Fault> {
     let lost = |e: std::io::Error| Fault::machine(format!("the server has ended: {e}"));
     confine::end_with_parent();

@@ -120,7 +120,7 @@ impl QueryProcessPool {
     /// Columns of a query.
     ///
     /// # Errors
-    /// Fails when the query is invalid, is not read-only, or exceeds its time or memory.
+    /// Fails if the query is invalid, is not read-only, or exceeds its time or memory.
     pub async fn plan(&self, asked: QueryInput) -> Result<QueryHeader, Status> {
         let (head, reader) = self.begin(asked, false).await?;
         // The slot and the memory of the process are free once it has ended.

@@ -65,7 +65,7 @@ impl SpoolWriter {
     /// Queues a chunk; waits while the queue is full. Returns `false` if there is no reader any more.
     ///
     /// # Errors
-    /// Fails when the file cannot be written.
+    /// Fails if the file cannot be written.
     pub fn put(&self, piece: Vec<u8>, folder: &Path) -> io::Result<bool> {
         let mut state = self.0.state();
         while state.written >= MOST && !state.gone && state.end.is_none() {
@@ -137,7 +137,7 @@ impl SpoolReader {
     /// Next chunk; `None` after the last one.
     ///
     /// # Errors
-    /// Fails when the answer stopped before its end.
+    /// Fails if the answer stopped before its end.
     pub async fn next(&self) -> Option<Result<Vec<u8>, Status>> {
         loop {
             let news = self.0.news.notified();

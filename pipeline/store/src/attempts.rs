@@ -227,7 +227,7 @@ impl Store {
     /// Begins an attempt at some units.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn attempt(&self, keys: &[HashKey]) -> Result<Attempt, Fault> {
         // Each process and thread creates a different text.
         let (kernel, process, unique) = (kernel(), std::process::id(), uuid::Uuid::new_v4());

@@ -44,7 +44,7 @@ impl Store {
     /// Stores the state of a unit, in place of the previous state.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn set_checkpoint(&self, key: HashKey, state: &[u8]) -> Result<(), Fault> {
         self.write(&path(self.root(), key), &[hash(state).as_bytes(), state].concat())
     }

@@ -206,7 +206,7 @@ impl PipelineLock {
     /// Checks that this process still holds the lock.
     ///
     /// # Errors
-    /// Fails when another process has taken it.
+    /// Fails if another process has taken it.
     pub fn check(&self) -> Result<(), Fault> {
         let newest = numbers(&self.folder, &self.pipeline).ok().and_then(|n| n.last().copied());
         let by = if newest == Some(self.number) && !self.heart.shared.lost.load(Ordering::SeqCst) {
@@ -253,7 +253,7 @@ impl Store {
     /// Takes the lock of `pipeline`, or returns its holder.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn lock(&self, pipeline: &str) -> Result<LockOutcome, Fault> {
         let mut publisher = match self.lock_here(pipeline)? {
             LockOutcome::Mine(publisher) => publisher,
@@ -358,7 +358,7 @@ impl Store {
     /// Takes the lock of `pipeline`. If another process holds it, waits or fails.
     ///
     /// # Errors
-    /// Fails when another process holds it, or the file system reports an error.
+    /// Fails if another process holds it, or the file system reports an error.
     pub fn publisher(&self, pipeline: &str, wait: bool) -> Result<PipelineLock, Fault> {
         loop {
             match self.lock(pipeline)? {

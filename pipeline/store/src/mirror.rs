@@ -17,7 +17,7 @@ impl Store {
     /// Creates a store in the folder `to` with all results of this one except the units `but`. Its files are links.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn mirror(&self, to: &Path, but: &HashSet<HashKey>) -> Result<Store, Fault> {
         let ids: Vec<HashKey> = {
             let catalogue = self.catalogue();

@@ -94,7 +94,8 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// Folder of the store that `text` names: a path, or an address. Creates the cache of an address.
 ///
 /// # Errors
-/// Fails for other addresses, if this program is built without object stores, and when the cache cannot be created.
+/// Fails for other addresses. Also fails if this program is built without object stores, or if the cache cannot be
+/// created.
 pub fn located(text: &str) -> Result<PathBuf, Fault> {
     match place(text)? {
         StorageLocation::Path(path) => Ok(path),
@@ -105,7 +106,7 @@ pub fn located(text: &str) -> Result<PathBuf, Fault> {
 /// Cache of the store at `address`; creates it if absent.
 ///
 /// # Errors
-/// Fails if this program is built without object stores, and when the cache cannot be created.
+/// Fails if this program is built without object stores, or if the cache cannot be created.
 pub fn prepared(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     supported()?;
     let root = cache::of_store(address)?;
@@ -116,7 +117,7 @@ pub fn prepared(address: &ObjectAddress) -> Result<PathBuf, Fault> {
 /// Makes the folder `root` a cache of the store in `bucket`, for any implementation of an object store.
 ///
 /// # Errors
-/// Fails when the folder cannot be written, and for a folder that is a cache of another address.
+/// Fails if the folder cannot be written. Also fails for a folder that is a cache of another address.
 pub fn attach(root: &Path, bucket: Bucket) -> Result<(), Fault> {
     mark_cache(root, bucket.address())?;
     let root = root.canonicalize().map_err(|e| io_fault("read", root, &e))?;
@@ -173,7 +174,7 @@ impl RemoteStore {
     /// Store with the cache `root`; `None` if `root` is a store itself, or does not exist.
     ///
     /// # Errors
-    /// Fails when the cache cannot be read, and when the environment lacks the settings of the store.
+    /// Fails if the cache cannot be read, or if the environment lacks the settings of the store.
     pub fn from_cache(root: &Path) -> Result<Option<Arc<RemoteStore>>, Fault> {
         let Ok(root) = root.canonicalize() else { return Ok(None) };
         if let Some(known) = locked(&OPEN).get(&root) {
@@ -210,7 +211,7 @@ impl RemoteStore {
     /// Checks that all objects, if any, belong to a store.
     ///
     /// # Errors
-    /// Fails when there are other objects, and when the server cannot be reached or reports an error.
+    /// Fails if there are other objects, or if the server cannot be reached or reports an error.
     pub fn only_ours(&self) -> Result<(), Fault> {
         let ours = |key: &str| {
             let first = key.split('/').next().unwrap_or_default();
@@ -228,7 +229,7 @@ impl RemoteStore {
     /// Whether there is a store of this version of magline; if so, writes the mark of the cache.
     ///
     /// # Errors
-    /// Fails for a store of another version, and when the server cannot be reached or reports an error.
+    /// Fails for a store of another version. Also fails if the server cannot be reached or reports an error.
     pub fn is_there(&self) -> Result<bool, Fault> {
         let mark = self.bucket.get("STORE")?;
         if let Some(bytes) = mark.as_ref().filter(|bytes| is_other_layout(bytes)) {
@@ -247,7 +248,7 @@ impl RemoteStore {
     /// below the folder, and the age of the object by the server's clock.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn drop_objects(&self, folder: &str, gone: &dyn Fn(&str, Duration) -> bool) -> Result<(), Fault> {
         let name = |key: &str| key.split('/').nth(1).unwrap_or_default().to_owned();
         let all = self.bucket.list(folder)?;
@@ -288,7 +289,7 @@ impl RemoteStore {
     /// Copies the object `key` into the cache unless the cache contains it. Returns whether the object exists.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error, or the file cannot be written.
+    /// Fails if the server cannot be reached or reports an error, or the file cannot be written.
     pub fn bring_file(&self, key: &str) -> Result<bool, Fault> {
         let file = self.path(key)?;
         if file.is_file() {
@@ -320,7 +321,7 @@ impl RemoteStore {
     /// Copies the pack `id` into the cache unless it is there. `size` is its size in bytes, if known.
     ///
     /// # Errors
-    /// Fails when it is missing or unreadable, or its bytes differ from the written ones.
+    /// Fails if it is missing or unreadable, or its bytes differ from the written ones.
     pub fn bring(&self, id: HashKey, size: Option<u64>) -> Result<(), StoreFileFault> {
         let file = catalogue::path(&self.root, id);
         if fs::metadata(&file).is_ok_and(|about| size.is_none_or(|size| size == about.len())) {
@@ -356,7 +357,7 @@ impl RemoteStore {
     /// All packs, each with its size in bytes.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn packs(&self) -> Result<Vec<(HashKey, u64)>, Fault> {
         let id = |key: &str| {
             let id = key.rsplit('/').next()?.strip_suffix(".parquet").and_then(HashKey::parse)?;
@@ -369,7 +370,7 @@ impl RemoteStore {
     /// Packs in the index; `None` if the index is missing or damaged.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn index(&self) -> Result<Option<Vec<StorePack>>, Fault> {
         let bytes = self.bucket.get("index")?;
         Ok(bytes.and_then(|bytes| catalogue::parse(&bytes)))
@@ -378,7 +379,7 @@ impl RemoteStore {
     /// Pack `id`, from its footer alone.
     ///
     /// # Errors
-    /// Fails when it is missing or unreadable, or its footer is damaged.
+    /// Fails if it is missing or unreadable, or its footer is damaged.
     pub fn pack(&self, id: HashKey, size: Option<u64>) -> Result<StorePack, StoreFileFault> {
         let machine = |fault: Fault| StoreFileFault::Machine(fault.to_string());
         let key = RemoteStore::pack_key(id);

@@ -42,7 +42,7 @@ pub fn pipelines(root: &Path) -> Vec<String> {
 /// All published tables of the store at `root`.
 ///
 /// # Errors
-/// Fails when a file cannot be read.
+/// Fails if a file cannot be read.
 pub fn list(root: &Path) -> Result<Vec<StoreTableEntry>, Fault> {
     let mut found = vec![];
     for pipeline in pipelines(root) {
@@ -112,7 +112,7 @@ pub(super) fn packs_unknown(list: &dyn std::fmt::Display, remedy: &str) -> Fault
 /// A concurrent run may reference any pack, so packs are kept then.
 ///
 /// # Errors
-/// Fails when the file system reports an error, and when the manifest of a newest version is damaged.
+/// Fails if the file system reports an error, or if the manifest of a newest version is damaged.
 pub fn collect(store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
     if let Some(remote) = store.remote() {
         return remote.collect(store, what);
@@ -236,7 +236,7 @@ fn drop_version(folder: &Path) -> io::Result<bool> {
 /// Removes a published pipeline, or one table of it. Computed results stay until `gc`.
 ///
 /// # Errors
-/// Fails when it does not exist, a run holds the lock of the pipeline, or the file system reports an error.
+/// Fails if it does not exist, a run holds the lock of the pipeline, or the file system reports an error.
 pub fn remove(store: &Store, pipeline: &str, table: Option<&str>) -> Result<(), Fault> {
     let root = store.root();
     let names = pipelines(root);

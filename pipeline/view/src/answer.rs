@@ -34,7 +34,7 @@ fn json(value: &Value) -> AnswerBytes {
 /// Answers a request.
 ///
 /// # Errors
-/// Fails for unknown tables and wrong values, and when the store is damaged.
+/// Fails for unknown tables and wrong values. Also fails if the store is damaged.
 pub fn answer(data: &ViewData, request: &ViewRequest) -> Result<AnswerBytes, ViewFault> {
     let store = data.store;
     Ok(match request {

@@ -60,7 +60,7 @@ impl ViewSettings {
     /// Serves the store in the folder `store`, whose scores have the metrics of `catalogue`, until the process ends.
     ///
     /// # Errors
-    /// Fails when the store cannot be read, and as [`serve`].
+    /// Fails if the store cannot be read. Also returns the errors of [`serve`].
     pub fn serve_store(
         self,
         catalogue: &[StageEntry],
@@ -82,7 +82,7 @@ fn machine(what: &str, e: &dyn std::fmt::Display) -> Fault {
 /// Serves until `stop` is true or its sender is dropped. `started` receives the address of the page.
 ///
 /// # Errors
-/// Fails when the port is in use, or threads cannot be started.
+/// Fails if the port is in use, or threads cannot be started.
 pub fn serve(
     settings: ViewSettings,
     data: &ViewData,

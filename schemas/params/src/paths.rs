@@ -87,7 +87,7 @@ pub fn check_path(path: &str) -> Result<(), String> {
 /// Checks that a path below `root` contains no link, so that its target is in `root`. Parts that do not exist pass.
 ///
 /// # Errors
-/// Fails for a path outside `root`, for a link, and on an error of the file system.
+/// Fails for a path outside `root`, for a link, or on an error of the file system.
 pub fn check_no_link(root: &Path, path: &Path) -> io::Result<()> {
     let below = path.strip_prefix(root).map_err(|_| io::Error::other("it is outside the folder"))?;
     let mut at = root.to_owned();
@@ -107,7 +107,7 @@ pub fn check_no_link(root: &Path, path: &Path) -> io::Result<()> {
 /// Opens a regular file. Rejects pipes, sockets and devices, because reading them may never end.
 ///
 /// # Errors
-/// Fails for anything but a regular file, and on an error of the file system.
+/// Fails for anything but a regular file, or on an error of the file system.
 pub fn open_regular(path: &Path) -> io::Result<File> {
     let refused = || io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file");
     // Opening a pipe waits for its other end, so the file type is checked first.
@@ -121,7 +121,7 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
 /// Reads a regular file: see [`open_regular`].
 ///
 /// # Errors
-/// Fails as [`open_regular`].
+/// Returns the errors of [`open_regular`].
 pub fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
     let mut bytes = vec![];
     io::Read::read_to_end(&mut open_regular(path)?, &mut bytes)?;

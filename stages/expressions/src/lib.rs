@@ -91,7 +91,7 @@ pub fn parse(sql: &str, shape: &TableShape, subject: &str) -> Result<Expr, Fault
 /// Prepares the expression for evaluation on batches of `schema`.
 ///
 /// # Errors
-/// Fails for functions and operators that reject values of these types, and for excessive nesting.
+/// Fails for functions and operators that reject values of these types, or for excessive nesting.
 pub fn physical(
     expr: Expr,
     schema: &Schema,
@@ -163,7 +163,7 @@ impl Expression {
     /// Parses `sql` against the columns of `shape`. `subject` is the name of the expression in faults.
     ///
     /// # Errors
-    /// Fails in the cases of [`parse`] and [`physical`], and if values of different units are added or compared.
+    /// Fails in the cases of [`parse`] and [`physical`]. Also fails if values of different units are added or compared.
     pub fn new(sql: &str, shape: &TableShape, subject: &str) -> Result<Expression, Fault> {
         deep::over(sql, || Self::read(sql, shape, subject))?
     }
@@ -191,7 +191,7 @@ impl Expression {
     /// Its values, one for each row of `batch`, which must contain [`Expression::columns`].
     ///
     /// # Errors
-    /// Fails for a column that is missing or of another type, and for values that it cannot be evaluated on.
+    /// Fails for a column that is missing or of another type, or for values that it cannot be evaluated on.
     pub fn evaluate(&self, batch: &RecordBatch) -> Result<ArrayRef, Fault> {
         let rows = batch.num_rows();
         let column = |field: &Arc<Field>| {
@@ -210,7 +210,7 @@ impl Expression {
     /// Its values as numbers; NaN for missing and infinite values.
     ///
     /// # Errors
-    /// Fails in the cases of [`Expression::evaluate`], and for values that are not numbers.
+    /// Fails in the cases of [`Expression::evaluate`]. Also fails for values that are not numbers.
     pub fn numbers(&self, batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
         let array = arrow_cast::cast(&self.evaluate(batch)?, &DataType::Float64);
         let array = array.map_err(|e| Fault::data(format!("{} does not give numbers: {e}", self.subject)))?;
@@ -221,7 +221,7 @@ impl Expression {
     /// Rows for which the expression is true. An unknown value counts as false.
     ///
     /// # Errors
-    /// Fails in the cases of [`Expression::evaluate`], and for values that are not Boolean.
+    /// Fails in the cases of [`Expression::evaluate`]. Also fails for values that are not Boolean.
     pub fn mask(&self, batch: &RecordBatch) -> Result<Vec<bool>, Fault> {
         let array = self.evaluate(batch)?;
         let gives = || Fault::data(format!("{} gives {}, not true or false", self.subject, array.data_type()));

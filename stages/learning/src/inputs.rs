@@ -119,7 +119,8 @@ impl InputScaling {
     /// variance. Components below 1e-7 of the largest standard deviation are rounding and are always omitted.
     ///
     /// # Errors
-    /// Fails for an invalid `keep`, for more components than columns, and if the decomposition does not converge.
+    /// Fails for an invalid `keep`, or for more components than columns. Also fails if the decomposition does not
+    /// converge.
     pub fn whitened(self, x: &[f64], keep: f64) -> Result<Self, InputScalingError> {
         let width = self.mean.len();
         let counted = keep >= 1.0 && keep <= width as f64 && keep.fract() == 0.0;

@@ -145,8 +145,8 @@ pub enum RandomFeatureError {
 /// Cost for n rows and m features (with the columns): 2 n m² operations, and memory of a few times m² numbers.
 ///
 /// # Errors
-/// Fails for values that are not finite, settings out of range, fewer than three rows, a constant target, equal rows if
-/// the length is estimated, and if the decomposition does not converge.
+/// Fails for values that are not finite, settings out of range, fewer than three rows, a constant target, or equal rows
+/// if the length is estimated. Also fails if the decomposition does not converge.
 pub fn fit(
     x: &[f64],
     width: usize,
@@ -214,7 +214,7 @@ impl RandomFeatures {
     /// the unit of the target. The variance of a new reading adds `noise_variance`. NaN for rows that are not finite.
     ///
     /// # Errors
-    /// Fails for an incomplete row, and if the sizes of the model's parts do not match.
+    /// Fails for an incomplete row. Also fails if the sizes of the model's parts do not match.
     pub fn predict(&self, x: &[f64]) -> Result<(Vec<f64>, Vec<f64>), RowsError> {
         let m = self.check(x)?;
         entries("the covariance factor", self.factor.len(), m * m)?;

@@ -66,7 +66,7 @@ pub struct FitSolution {
 /// Linear model of one point.
 ///
 /// # Errors
-/// Fails in the cases of [`FitModel::fit`](super::FitModel::fit), and if the decomposition does not converge.
+/// Fails in the cases of [`FitModel::fit`](super::FitModel::fit). Also fails if the decomposition does not converge.
 pub fn solve(problem: &mut FitProblem, point: &FitPoint) -> Result<FitSolution, Fault> {
     let (prepared, excited) = problem.prepared(&point.settings)?;
     let answer = point.model.fit(problem, &point.settings, &prepared)?;

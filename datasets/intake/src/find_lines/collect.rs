@@ -147,7 +147,7 @@ impl ChannelCollector {
 /// The lines detected in the flights of a file.
 ///
 /// # Errors
-/// Fails for a file that cannot be read, and for a flight without lines.
+/// Fails for a file that cannot be read, or for a flight without lines.
 pub fn table(log: LogReader, path: &Path) -> Result<LineTable, Fault> {
     let mut collector = ChannelCollector::default();
     collector.read(log, "")?;

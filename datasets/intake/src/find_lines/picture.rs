@@ -36,7 +36,7 @@ pub fn svg(title: &str, found: &LineDetection) -> Result<String, Fault> {
 /// The picture as a PNG file.
 ///
 /// # Errors
-/// Fails as [`svg`], and for a width that is out of range.
+/// Returns the errors of [`svg`]. Also fails for a width that is out of range.
 pub fn png(title: &str, found: &LineDetection, width_px: usize) -> Result<Vec<u8>, Fault> {
     drawn(title, found, &|picture| flight_png(picture, width_px))
 }

@@ -90,7 +90,7 @@ impl SqlExpression {
     /// Its values.
     ///
     /// # Errors
-    /// Fails when the expression cannot be evaluated, with its position in the mapping.
+    /// Fails if the expression cannot be evaluated, with its position in the mapping.
     pub fn evaluate(&self, batch: &RecordBatch) -> Result<ArrayRef, Fault> {
         self.value.evaluate(batch).map_err(|f| f.at(self.at.clone()))
     }

@@ -47,7 +47,7 @@ const SHOWN: usize = 8;
 /// A mapping of several logs: of the first one, with a comment on the logs with other columns.
 ///
 /// # Errors
-/// Fails as [`suggest`], and without any log.
+/// Returns the errors of [`suggest`]. Also fails without any log.
 pub fn suggest_for(
     paths: &[PathBuf],
     options: &FlightOptions,
@@ -97,7 +97,7 @@ pub fn suggest_for(
 /// A mapping of a log.
 ///
 /// # Errors
-/// Fails for a log that cannot be read, and for a log without any recognised column.
+/// Fails for a log that cannot be read, or for a log without any recognised column.
 pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -> Result<MappingSuggestion, ReadError> {
     let listed = topics_among(formats, path, options)?;
     let mut format = "";

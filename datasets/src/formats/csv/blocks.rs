@@ -75,7 +75,7 @@ impl<R: Read> CsvBlockReader<R> {
     /// The next block.
     ///
     /// # Errors
-    /// Fails with the errors of the input, and for a record without an end.
+    /// Fails with the errors of the input, or for a record without an end.
     fn next(&mut self) -> io::Result<Option<CsvBlock>> {
         if self.done {
             return Ok(None);

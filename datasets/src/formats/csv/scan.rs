@@ -61,7 +61,7 @@ impl CsvScan {
     /// Scans a file, several blocks in parallel.
     ///
     /// # Errors
-    /// Fails when the file cannot be read.
+    /// Fails if the file cannot be read.
     pub(super) fn read(
         path: &Path,
         names: &[String],

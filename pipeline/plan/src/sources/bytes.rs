@@ -137,7 +137,7 @@ fn note(store: &Path, key: HashKey) -> PathBuf {
 /// `read_all` is set.
 ///
 /// # Errors
-/// Fails when the file cannot be read.
+/// Fails if the file cannot be read.
 pub fn fingerprint(store: &Store, path: &Path, read_all: bool) -> Result<FileDigest, Fault> {
     let fail = |e: io::Error| Fault::machine(format!("cannot read {}: {e}", path.display()));
     let hash = if path.is_dir() {
@@ -172,7 +172,7 @@ fn one(store: &Store, path: &Path, read_all: bool) -> io::Result<HashKey> {
 /// The key of the bytes of a file.
 ///
 /// # Errors
-/// Fails when the file cannot be read.
+/// Fails if the file cannot be read.
 pub(super) fn hash_file(path: &Path) -> io::Result<HashKey> {
     let mut hasher = blake3::Hasher::new();
     let mut file = fs::File::open(path)?;

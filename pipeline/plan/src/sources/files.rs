@@ -14,7 +14,7 @@ use schemas::Fault;
 /// The files of `path`: a file, a folder (all files in it, sorted, without hidden ones) or a glob.
 ///
 /// # Errors
-/// Fails when there are no files.
+/// Fails if there are no files.
 pub fn find(path: &str, folder: &Path, any_name: bool) -> Result<Vec<PathBuf>, Fault> {
     let path = match place(path)? {
         StorageLocation::Object(address) => return objects(&address, any_name),
@@ -111,7 +111,7 @@ fn is_flight(path: &Path) -> bool {
 /// Adds the files in a folder and of its subfolders, in the order of their names.
 ///
 /// # Errors
-/// Fails when a folder cannot be read.
+/// Fails if a folder cannot be read.
 pub fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
     let mut entries = fs::read_dir(folder)?.collect::<Result<Vec<_>, _>>()?;
     entries.sort_by_key(fs::DirEntry::file_name);

@@ -74,8 +74,8 @@ fn options(decl: &SourceDecl) -> Result<(String, SpecSpan, Vec<String>), Vec<Fau
 /// The rows of one model of the Parquet files at `path`: texts, whole numbers and numbers. A missing number is NaN.
 ///
 /// # Errors
-/// Fails when a file is not Parquet, the columns of a fit are missing, the condition cannot be evaluated, or the
-/// selected rows are not one model.
+/// Fails if a file is not Parquet, the columns of a fit are missing, the condition cannot be evaluated, or the selected
+/// rows are not one model.
 pub fn read(path: &Path, condition: &str) -> Result<RecordBatch, Fault> {
     let mut files = vec![];
     if path.is_dir() {

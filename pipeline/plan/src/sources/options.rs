@@ -55,7 +55,7 @@ pub const AUTO: &str = "auto";
 /// Division by the table of lines `name`, or by detection.
 ///
 /// # Errors
-/// Fails as [`LineTable::read`].
+/// Returns the errors of [`LineTable::read`].
 pub fn division(name: &str, folder: &Path) -> Result<FlightDivision, Fault> {
     if name == AUTO {
         Ok(FlightDivision::Found)

@@ -31,7 +31,7 @@ impl<'a> LinePacker<'a> {
     /// Adds a line, and writes a pack when it is full.
     ///
     /// # Errors
-    /// Fails when the store cannot be written.
+    /// Fails if the store cannot be written.
     pub fn put(&self, key: HashKey, batch: RecordBatch) -> Result<(), Fault> {
         let full = {
             let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
@@ -51,7 +51,7 @@ impl<'a> LinePacker<'a> {
     /// Writes the remaining lines.
     ///
     /// # Errors
-    /// Fails when the store cannot be written.
+    /// Fails if the store cannot be written.
     pub fn finish(self) -> Result<(), Fault> {
         self.store.put_all(&self.waiting.into_inner().unwrap_or_else(PoisonError::into_inner).lines)
     }

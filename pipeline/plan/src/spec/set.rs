@@ -29,7 +29,7 @@ impl SetAssignment {
     /// The assignment `text`, whose first byte is `start`.
     ///
     /// # Errors
-    /// Fails when it has no `=`.
+    /// Fails if it has no `=`.
     pub fn new(text: &str, start: usize) -> Result<SetAssignment, Fault> {
         let at = start..start + text.len();
         let equals = equals(text).ok_or_else(|| form(&at))?;
@@ -43,7 +43,7 @@ impl SetAssignment {
     /// Sets the value in the document `root`.
     ///
     /// # Errors
-    /// Fails when the key does not exist in the spec, or the value is not TOML where TOML is required.
+    /// Fails if the key does not exist in the spec, or the value is not TOML where TOML is required.
     pub fn put<'i>(&'i self, root: &mut DeTable<'i>) -> Result<(), Fault> {
         let path = self.path()?;
         let value = self.value(&path)?;

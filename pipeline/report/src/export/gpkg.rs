@@ -50,7 +50,7 @@ impl GeoPackageWriter {
     /// Creates the file `path` for the table `table`.
     ///
     /// # Errors
-    /// Fails when the file cannot be created.
+    /// Fails if the file cannot be created.
     pub fn create(path: &Path, table: &str) -> Result<GeoPackageWriter, Fault> {
         let exists = std::fs::remove_file(path);
         if let Err(e) = exists

@@ -15,7 +15,7 @@ use schemas::Fault;
 /// entry. A list of varying length becomes a text.
 ///
 /// # Errors
-/// Fails for a structure and for nested lists, and for a name that is used twice.
+/// Fails for a structure, for nested lists, or for a name that is used twice.
 pub(super) fn spread(batch: &RecordBatch) -> Result<RecordBatch, Fault> {
     let (mut fields, mut columns) = (vec![], vec![]);
     for (field, column) in batch.schema().fields().iter().zip(batch.columns()) {

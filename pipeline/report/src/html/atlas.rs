@@ -56,7 +56,7 @@ pub type AtlasTracks = (Option<TableRef>, Vec<DegreeTrack>);
 /// over the same map share the picture of the map.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn atlases(source: &ReportSource, groups: &[AtlasTracks]) -> Result<(Vec<Option<Atlas>>, Markup), Fault> {
     let bounds: Vec<Option<Bounds>> = groups.iter().map(|(_, tracks)| around(tracks)).collect();
     let mut drawn: Vec<(TableRef, Option<Rc<AtlasImage>>)> = vec![];

@@ -54,7 +54,7 @@ impl ScoreBoard {
     /// The boards of all score tables that were published.
     ///
     /// # Errors
-    /// Fails when a table of scores cannot be read.
+    /// Fails if a table of scores cannot be read.
     pub fn all(source: &ReportSource, warnings: &[Warning]) -> Result<Vec<ScoreBoard>, Fault> {
         let (graph, store) = (source.graph, source.store);
         let plan = graph.plan;

@@ -50,7 +50,7 @@ struct KmlTrack {
 /// lines of `choice`. Pictures of the maps are named after `stem`.
 ///
 /// # Errors
-/// Fails when there are no results of the plan, no track matches `choice`, or the store is damaged.
+/// Fails if there are no results of the plan, no track matches `choice`, or the store is damaged.
 pub fn kml(graph: &PlanGraph, store: &Store, choice: &TrackSelection, stem: &str) -> Result<Kml, Fault> {
     let source = ReportSource::new(graph, store);
     let groups = chosen(&source, choice)?;

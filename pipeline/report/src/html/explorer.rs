@@ -24,7 +24,7 @@ const NUMBER: usize = 20;
 /// The explorer of one score table. Subtracts the size of its block from `left`, in bytes.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn section(
     source: &ReportSource,
     board: &ScoreBoard,
@@ -50,7 +50,7 @@ pub fn section(
 /// `entries` points and lines.
 ///
 /// # Errors
-/// Fails when the scores of lines cannot be read.
+/// Fails if the scores of lines cannot be read.
 pub fn block(
     board: &ScoreBoard,
     pipeline: &str,

@@ -47,7 +47,7 @@ struct IntervalDot {
 /// A section for each table of `summary`.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn sections(source: &ReportSource) -> Result<Vec<Markup>, Fault> {
     let plan = source.graph.plan;
     let mut out = vec![];

@@ -43,7 +43,7 @@ const ATTITUDE: [[&str; 3]; 2] = [["roll", "pitch", "yaw"], ["ins_roll", "ins_pi
 /// The section; `None` without a line. Subtracts its size from `left`, in bytes.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn section(source: &ReportSource, boards: &[ScoreBoard], left: &mut usize) -> Result<Option<Markup>, Fault> {
     let (mut blocks, mut omitted, mut described) = (vec![], vec![], vec![]);
     let mut places: Vec<(f64, f64)> = vec![];

@@ -32,7 +32,7 @@ struct CompensationSignal {
 /// The plots of one line; no plots without compensation.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn plots(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<Vec<Markup>, Fault> {
     let Some(signal) = read(source, subject, line)? else { return Ok(vec![]) };
     let band = pass_band(source, subject);

@@ -27,7 +27,7 @@ const MOST: usize = 8;
 /// The spectra of one line's recorded signals; no spectra without recorded signals.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn plots(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<Vec<Markup>, Fault> {
     let Some(flights) = subject.compensate.or(subject.navigate).and_then(|r| flights(source, r)) else {
         return Ok(vec![]);

@@ -200,7 +200,7 @@ pub fn word(canonical: &str) -> Option<String> {
 /// the longest.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn lines(source: &ReportSource, subject: &ReportSubject) -> Result<Vec<ReportLine>, Fault> {
     let scored = scored_lines(source, subject)?;
     let picks: &[(usize, &'static str)] = match scored.len() {
@@ -216,7 +216,7 @@ pub fn lines(source: &ReportSource, subject: &ReportSubject) -> Result<Vec<Repor
 /// Further lines of a navigation: the median and the worst of [`lines`].
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn few_lines(source: &ReportSource, subject: &ReportSubject) -> Result<Vec<ReportLine>, Fault> {
     let mut all = lines(source, subject)?;
     if all.len() > LINES {
@@ -240,7 +240,7 @@ pub fn place(source: &ReportSource, subject: &ReportSubject, line: LineId) -> St
 /// Flight, line, its own score at this point and the reason of its choice; `best` is the point that chose the lines.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn label(
     source: &ReportSource,
     subject: &ReportSubject,
@@ -276,7 +276,7 @@ fn score(source: &ReportSource, chosen: &SubjectScore, line: LineId) -> Result<O
 /// The lines that have a score at the subject's point, best first.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn scored_lines(source: &ReportSource, subject: &ReportSubject) -> Result<Vec<LineId>, Fault> {
     let Some(chosen) = &subject.chosen else { return Ok(vec![]) };
     let mut found: Vec<(f64, LineId)> = vec![];

@@ -72,7 +72,7 @@ impl LineTracks {
     /// Navigation of `line` in `subject`; `None` if the line has no navigation.
     ///
     /// # Errors
-    /// Fails when the store is damaged.
+    /// Fails if the store is damaged.
     pub fn read(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<Option<LineTracks>, Fault> {
         let Some(r @ TableRef::Stage(t, i)) = subject.navigate else { return Ok(None) };
         let Some(flights) = source.graph.plan.instance(t, i).first_input() else { return Ok(None) };

@@ -42,7 +42,7 @@ const TABLES: usize = 4;
 /// after the other. Without such a table, the variation of `fit` over any axis. `None` without comparable models.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn section(source: &ReportSource, fit: Option<TableRef>) -> Result<Option<Markup>, Fault> {
     let mut parts = vec![];
     for table in source.graph.plan.tables_of(StageRole::FitsModel) {

@@ -89,7 +89,7 @@ impl StoreView {
     /// The scores of the table `name` in the run `run` (the newest by default) and in the run `against`, as JSON.
     ///
     /// # Errors
-    /// Fails for an unknown table or run, for a run whose tables were removed, and when the store is damaged.
+    /// Fails for an unknown table or run, or for a run whose tables were removed. Also fails if the store is damaged.
     pub fn against(&self, name: &str, against: &str, run: Option<&str>) -> Result<Value, ViewFault> {
         let (pipeline, table) = name.split_once('.').unwrap_or((name, ""));
         let find = |run: &str| history::find(self.root(), pipeline, run).map_err(ViewFault::Missing);
@@ -474,8 +474,8 @@ impl<'a> RunComparison<'a> {
 /// The comparison of the newest run of a plan with an earlier run, as JSON: one block for each table of scores.
 ///
 /// # Errors
-/// Fails for an unknown run, for the newest run, for a run whose tables were removed, for results of another version of
-/// the spec, and when the store is damaged.
+/// Fails for an unknown run, for the newest run, for a run whose tables were removed, or for results of another version
+/// of the spec. Also fails if the store is damaged.
 pub fn report_against(graph: &PlanGraph, store: &Store, against: &str) -> Result<Vec<Value>, Fault> {
     let (plan, root) = (graph.plan, store.root());
     let pipeline = &plan.spec.name;

@@ -91,7 +91,7 @@ impl StoreView {
     /// A map of files, or of a stage at a point, as a raster of at most `pixels` columns and rows.
     ///
     /// # Errors
-    /// Fails for an unknown table or point, for a table that is not a map, and when the store is damaged.
+    /// Fails for an unknown table or point, or for a table that is not a map. Also fails if the store is damaged.
     pub fn map(&self, name: &str, point: &ViewPoint, pixels: Option<usize>) -> Result<Value, ViewFault> {
         let pixels = pixels.unwrap_or(PIXELS);
         if !(1..=MOST_PIXELS).contains(&pixels) {
@@ -116,7 +116,7 @@ impl StoreView {
     /// JSON. `ends` are latitude and longitude in degrees; distances are in metres on the WGS-84 ellipsoid.
     ///
     /// # Errors
-    /// Fails as [`StoreView::map`], and for ends that are equal or no positions.
+    /// Returns the errors of [`StoreView::map`]. Also fails for ends that are equal or no positions.
     pub fn profile(&self, name: &str, point: &ViewPoint, ends: [(f64, f64); 2]) -> Result<Value, ViewFault> {
         let [from, to] = ends;
         let is_position = |(lat, lon): (f64, f64)| is_latitude_deg(lat) && lon.is_finite() && lon.abs() <= 720.0;

@@ -109,7 +109,7 @@ impl<'a> RunProgress<'a> {
     /// The state of the run as JSON. While another thread counts the units, the previous state.
     ///
     /// # Errors
-    /// Fails when the store is damaged.
+    /// Fails if the store is damaged.
     pub fn json(&self) -> Result<Value, Fault> {
         let held = match self.state.try_lock() {
             Ok(state) => Some(state),

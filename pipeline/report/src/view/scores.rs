@@ -71,7 +71,7 @@ impl StoreView {
     /// The block of the explorer for the scores of a table.
     ///
     /// # Errors
-    /// Fails for a table without scores, and when the store is damaged.
+    /// Fails for a table without scores. Also fails if the store is damaged.
     pub fn scores(&self, name: &str) -> Result<Arc<String>, ViewFault> {
         let (pipeline, table) = self.table(name)?;
         let version = pipeline.version.number;

@@ -125,7 +125,7 @@ impl ViewTable {
     /// The units, read at first use.
     ///
     /// # Errors
-    /// Fails when the store is damaged.
+    /// Fails if the store is damaged.
     pub fn index(&self) -> Result<&UnitIndex, Fault> {
         self.index.get_or_init(|| UnitIndex::new(self)).as_ref().map_err(Clone::clone)
     }
@@ -133,7 +133,7 @@ impl ViewTable {
     /// The units of a line at a point, or of all lines.
     ///
     /// # Errors
-    /// Fails for an unknown or incomplete point, and for an unknown line.
+    /// Fails for an unknown or incomplete point, or for an unknown line.
     pub fn units(&self, point: &ViewPoint, line: Option<(&str, &str)>) -> Result<Vec<usize>, ViewFault> {
         let index = self.index()?;
         let mut wanted = vec![];
@@ -181,7 +181,7 @@ impl ViewTable {
     /// `name[i]` is an element of a list.
     ///
     /// # Errors
-    /// Fails for an unknown column or one without numbers, and when the store is damaged.
+    /// Fails for an unknown column or one without numbers. Also fails if the store is damaged.
     pub fn floats(&self, units: &[usize], name: &str) -> Result<Vec<f64>, ViewFault> {
         let index = self.index()?;
         let (column, element) = self.column(name)?;
@@ -201,7 +201,7 @@ impl ViewTable {
     /// The rows of a table without lines at a point.
     ///
     /// # Errors
-    /// Fails for an unknown or incomplete point, and when the store is damaged.
+    /// Fails for an unknown or incomplete point. Also fails if the store is damaged.
     pub fn rows_at(&self, point: &ViewPoint, columns: &[&str]) -> Result<RecordBatch, ViewFault> {
         let mut found = vec![];
         for group in 0..self.provider.groups() {
@@ -237,7 +237,7 @@ impl ViewTable {
     /// The column of a name, and the element if the name is one of a list's elements.
     ///
     /// # Errors
-    /// Fails for an unknown column, and for a column without numbers.
+    /// Fails for an unknown column, or for a column without numbers.
     pub fn column(&self, name: &str) -> Result<(Field, Option<usize>), ViewFault> {
         let columns = self.provider.columns();
         let split = || {

@@ -55,7 +55,7 @@ impl NavigationSettings {
     /// a column. Unset: `gnss_rejected_s`, `lag_s` and `height_bias_m`.
     ///
     /// # Errors
-    /// Fails when `first` fails.
+    /// Fails if `first` fails.
     pub fn new(
         params: &[(&'static str, String)],
         first: impl Fn(NavigationSide, &str) -> Result<Option<f64>, Fault>,
@@ -110,7 +110,7 @@ impl<'a> LineFacts<'a> {
     /// Collects the known facts of `line` upstream of the tables `inputs` of a score.
     ///
     /// # Errors
-    /// Fails when the store cannot be read.
+    /// Fails if the store cannot be read.
     pub fn gather(
         graph: &PlanGraph,
         store: &Store,

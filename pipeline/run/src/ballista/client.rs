@@ -118,7 +118,7 @@ impl SchedulerClient {
     /// Client of the scheduler at HOST:PORT.
     ///
     /// # Errors
-    /// Fails when the address is invalid, or there are no threads for a connection.
+    /// Fails if the address is invalid, or there are no threads for a connection.
     pub fn at(authority: &str, trust: &ClusterTrust) -> Result<SchedulerClient, Fault> {
         let runtime = Arc::new(runtime()?);
         let channel = {
@@ -165,7 +165,7 @@ impl SchedulerClient {
     /// Name of the scheduler, if the scheduler has this version.
     ///
     /// # Errors
-    /// Fails when the scheduler does not answer, or has another version.
+    /// Fails if the scheduler does not answer, or has another version.
     pub fn name(&self) -> Result<String, SchedulerFault> {
         let state = self.ask("state")?;
         let name = state.get("scheduler_id").and_then(Value::as_str).unwrap_or_default();
@@ -239,7 +239,7 @@ fn scheduler_fault(e: &(dyn Error + 'static)) -> SchedulerFault {
 /// Submits tasks as the job `name`, with one task of Ballista per partition of `parts`, and collects the answers.
 ///
 /// # Errors
-/// Fails when the scheduler cannot be reached, and when the job fails or is cancelled.
+/// Fails if the scheduler cannot be reached, or if the job fails or is cancelled.
 pub async fn job(
     (authority, trust): (String, ClusterTrust),
     session: String,

@@ -135,7 +135,7 @@ impl ExecutorSettings {
     /// Runs until a signal or the scheduler stops it, or the scheduler is lost.
     ///
     /// # Errors
-    /// Fails when the scheduler cannot be reached or rejects this executor, or a port cannot be served.
+    /// Fails if the scheduler cannot be reached or rejects this executor, or a port cannot be served.
     pub async fn run(self) -> Result<(), BallistaError> {
         let encryption = self.trust.server().map_err(|fault| general(fault.to_string()))?;
         let local = |l: &TcpListener| l.local_addr().map(|a| u32::from(a.port()));

@@ -57,7 +57,7 @@ pub struct BoundScheduler {
 /// counts as lost. `trust` authenticates workers and runs.
 ///
 /// # Errors
-/// Fails when the address is in use or not this host's, or others can reach it without a key.
+/// Fails if the address is in use or not this host's, or others can reach it without a key.
 pub fn listen(
     address: SocketAddr,
     advertise: Option<&str>,
@@ -118,7 +118,7 @@ impl BoundScheduler {
     /// Serves requests until the process receives a stop signal.
     ///
     /// # Errors
-    /// Fails when Ballista fails.
+    /// Fails if Ballista fails.
     pub fn serve(self) -> Result<(), Fault> {
         let BoundScheduler { listener, config, trust, encryption, .. } = self;
         let served = async move {

@@ -94,7 +94,7 @@ impl TaskMessage {
     /// Tasks as rows.
     ///
     /// # Errors
-    /// Fails when Arrow rejects the columns.
+    /// Fails if Arrow rejects the columns.
     pub fn rows(all: &[TaskMessage]) -> Result<RecordBatch> {
         let numbers = |of: fn(&TaskMessage) -> u64| Arc::new(all.iter().map(of).collect::<UInt64Array>()) as ArrayRef;
         let columns = vec![

@@ -100,7 +100,7 @@ fn leave(why: Fault, after: Duration) {
 /// Computes dispatched tasks until a stop signal arrives or the scheduler is lost.
 ///
 /// # Errors
-/// Fails when the scheduler has another version or cannot reach this worker, or a port or folder is unavailable.
+/// Fails if the scheduler has another version or cannot reach this worker, or a port or folder is unavailable.
 pub fn work(config: &WorkerConfig, on_receipt: ReceiptHandler) -> Result<WorkerExit, Fault> {
     config.trust.admits(config.bind)?;
     let scheduler = SchedulerClient::at(&format!("{}:{}", config.host, config.port), &config.trust)?;

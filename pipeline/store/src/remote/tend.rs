@@ -39,8 +39,7 @@ impl RemoteStore {
     /// cache.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error, and when the manifest of a newest version is
-    /// damaged.
+    /// Fails if the server cannot be reached or reports an error, or if the manifest of a newest version is damaged.
     pub fn collect(&self, store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
         let (alone, time) = (store.alone()?, self.time()?);
         let is_old = |about: &ObjectEntry, than: Duration| is_object_old(about, than, time);
@@ -115,7 +114,7 @@ impl RemoteStore {
     /// Reads every byte of the store, not of the cache. Quarantines packs that do not verify.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn scrub(
         &self,
         store: &Store,

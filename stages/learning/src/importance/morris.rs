@@ -85,7 +85,7 @@ pub fn morris<E: Send>(
 /// than there are groups. Consecutive points differ in the columns of one group.
 ///
 /// # Errors
-/// Fails for another number of points, and for a trajectory that does not move each group once.
+/// Fails for another number of points, or for a trajectory that does not move each group once.
 pub fn elementary_effects<E>(
     points: &[f64],
     y: &[f64],

@@ -27,7 +27,7 @@ pub type EpochCallback<'a> = dyn FnMut(&TrainingEpoch, &TrainingState) -> Contro
 /// ([`train_together`]).
 ///
 /// # Errors
-/// Fails without samples, for mismatched lengths, values that are not finite, settings out of range, and patience
+/// Fails without samples, or for mismatched lengths, values that are not finite, settings out of range, and patience
 /// without validation. Fails with [`TrainingError::Diverged`] if loss or parameters are no longer finite.
 pub fn train(
     shape: &NetworkShape,
@@ -45,7 +45,7 @@ pub fn train(
 /// features.
 ///
 /// # Errors
-/// Fails in the cases of [`train`], and if the lengths of the runs do not add up to the number of samples.
+/// Fails in the cases of [`train`]. Also fails if the lengths of the runs do not add up to the number of samples.
 pub fn train_windowed(
     network: &WindowedNetworkShape,
     start: TrainingState,

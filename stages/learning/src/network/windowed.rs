@@ -281,8 +281,8 @@ impl WindowedNetworkShape {
     /// Checks that the network can be trained.
     ///
     /// # Errors
-    /// Fails in the cases of [`NetworkShape::check`], for a window or units of 0, a window of `tcn` that is not a power
-    /// of two, and a dense network whose inputs do not match the features.
+    /// Fails in the cases of [`NetworkShape::check`]. Also fails for a window or units of 0, a window of `tcn` that is
+    /// not a power of two, and a dense network whose inputs do not match the features.
     pub fn check(&self) -> Result<(), TrainingError> {
         let heads = self.heads > 0 && self.units.is_multiple_of(self.heads);
         let whole = self.memory != MemoryLayers::Window || self.units == self.inputs * self.window;

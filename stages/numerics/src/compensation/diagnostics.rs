@@ -37,7 +37,7 @@ pub struct Excitation {
 ///
 /// # Errors
 /// Fails with [`LeastSquaresError::Shape`] if the number of names differs from the number of terms, with
-/// [`LeastSquaresError::Setting`] for a limit outside 0 to 1, and with [`LeastSquaresError::NoConvergence`] when the
+/// [`LeastSquaresError::Setting`] for a limit outside 0 to 1, or with [`LeastSquaresError::NoConvergence`] if the
 /// decomposition does not converge.
 pub fn excitation<S: AsRef<str>>(
     prepared: &ScaledFactor,
@@ -228,7 +228,7 @@ pub struct CoefficientVariation {
 /// mean of the coefficients of variation as a function of λ.
 ///
 /// # Errors
-/// Fails with [`LeastSquaresError::NoRows`] without calibrations, and with [`LeastSquaresError::Shape`] if they have
+/// Fails with [`LeastSquaresError::NoRows`] without calibrations, or with [`LeastSquaresError::Shape`] if they have
 /// different numbers of coefficients.
 pub fn variation(calibrations: &[&[f64]]) -> Result<Vec<CoefficientVariation>, LeastSquaresError> {
     let terms = calibrations.first().ok_or(LeastSquaresError::NoRows)?.len();

@@ -88,7 +88,7 @@ impl BodyFieldColumns<'_> {
 /// divided by it.
 ///
 /// # Errors
-/// Fails with [`AMatrixError::Lengths`] for columns of different lengths, and with [`AMatrixError::Scale`] for a scale
+/// Fails with [`AMatrixError::Lengths`] for columns of different lengths, or with [`AMatrixError::Scale`] for a scale
 /// that is not a finite number above 0.
 pub fn matrix(field: &BodyFieldColumns<'_>, terms: &TermSelection, scale_nt: f64) -> Result<Vec<f64>, AMatrixError> {
     let rows = field.rows()?;
@@ -100,7 +100,7 @@ pub fn matrix(field: &BodyFieldColumns<'_>, terms: &TermSelection, scale_nt: f64
 /// within its run. Rows outside all `runs` are NaN in all terms except the bias.
 ///
 /// # Errors
-/// Fails as [`matrix`].
+/// Returns the errors of [`matrix`].
 pub fn matrix_in_runs(
     field: &BodyFieldColumns<'_>,
     terms: &TermSelection,

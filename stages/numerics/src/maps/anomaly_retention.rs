@@ -79,7 +79,7 @@ pub struct AnomalyRetention {
 /// Rows with a value that is not finite are excluded.
 ///
 /// # Errors
-/// Fails for columns of different lengths, for fewer than three finite rows and for a constant anomaly.
+/// Fails for columns of different lengths, for fewer than three finite rows, or for a constant anomaly.
 pub fn anomaly_retention(
     compensated: &[f64],
     reference: &[f64],

@@ -91,7 +91,7 @@ impl GridProjection {
     /// and a longitude in degrees.
     ///
     /// # Errors
-    /// Fails for an invalid area, for a position in the area without easting and northing, and for a projection that is
+    /// Fails for an invalid area, for a position in the area without easting and northing, or for a projection that is
     /// not smooth.
     pub fn new(
         project: impl Fn(f64, f64) -> Option<(f64, f64)>,

@@ -218,8 +218,8 @@ pub struct GriddingResult {
 /// Cleans and grids the points of a survey.
 ///
 /// # Errors
-/// Fails as [`check`], as [`fit`] for the points that cleaning keeps, as [`FittedSurface::grid`], and with folds as
-/// [`cross_validate`].
+/// Returns the errors of [`check`], [`fit`] for the points that cleaning keeps and [`FittedSurface::grid`], and with
+/// folds as [`cross_validate`].
 pub fn grid(
     points: SurveyPoints,
     options: &GriddingOptions,

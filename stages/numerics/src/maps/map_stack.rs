@@ -114,9 +114,9 @@ impl MapStack {
     /// heights of `maps`, in metres, evenly spaced or not.
     ///
     /// # Errors
-    /// Fails for fewer than two levels, if the numbers of maps and heights differ, for heights that are not finite or
-    /// do not ascend, for maps whose nodes differ from the nodes of the first map, and if no node is known at all
-    /// levels.
+    /// Fails for fewer than two levels, for heights that are not finite or do not ascend, or for maps whose nodes
+    /// differ from the nodes of the first map. Also fails if the numbers of maps and heights differ, or if no node is
+    /// known at all levels.
     pub fn new(heights_m: &[f64], maps: &[GeographicGrid], options: StackOptions) -> Result<Self, StackError> {
         let known = known_values(heights_m, maps)?;
         let slopes = natural_slopes(heights_m, &known);
@@ -128,9 +128,9 @@ impl MapStack {
     /// slopes.
     ///
     /// # Errors
-    /// Fails as [`Self::new`], with [`StackError::Count`] if the numbers of derivatives and maps differ, and with
-    /// [`StackError::Derivative`] for a derivative that has another number of nodes than its map or is not finite at a
-    /// known node.
+    /// Returns the errors of [`Self::new`]. Also fails with [`StackError::Count`] if the numbers of derivatives and
+    /// maps differ, or with [`StackError::Derivative`] for a derivative that has another number of nodes than its map
+    /// or is not finite at a known node.
     pub fn with_vertical(
         heights_m: &[f64],
         maps: &[GeographicGrid],

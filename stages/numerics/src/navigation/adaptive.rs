@@ -245,10 +245,10 @@ pub struct AdaptiveOutput {
 /// sample.
 ///
 /// # Errors
-/// Fails as [`AdaptiveParameters::check`] and [`NavigationLine::check`]; for bounds of a sigma that are not finite
-/// numbers above 0 in this order; with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of other
-/// lengths than the line; and with [`NavigationError::Diverged`] when a state or variance is not finite or a variance
-/// is negative.
+/// Returns the errors of [`AdaptiveParameters::check`] and [`NavigationLine::check`]; for bounds of a sigma that are
+/// not finite numbers above 0 in this order; with [`SeriesError::Length`](crate::navigation::SeriesError) for columns
+/// of other lengths than the line; and with [`NavigationError::Diverged`] when a state or variance is not finite or a
+/// variance is negative.
 pub fn run(
     parameters: &AdaptiveParameters,
     line: &NavigationLine<'_>,

@@ -114,8 +114,8 @@ impl AidedParameters {
 /// Costs about 10 µs per sample without a vector.
 ///
 /// # Errors
-/// Fails as [`AidedParameters::check`], [`Aids::check`] and [`NavigationLine::check`], and with
-/// [`NavigationError::Diverged`] when a state or variance is not finite or a variance is negative.
+/// Returns the errors of [`AidedParameters::check`], [`Aids::check`] and [`NavigationLine::check`]. Also fails with
+/// [`NavigationError::Diverged`] if a state or variance is not finite or a variance is negative.
 pub fn run(
     line: &NavigationLine<'_>,
     aids: &Aids<'_>,

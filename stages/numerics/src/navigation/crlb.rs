@@ -73,8 +73,8 @@ impl<'a> TruePath<'a> {
 /// The offset is the mean residual over the first `offset_window_s` seconds.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`] and [`TruePath::along`], and with [`NavigationError::Diverged`] when a variance
-/// is not finite or is negative.
+/// Returns the errors of [`NavigationLine::check`] and [`TruePath::along`]. Also fails with
+/// [`NavigationError::Diverged`] if a variance is not finite or is negative.
 pub fn run(
     line: &NavigationLine<'_>,
     path: &TruePath<'_>,
@@ -99,7 +99,7 @@ pub fn run(
 /// The bound uses the exact map, so [`Aids::flat_over_m`] is ignored.
 ///
 /// # Errors
-/// Fails as [`run`] and [`Aids::check`].
+/// Returns the errors of [`run`] and [`Aids::check`].
 pub fn run_aided(
     line: &NavigationLine<'_>,
     path: &TruePath<'_>,

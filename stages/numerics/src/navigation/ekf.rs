@@ -44,9 +44,9 @@ pub(crate) use streamed::StreamedEkf;
 /// if, `core` is given. Costs about 3 µs per sample and allocates little except the output.
 ///
 /// # Errors
-/// Fails as [`EkfParameters::check`] and [`InsSeries::check`], with [`SeriesError::Length`] for a measurement of
-/// another length than the INS, and with [`NavigationError::Diverged`] when a state or variance is not finite or a
-/// variance is negative.
+/// Returns the errors of [`EkfParameters::check`] and [`InsSeries::check`]. Also fails with [`SeriesError::Length`] for
+/// a measurement of another length than the INS, or with [`NavigationError::Diverged`] if a state or variance is not
+/// finite or a variance is negative.
 pub fn run(
     parameters: &EkfParameters,
     ins: &InsSeries<'_>,

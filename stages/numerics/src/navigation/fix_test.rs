@@ -66,8 +66,8 @@ pub struct FixTestResult {
 /// Tests the fixes of a line against its INS.
 ///
 /// # Errors
-/// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with
-/// [`NavigationError::Diverged`] when a state or variance is not finite.
+/// Returns the errors of [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`]. Also fails with
+/// [`NavigationError::Diverged`] if a state or variance is not finite.
 pub fn run(
     ins: &InsSeries<'_>,
     errors: &InsErrorModel,

@@ -213,9 +213,9 @@ pub enum FixedLagError {
 /// `offset_window_s` is subtracted from each magnetometer.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`] and `FixedLagParameters::check`, with [`FixedLagError::Size`] and
-/// [`FixedLagError::Prior`] for an invalid magnetometer, and with [`NavigationError::Diverged`] when a state or
-/// variance is not finite or a variance is negative.
+/// Returns the errors of [`NavigationLine::check`] and `FixedLagParameters::check`. Also fails with
+/// [`FixedLagError::Size`] and [`FixedLagError::Prior`] for an invalid magnetometer, or with
+/// [`NavigationError::Diverged`] if a state or variance is not finite or a variance is negative.
 pub fn run(
     parameters: &FixedLagParameters,
     line: &NavigationLine<'_>,
@@ -230,7 +230,7 @@ pub fn run(
 /// aiding positions. A magnetometer is skipped where the map is too flat at the prediction of the filter.
 ///
 /// # Errors
-/// Fails as [`run`] and [`Aids::check`].
+/// Returns the errors of [`run`] and [`Aids::check`].
 pub fn run_aided(
     parameters: &FixedLagParameters,
     line: &NavigationLine<'_>,

@@ -164,7 +164,7 @@ const TIMES: [usize; 2] = [2, 4];
 /// Maximum-likelihood noise of a line; `None` if fewer than [`FEWEST`] measurements are usable.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`].
+/// Returns the errors of [`NavigationLine::check`].
 pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationError> {
     search.line.check()?;
     let thinned = ThinnedLine::new(search.line, search.rows);

@@ -55,9 +55,9 @@ impl<'a> NavigationLine<'a> {
     /// Rejects invalid lines.
     ///
     /// # Errors
-    /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`], and with
-    /// [`SeriesError::Length`](crate::navigation::SeriesError) for columns of different lengths, and as
-    /// [`PositionFixes::check`].
+    /// Returns the errors of [`InsErrorModel::check`] and [`InsSeries::check`]. Also fails with
+    /// [`SeriesError::Length`](crate::navigation::SeriesError) for columns of different lengths. Also returns the
+    /// errors of [`PositionFixes::check`].
     pub fn check(&self) -> Result<(), NavigationError> {
         self.errors.check()?;
         self.ins.check()?;

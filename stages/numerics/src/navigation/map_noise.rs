@@ -17,8 +17,8 @@ use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 /// measurements is added in the filter.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when a state or variance is not finite or
-/// a variance is negative.
+/// Returns the errors of [`NavigationLine::check`]. Also fails with [`NavigationError::Diverged`] if a state or
+/// variance is not finite or a variance is negative.
 pub fn along(line: &NavigationLine<'_>, error_nt: &FieldMap, factor: f64) -> Result<Vec<f64>, NavigationError> {
     line.check()?;
     let mut field = line.predicted();

@@ -140,8 +140,8 @@ const WITH_ALL: usize = WITH_VECTOR + 2;
 /// one core, and uses several threads from 8192 particles on.
 ///
 /// # Errors
-/// Fails as [`MpfParameters::check`], [`Aids::check`] and [`NavigationLine::check`], and with
-/// [`NavigationError::Diverged`] when a state or variance is not finite or a variance is negative.
+/// Returns the errors of [`MpfParameters::check`], [`Aids::check`] and [`NavigationLine::check`]. Also fails with
+/// [`NavigationError::Diverged`] if a state or variance is not finite or a variance is negative.
 pub fn run(
     parameters: &MpfParameters,
     line: &NavigationLine<'_>,

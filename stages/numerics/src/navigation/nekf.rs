@@ -81,8 +81,9 @@ pub struct NekfOutput {
 /// Filters one line. `further` are further inputs of the network, row-major, one row per sample.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`], [`NoiseNetwork::check`] and [`ekf::run`](crate::navigation::ekf::run), and with
-/// [`NavigationError::Parameter`] for further inputs whose number differs from the network's or that are not finite.
+/// Returns the errors of [`NavigationLine::check`], [`NoiseNetwork::check`] and
+/// [`ekf::run`](crate::navigation::ekf::run). Also fails with [`NavigationError::Parameter`] for further inputs whose
+/// number differs from the network's or that are not finite.
 pub fn run(
     line: &NavigationLine<'_>,
     network: &NoiseNetwork,

@@ -146,10 +146,10 @@ pub fn check_sources<S: AsRef<str>>(sources: &[S]) -> Result<(), ParameterError>
 /// Filters one line.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`](crate::navigation::NavigationLine::check) for the line with each magnetometer.
-/// Fails with [`NavigationError::Parameter`] for terms, priors and densities of different sizes or out of their range,
-/// and for terms that differ from those of the `fluxgate`. Fails with [`NavigationError::Diverged`] when a state or
-/// variance is not finite or a variance is negative.
+/// Returns the errors of [`NavigationLine::check`](crate::navigation::NavigationLine::check) for the line with each
+/// magnetometer. Fails with [`NavigationError::Parameter`] for terms, priors and densities of different sizes or out of
+/// their range. Also fails for terms that differ from those of the `fluxgate`. Fails with [`NavigationError::Diverged`]
+/// if a state or variance is not finite or a variance is negative.
 pub fn run(
     line: &LineModel<'_>,
     magnetometers: &[OnlineMagnetometer<'_>],

@@ -124,7 +124,7 @@ impl RtsParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for `iterations` of 0, and for a tolerance or scale that is not a finite number above 0.
+    /// Fails for `iterations` of 0, or for a tolerance or scale that is not a finite number above 0.
     pub fn check(&self) -> Result<(), ParameterError> {
         obeys(&self.iterations, "iterations", Rule::Positive).map_err(ParameterError)?;
         obeys(&self.tolerance_m, "tolerance_m", Rule::Positive).map_err(ParameterError)?;
@@ -172,9 +172,9 @@ pub struct RtsOutput {
 /// Smooths one line.
 ///
 /// # Errors
-/// Fails as [`RtsParameters::check`] and [`NavigationLine::check`], for an `offset_window_s` that is not a finite
-/// number of at least 0, and with [`NavigationError::Diverged`] when a state or variance is not finite or a variance is
-/// negative.
+/// Returns the errors of [`RtsParameters::check`] and [`NavigationLine::check`]. Also fails for an `offset_window_s`
+/// that is not a finite number of at least 0. Also fails with [`NavigationError::Diverged`] if a state or variance is
+/// not finite or a variance is negative.
 pub fn run(line: &NavigationLine<'_>, parameters: &RtsParameters) -> Result<RtsOutput, NavigationError> {
     parameters.check()?;
     line.check()?;

@@ -122,8 +122,8 @@ pub use smoother::{SlamSmootherParameters, SlamSmootherReport};
 /// revisit.
 ///
 /// # Errors
-/// Fails as [`SlamParameters::check`] and [`SlamLine::check`], and with [`NavigationError::Diverged`] when a state or
-/// variance is not finite or a variance is negative.
+/// Returns the errors of [`SlamParameters::check`] and [`SlamLine::check`]. Also fails with
+/// [`NavigationError::Diverged`] if a state or variance is not finite or a variance is negative.
 pub fn run(parameters: &SlamParameters, line: &SlamLine<'_>) -> Result<SlamOutput, NavigationError> {
     parameters.check(&line.errors)?;
     line.check()?;

@@ -227,8 +227,8 @@ impl FilterStream {
     /// `keep_states` and `keep_covariance` have no effect.
     ///
     /// # Errors
-    /// Fails as [`FilterStream::ekf`], as [`AdaptiveParameters::check`], without magnetometer, and for bounds that are
-    /// not finite numbers above 0 in ascending order.
+    /// Returns the errors of [`FilterStream::ekf`] and [`AdaptiveParameters::check`]. Also fails without magnetometer,
+    /// or for bounds that are not finite numbers above 0 in ascending order.
     pub fn adaptive(
         setup: &StreamSetup,
         parameters: &AdaptiveParameters,
@@ -247,7 +247,8 @@ impl FilterStream {
     /// begin with `keep_` have no effect.
     ///
     /// # Errors
-    /// Fails as [`FilterStream::ekf`], without magnetometer, and for invalid priors and densities.
+    /// Returns the errors of [`FilterStream::ekf`]. Also fails without magnetometer, or for invalid priors and
+    /// densities.
     pub fn online(
         setup: &StreamSetup,
         magnetometers: &[StreamMagnetometer<'_>],
@@ -378,8 +379,8 @@ impl FilterStream {
     /// Resumes from a state of [`FilterStream::save`]. The next sample gives the same bits as without the interruption.
     ///
     /// # Errors
-    /// Fails for bytes that are damaged or have another version, for another filter or other parameters, and for
-    /// another map or core field, which is recognised by the field at the last position. The filter is then unchanged.
+    /// Fails for bytes that are damaged or have another version, for another filter or other parameters, or for another
+    /// map or core field, which is recognised by the field at the last position. The filter is then unchanged.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError> {
         let mut reader = StateReader::new(bytes, self.kind.number(), self.fingerprint)?;
         let mut resumed = self.clone();

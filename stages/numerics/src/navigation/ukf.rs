@@ -127,8 +127,8 @@ pub struct UkfOutput {
 /// allocates little except the output.
 ///
 /// # Errors
-/// Fails as [`UkfParameters::check`] and [`NavigationLine::check`], and with [`NavigationError::Diverged`] when a state
-/// or variance is not finite or a variance is negative.
+/// Returns the errors of [`UkfParameters::check`] and [`NavigationLine::check`]. Also fails with
+/// [`NavigationError::Diverged`] if a state or variance is not finite or a variance is negative.
 pub fn run(parameters: &UkfParameters, line: &NavigationLine<'_>) -> Result<UkfOutput, NavigationError> {
     parameters.check()?;
     line.check()?;

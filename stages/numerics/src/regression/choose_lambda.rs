@@ -114,8 +114,8 @@ pub fn by_l_curve(points: &[LambdaPoint]) -> Option<usize> {
 /// descend, the choice within one standard error is the strongest ridge.
 ///
 /// # Errors
-/// Fails with [`LeastSquaresError::Setting`] for a lambda that is not a finite number above 0, and as
-/// [`leave_line_out`] and [`fits`].
+/// Fails with [`LeastSquaresError::Setting`] for a lambda that is not a finite number above 0. Also returns the errors
+/// of [`leave_line_out`] and [`fits`].
 pub fn by_lines(
     lines: &[RegressionMoments],
     target: usize,
@@ -132,7 +132,7 @@ pub fn by_lines(
 /// The ridge fits of one target for lambdas above 0, from one decomposition.
 ///
 /// # Errors
-/// Fails for an unknown target, or when the decomposition does not converge.
+/// Fails for an unknown target. Also fails if the decomposition does not converge.
 pub fn fits(prepared: &ScaledFactor, target: usize, lambdas: &[f64]) -> Result<Vec<LinearFit>, LeastSquaresError> {
     prepared.along(target)?;
     let singular = prepared.singular()?;

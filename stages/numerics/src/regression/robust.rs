@@ -101,7 +101,7 @@ impl RobustOptions {
     ///
     /// # Errors
     ///
-    /// Fails for settings out of range, for rows that are not finite (numbered within their line), and for dependent
+    /// Fails for settings out of range, for rows that are not finite (numbered within their line), or for dependent
     /// terms without a ridge.
     pub fn fit<S: AsRef<str>>(&self, lines: &[LineRows<'_>], names: &[S]) -> Result<RobustFit, LeastSquaresError> {
         self.check()?;

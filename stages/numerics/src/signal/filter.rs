@@ -173,7 +173,7 @@ impl ZeroPhaseFilter {
     /// Filters one evenly sampled series; the result has the same unit and length.
     ///
     /// # Errors
-    /// Fails with [`FilterError::TooShort`] for fewer samples than [`Self::least_rows`], and with
+    /// Fails with [`FilterError::TooShort`] for fewer samples than [`Self::least_rows`], or with
     /// [`FilterError::NotFinite`] for a sample that is not finite.
     pub fn apply(&self, x: &[f64]) -> Result<Vec<f64>, FilterError> {
         let mut out = x.to_vec();
@@ -184,7 +184,7 @@ impl ZeroPhaseFilter {
     /// Filters several series of the same length; the results have the same units and lengths.
     ///
     /// # Errors
-    /// Fails with [`FilterError::Shape`] for series of different lengths, and as [`Self::apply`].
+    /// Fails with [`FilterError::Shape`] for series of different lengths. Also returns the errors of [`Self::apply`].
     pub fn apply_columns(&self, columns: &[&[f64]]) -> Result<Vec<Vec<f64>>, FilterError> {
         let (width, rows) = (columns.len(), columns.first().map_or(0, |x| x.len()));
         if let Some(odd) = columns.iter().find(|column| column.len() != rows) {
@@ -209,7 +209,7 @@ impl ZeroPhaseFilter {
     ///
     /// # Errors
     /// Fails with [`FilterError::Shape`] for no columns or values that are not a whole number of rows, with
-    /// [`FilterError::TooShort`] for fewer rows than [`Self::least_rows`], and with [`FilterError::NotFinite`] for a
+    /// [`FilterError::TooShort`] for fewer rows than [`Self::least_rows`], or with [`FilterError::NotFinite`] for a
     /// value that is not finite.
     pub fn apply_matrix(
         &self,
@@ -248,7 +248,7 @@ impl ZeroPhaseFilter {
 /// result has the same unit. [Gustafsson 1996, sec. 3]
 ///
 /// # Errors
-/// Fails as [`ZeroPhaseFilter::new`] and [`ZeroPhaseFilter::apply`].
+/// Returns the errors of [`ZeroPhaseFilter::new`] and [`ZeroPhaseFilter::apply`].
 pub fn band_pass(x: &[f64], rate_hz: f64, low_hz: f64, high_hz: f64, order: usize) -> Result<Vec<f64>, FilterError> {
     ZeroPhaseFilter::new(FilterBand::Band { low_hz, high_hz }, rate_hz, order)?.apply(x)
 }

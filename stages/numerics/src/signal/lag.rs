@@ -67,7 +67,7 @@ pub struct SignalLag {
 ///
 /// # Errors
 /// Fails for signals of different lengths, for a rate or range that is not above 0, for fewer than [`LEAST_PAIRS`]
-/// pairs at some lag, for a constant signal, and if r is greatest at an end of the range.
+/// pairs at some lag, or for a constant signal. Also fails if r is greatest at an end of the range.
 pub fn lag_of(
     reference: &[f64],
     signal: &[f64],

@@ -138,7 +138,7 @@ impl<'a> ResamplePlan<'a> {
     /// the first sample and after the last have NaN, as in a gap.
     ///
     /// # Errors
-    /// Fails as [`ResamplePlan::new`].
+    /// Returns the errors of [`ResamplePlan::new`].
     pub fn onto(tt: &'a [f64], grid: Vec<f64>, rate_hz: f64, max_gap_s: f64) -> Result<Self, ResampleError> {
         check(rate_hz, max_gap_s)?;
         check_increasing(tt)?;

@@ -88,8 +88,8 @@ pub fn check_increasing(tt: &[f64]) -> Result<(), TimeError> {
 /// resampling first. The rounding of the times themselves (16 units in the last place) is always allowed.
 ///
 /// # Errors
-/// Fails as [`check_increasing`], with [`TimeError::TooShort`] for fewer than two samples, and with
-/// [`TimeError::Uneven`] for a step off the median by more than the tolerance that is not a gap.
+/// Returns the errors of [`check_increasing`]. Also fails with [`TimeError::TooShort`] for fewer than two samples, or
+/// with [`TimeError::Uneven`] for a step off the median by more than the tolerance that is not a gap.
 pub fn sample_rate(tt: &[f64], tolerance: f64) -> Result<f64, TimeError> {
     check_increasing(tt)?;
     let mut steps: Vec<f64> = tt.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -237,7 +237,7 @@ pub fn filter_column(
 /// are too short. `runs` as for [`filter_column`].
 ///
 /// # Errors
-/// Fails with [`FilterError::Shape`] for no columns or values that are not a whole number of rows, and with
+/// Fails with [`FilterError::Shape`] for no columns or values that are not a whole number of rows, or with
 /// [`FilterError::NotFinite`] for a value that is not finite in a filtered run.
 pub fn filter_matrix(
     filter: &ZeroPhaseFilter,

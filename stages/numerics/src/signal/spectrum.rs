@@ -73,7 +73,7 @@ pub struct PowerSpectrum {
 ///
 /// # Errors
 /// Fails with [`SpectrumError::Rate`] for a rate that is not a finite number above 0, with [`SpectrumError::Segment`]
-/// for segments of fewer than two samples, and with [`SpectrumError::TooShort`] if no segment is completely finite.
+/// for segments of fewer than two samples, or with [`SpectrumError::TooShort`] if no segment is completely finite.
 pub fn welch(x: &[f64], rate_hz: f64, segment: usize, window: SpectralTaper) -> Result<PowerSpectrum, SpectrumError> {
     if !(rate_hz > 0.0 && rate_hz.is_finite()) {
         return Err(SpectrumError::Rate { rate_hz });

@@ -91,7 +91,7 @@ impl TermSelection {
     ///
     /// # Errors
     /// Fails with [`AMatrixError::Unknown`] for an unknown name, with [`AMatrixError::SameFamily`] for two groups of
-    /// the same family, and with [`AMatrixError::Empty`] without names.
+    /// the same family, or with [`AMatrixError::Empty`] without names.
     pub fn new<S: AsRef<str>>(names: &[S]) -> Result<Self, AMatrixError> {
         let mut groups: Vec<&'static TermGroup> = Vec::new();
         for name in names {

@@ -42,7 +42,7 @@ pub struct EdgeError {
 /// times too large. It does not include errors of the map's own values.
 ///
 /// # Errors
-/// Fails as [`super::continued`], and with [`ContinuationError::TooSmallToMeasure`].
+/// Returns the errors of [`super::continued`]. Also fails with [`ContinuationError::TooSmallToMeasure`].
 pub fn edge_error(
     grid: &PlaneGrid,
     up_m: f64,

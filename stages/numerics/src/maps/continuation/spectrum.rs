@@ -31,8 +31,8 @@ impl MapSpectrum {
     /// Transforms a map, with padding for results up to `distance_m` above or below it.
     ///
     /// # Errors
-    /// Fails as [`super::check`] and [`Padding::layout`], and with [`ContinuationError::Height`] for a distance that is
-    /// not finite.
+    /// Returns the errors of [`super::check`] and [`Padding::layout`]. Also fails with [`ContinuationError::Height`]
+    /// for a distance that is not finite.
     pub fn new(grid: &PlaneGrid, distance_m: f64, padding: &Padding) -> Result<Self, ContinuationError> {
         let (transform, trend) = prepared(grid, distance_m, padding)?;
         let values = transform.spectrum(grid, &trend);

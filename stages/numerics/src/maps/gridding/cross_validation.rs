@@ -66,7 +66,8 @@ pub struct CrossValidation {
 /// larger than the errors of the map from all lines.
 ///
 /// # Errors
-/// Fails as [`fit`] and [`FittedSurface::at_points`](super::FittedSurface::at_points) for one of the folds.
+/// Returns the errors of [`fit`] and [`FittedSurface::at_points`](super::FittedSurface::at_points) for one of the
+/// folds.
 pub fn cross_validate(
     points: SurveyPoints,
     options: &GriddingOptions,

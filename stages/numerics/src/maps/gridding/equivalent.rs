@@ -59,7 +59,7 @@ impl EquivalentSources {
     ///
     /// # Errors
     ///
-    /// Fails without points, for columns of different lengths, and for values that are not finite.
+    /// Fails without points, for columns of different lengths, or for values that are not finite.
     pub fn fit(
         at_m: [&[f64]; 3],
         value_nt: &[f64],
@@ -76,7 +76,7 @@ impl EquivalentSources {
     ///
     /// # Errors
     ///
-    /// Fails without points, for columns of different lengths, and for values that are not finite.
+    /// Fails without points, for columns of different lengths, or for values that are not finite.
     pub fn place(at_m: [&[f64]; 3], value_nt: &[f64], layers: &[SourceLayer]) -> Result<Self, GriddingError> {
         check_columns(&[at_m[0], at_m[1], at_m[2], value_nt])?;
         if value_nt.is_empty() {
@@ -96,7 +96,7 @@ impl EquivalentSources {
     ///
     /// # Errors
     ///
-    /// Fails for columns of different lengths and for values that are not finite.
+    /// Fails for columns of different lengths, or for values that are not finite.
     pub fn solve(
         &mut self,
         at_m: [&[f64]; 3],
@@ -145,8 +145,8 @@ impl EquivalentSources {
     /// The field in nT at eastings, northings and heights in metres.
     ///
     /// # Errors
-    /// Fails if a position is not above the sources near it, where the field is undefined, for columns of different
-    /// lengths, and for values that are not finite.
+    /// Fails if a position is not above the sources near it or where the field is undefined. Also fails for columns of
+    /// different lengths, or for values that are not finite.
     pub fn predict(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GriddingError> {
         let targets = self.targets(at_m)?;
         let mut sum = vec![0.0; targets.points.len()];
@@ -163,7 +163,7 @@ impl EquivalentSources {
     /// Field in nT as in [`Self::predict`], with NaN at positions that are not above the sources near them.
     ///
     /// # Errors
-    /// Fails for columns of different lengths and for values that are not finite.
+    /// Fails for columns of different lengths, or for values that are not finite.
     pub fn predict_above(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GriddingError> {
         check_columns(&at_m)?;
         let points = relative(at_m, self.origin_m);
@@ -183,7 +183,7 @@ impl EquivalentSources {
     ///
     /// # Errors
     ///
-    /// Fails as [`Self::predict`].
+    /// Returns the errors of [`Self::predict`].
     pub fn predict_gradients(&self, at_m: [&[f64]; 3]) -> Result<FieldGradients, GriddingError> {
         let targets = self.targets(at_m)?;
         let points = &targets.points;

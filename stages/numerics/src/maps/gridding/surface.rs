@@ -49,9 +49,9 @@ pub struct FittedSurface {
 /// Fits a surface to the points of a survey, all of them finite: see `clean`.
 ///
 /// # Errors
-/// Fails without points, as [`check`], for columns of different lengths or values that are not finite, with
-/// [`GriddingError::TooLarge`] for a grid without nodes or with too many, and with [`GriddingError::BelowSources`] if
-/// the level or a block is not above the equivalent sources near it.
+/// Fails without points, or for columns of different lengths or values that are not finite. Also returns the errors of
+/// [`check`]. Also fails with [`GriddingError::TooLarge`] for a grid without nodes or with too many, or with
+/// [`GriddingError::BelowSources`] if the level or a block is not above the equivalent sources near it.
 pub fn fit(
     points: SurveyPoints,
     options: &GriddingOptions,

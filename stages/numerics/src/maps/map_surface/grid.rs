@@ -283,7 +283,7 @@ impl GeographicGrid {
     ///
     /// # Errors
     /// Fails for an axis with fewer than two nodes, for nodes that are not finite, do not ascend or have uneven steps,
-    /// for latitudes beyond a pole, and for longitudes over more than a full turn. Also fails if the number of values
+    /// for latitudes beyond a pole, or for longitudes over more than a full turn. Also fails if the number of values
     /// differs from the number of nodes, if a value is infinite, or if all are NaN.
     pub fn new(lat_deg: &[f64], lon_deg: &[f64], anomaly_nt: &[f64]) -> Result<Self, MapGridError> {
         let lat = GeographicAxis::new("latitude", lat_deg, 180.0)?;
@@ -313,8 +313,8 @@ impl GeographicGrid {
     /// look-ups of its maps. Its values are by rows, starting with the first row.
     ///
     /// # Errors
-    /// Fails for fewer than two rows or columns, if the number of values differs from the number of nodes, if a value
-    /// is infinite, or if all are NaN.
+    /// Fails for fewer than two rows or columns. Also fails if the number of values differs from the number of nodes,
+    /// if a value is infinite, or if all are NaN.
     pub fn of_nodes(rows: usize, columns: usize, anomaly_nt: &[f64]) -> Result<Self, MapGridError> {
         Self::of_axes(GeographicAxis::of_nodes("row", rows)?, GeographicAxis::of_nodes("column", columns)?, anomaly_nt)
     }
@@ -337,8 +337,8 @@ impl GeographicGrid {
     /// degrees, nT).
     ///
     /// # Errors
-    /// Fails with [`MapGridError::Columns`] for columns of different lengths, with [`MapGridError::Row`] for a row that
-    /// is not at its position in a complete grid, and as [`Self::new`].
+    /// Fails with [`MapGridError::Columns`] for columns of different lengths, or with [`MapGridError::Row`] for a row
+    /// that is not at its position in a complete grid. Also returns the errors of [`Self::new`].
     pub fn from_rows(lat_deg: &[f64], lon_deg: &[f64], anomaly_nt: &[f64]) -> Result<Self, MapGridError> {
         if lat_deg.len() != lon_deg.len() || lat_deg.len() != anomaly_nt.len() {
             let (lat, lon, anomaly) = (lat_deg.len(), lon_deg.len(), anomaly_nt.len());
@@ -370,7 +370,7 @@ impl GeographicGrid {
     /// The same grid with other values, one per node, by rows.
     ///
     /// # Errors
-    /// Fails with [`MapGridError::Size`] if the number of values differs from the number of nodes, and with
+    /// Fails with [`MapGridError::Size`] if the number of values differs from the number of nodes, or with
     /// [`MapGridError::Infinite`] for an infinite value.
     pub fn with_values(&self, values: Vec<f64>) -> Result<Self, MapGridError> {
         let (latitudes, longitudes) = (self.lat.len, self.lon.len);

@@ -31,7 +31,7 @@ pub struct AidedAdaptiveOutput {
 /// temporal variation and the map error.
 ///
 /// # Errors
-/// Fails as [`run`](super::run) and [`Aids::check`].
+/// Returns the errors of [`run`](super::run) and [`Aids::check`].
 pub fn run_aided(
     parameters: &AdaptiveParameters,
     line: &NavigationLine<'_>,

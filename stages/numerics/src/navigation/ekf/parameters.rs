@@ -43,8 +43,8 @@ impl EkfParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for a measurement noise or a gate that is not a finite number above 0, a window that is not a finite
-    /// number of at least 0, and as [`InsErrorModel::check`].
+    /// Fails for a measurement noise or a gate that is not a finite number above 0 or a window that is not a finite
+    /// number of at least 0. Also returns the errors of [`InsErrorModel::check`].
     pub fn check(&self) -> Result<(), ParameterError> {
         let (sigma, window) = (self.measurement_sigma_nt, self.offset_window_s);
         require("measurement_sigma_nt", sigma, Rule::Positive)?;

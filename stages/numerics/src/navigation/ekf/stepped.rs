@@ -55,7 +55,7 @@ impl EkfSamples for ScaledSamples<'_> {
 /// [`run`](super::run).
 ///
 /// # Errors
-/// Fails as [`run`](super::run).
+/// Returns the errors of [`run`](super::run).
 pub(crate) fn run_stepped<N: NoiseSource>(
     ins: &InsSeries<'_>,
     point: EkfInput<'_>,

@@ -21,7 +21,7 @@ impl InsErrorModel {
 /// is the start of the next piece.
 ///
 /// # Errors
-/// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
+/// Returns the errors of [`InsErrorModel::check`] and [`InsSeries::check`].
 pub fn errors_along(
     truth: &InsSeries<'_>,
     model: &InsErrorModel,
@@ -92,7 +92,7 @@ impl InsErrorEnsemble {
     /// [`NormalStreams::block`]. The positions enter [`InsErrorEnsemble::drms_m`] only if `counts` is set.
     ///
     /// # Errors
-    /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
+    /// Returns the errors of [`InsErrorModel::check`] and [`InsSeries::check`].
     pub fn advance(
         &mut self,
         truth: &InsSeries<'_>,

@@ -80,7 +80,7 @@ impl InsErrors {
     /// Reads the text of [`InsErrors::description`]. The grade is optional and defaults to `magnav`.
     ///
     /// # Errors
-    /// Fails for an unknown grade or key and for an invalid value.
+    /// Fails for an unknown grade or key, or for an invalid value.
     pub fn from_description(text: &str) -> Result<Self, Fault> {
         let mut entries = SpecEntries::new();
         for part in text.split(',').map(str::trim).filter(|part| !part.is_empty()) {

@@ -33,7 +33,7 @@ pub struct MechanisationErrors {
 /// differs from the position of the trajectory by the error of the trapezoidal rule, which cancels in the result.
 ///
 /// # Errors
-/// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
+/// Returns the errors of [`InsErrorModel::check`] and [`InsSeries::check`].
 pub fn mechanised_errors_along(
     truth: &InsSeries<'_>,
     model: &InsErrorModel,

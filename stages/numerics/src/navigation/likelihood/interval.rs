@@ -19,7 +19,7 @@ const WHITE: (usize, f64) = (20, 0.8);
 /// of `noise`.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`](crate::navigation::line::NavigationLine::check).
+/// Returns the errors of [`NavigationLine::check`](crate::navigation::line::NavigationLine::check).
 pub fn denser(search: &NoiseSearch<'_>, noise: &LineNoise, rows: usize) -> Result<Option<LineNoise>, NavigationError> {
     search.line.check()?;
     let thinned = ThinnedLine::new(search.line, search.rows);

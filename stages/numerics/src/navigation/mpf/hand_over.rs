@@ -143,7 +143,7 @@ pub struct HandOverOutput {
 /// Filters one line with particles, and from the hand-over on with an extended Kalman filter of the same states.
 ///
 /// # Errors
-/// Fails as [`super::run`].
+/// Returns the errors of [`super::run`].
 pub fn run_then_ekf(
     parameters: &MpfParameters,
     line: &NavigationLine<'_>,
@@ -197,7 +197,7 @@ pub struct LocatedAircraft {
 /// Position and velocity at the hand-over; `None` if its conditions never hold.
 ///
 /// # Errors
-/// Fails as [`super::run`].
+/// Returns the errors of [`super::run`].
 pub fn locate(
     parameters: &MpfParameters,
     line: &NavigationLine<'_>,

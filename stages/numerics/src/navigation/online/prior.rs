@@ -54,7 +54,7 @@ impl CoefficientPrior {
 ///
 /// # Errors
 /// Fails without calibrations, for vectors of different lengths or with values that are not finite, for a single
-/// calibration without a covariance, and for an invalid covariance.
+/// calibration without a covariance, or for an invalid covariance.
 pub fn prior_from_calibrations(
     calibrations: &[&[f64]],
     covariance: Option<&[f64]>,

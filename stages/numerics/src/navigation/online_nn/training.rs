@@ -107,8 +107,8 @@ impl<'a> NetworkRecursion<'a> {
 /// of any step, and the covariance from a recursion whose regressor is the weights, as printed in Gnadt 2022.)
 ///
 /// # Errors
-/// Fails for columns of different lengths, times that do not ascend, fewer than four usable rows, parameters that are
-/// not above 0, and if the recursion does not stay finite.
+/// Fails for columns of different lengths, times that do not ascend, fewer than four usable rows, or parameters that
+/// are not above 0. Also fails if the recursion does not stay finite.
 pub fn train(
     network: &OnlineNetwork,
     calibration: &NetworkCalibration<'_>,

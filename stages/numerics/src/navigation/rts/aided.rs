@@ -30,7 +30,7 @@ pub struct AidedRtsOutput {
 /// estimate of the extended Kalman filter.
 ///
 /// # Errors
-/// Fails as [`run`](super::run) and [`Aids::check`].
+/// Returns the errors of [`run`](super::run) and [`Aids::check`].
 pub fn run_aided(
     line: &NavigationLine<'_>,
     parameters: &RtsParameters,

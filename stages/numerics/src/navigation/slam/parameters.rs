@@ -120,7 +120,8 @@ impl SlamParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for the first parameter that is out of its valid range, and as [`InsErrorModel::check`] for `errors`.
+    /// Fails for the first parameter that is out of its valid range. Also returns the errors of
+    /// [`InsErrorModel::check`] for `errors`.
     pub fn check(&self, errors: &InsErrorModel) -> Result<(), ParameterError> {
         errors.check()?;
         let within = Rule::Between(PARTICLES.0, PARTICLES.1);

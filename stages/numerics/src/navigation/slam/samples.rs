@@ -42,8 +42,8 @@ impl SlamLine<'_> {
     /// Rejects invalid lines.
     ///
     /// # Errors
-    /// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with
-    /// [`SeriesError::Length`](crate::navigation::SeriesError) for columns of different lengths.
+    /// Returns the errors of [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`]. Also fails
+    /// with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of different lengths.
     pub fn check(&self) -> Result<(), NavigationError> {
         self.errors.check()?;
         self.ins.check()?;

@@ -115,8 +115,8 @@ impl SlamSmootherParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for a number of measurements that is not between 2 and 5000, for zero passes, and for a factor or
-    /// tolerance that is not above 0.
+    /// Fails for a number of measurements that is not between 2 and 5000, for zero passes, or for a factor or tolerance
+    /// that is not above 0.
     pub fn check(&self) -> Result<(), ParameterError> {
         require("measurements", self.measurements as f64, Rule::Between(2.0, 5000.0))?;
         require("noise_factor", self.noise_factor, Rule::Positive)?;

@@ -35,7 +35,7 @@ impl FilterBand {
     /// the design rejects such a frequency.
     ///
     /// # Errors
-    /// Fails with [`FilterError::NoCorner`] when both are `None`.
+    /// Fails with [`FilterError::NoCorner`] if both are `None`.
     pub fn between(low_hz: Option<f64>, high_hz: Option<f64>) -> Result<Self, FilterError> {
         match (low_hz, high_hz) {
             (Some(low_hz), Some(high_hz)) => Ok(Self::Band { low_hz, high_hz }),
