@@ -329,7 +329,7 @@ pub fn numbers(batches: &[RecordBatch], column: &str) -> Vec<f64> {
     batches.iter().flat_map(one).collect()
 }
 
-/// Texts of a column over all batches.
+/// Strings of a column over all batches.
 pub fn texts(batches: &[RecordBatch], column: &str) -> Vec<String> {
     let one = |b: &RecordBatch| {
         let array = b.column_by_name(column).unwrap_or_else(|| panic!("no {column}"));

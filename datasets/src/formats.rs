@@ -287,7 +287,7 @@ fn choose(head: &FileHead, named: Option<&str>, known: &[FormatCandidate], kind:
     }
     let by_extension = |c: &FormatCandidate| has_extension(head.path, c.extensions);
     let recognised = known.iter().position(|c| (c.recognise)(head));
-    // A text in another format may resemble a table of numbers.
+    // A string in another format may resemble a table of numbers.
     if let Some(foreign) = foreign::refused(head) {
         return Err(foreign);
     }

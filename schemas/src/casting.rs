@@ -9,8 +9,8 @@ use crate::Fault;
 
 /// Casts `array` to `kind`.
 ///
-/// For a slice, Arrow's cast of lists to fixed-size lists reads from the start of the underlying array. That cast is
-/// therefore implemented here.
+/// For a slice, Arrow's cast of lists to fixed-size lists reads from the start of the underlying array, which is wrong.
+/// That cast is therefore implemented here.
 ///
 /// # Errors
 /// Fails if `kind` cannot represent a value, or if a list has another length.

@@ -18,7 +18,7 @@ pub struct Metric {
     pub better: MetricPreference,
     /// Places where it is shown, in addition to the table of scores.
     pub shown: MetricDisplay,
-    /// The same quantity without navigation or compensation.
+    /// Metric of the same quantity without navigation or compensation.
     pub baseline: Option<MetricBaseline>,
     /// Limit beyond which a value is flagged by a warning.
     pub limit: Option<MetricLimit>,
@@ -74,15 +74,15 @@ pub enum MetricLimit {
 /// Pooling rule over lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PoolingRule {
-    /// Root mean square weighted by samples: errors.
+    /// Root mean square weighted by samples, for errors.
     Rms,
-    /// Mean weighted by samples: ratios, rates and signed means.
+    /// Mean weighted by samples, for ratios, rates and signed means.
     Mean,
-    /// Sum: numbers of samples.
+    /// Sum, for numbers of samples.
     Sum,
     /// Standard error of a weighted mean of independent values, with the weights of the mean.
     Error,
-    /// Quantile, in percent, of the samples of all lines together: radii.
+    /// Quantile, in percent, of the samples of all lines together, for radii.
     Quantile(u8),
 }
 
@@ -244,7 +244,7 @@ impl MetricPreference {
 pub struct MetricDisplay {
     /// Position among the columns of pooled scores, from the left; `None` if it is not shown there.
     pub column: Option<u16>,
-    /// Weight of the column. On a narrow terminal, columns of least weight are omitted first.
+    /// Weight of the column. On a narrow terminal, the columns with the smallest weight are omitted first.
     pub weight: u16,
     /// Position among the metrics that rank the points of a sweep; the first metric that has a value ranks. `None` for
     /// a metric that never ranks.

@@ -61,9 +61,9 @@ pub trait Stage: Params + Any + Send + Sync {
     /// Fails with all faults of the parameters or the tables, before anything runs.
     fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>>;
 
-    /// Reason why the parameter `key` has no effect, such as a key of a model that is not fitted; `None` if it has an
-    /// effect. The key of a result omits such parameters, so that points of a sweep that differ only in them are
-    /// computed once. A spec that sets such a parameter explicitly is rejected.
+    /// Reason why the parameter `key` has no effect, for example because it belongs to a model that is not fitted.
+    /// `None` if the parameter has an effect. The key of a result omits such parameters, so that points of a sweep that
+    /// differ only in them are computed once. A spec that sets such a parameter explicitly is rejected.
     fn unused_key(&self, _key: &str) -> Option<Fault> {
         None
     }
@@ -74,7 +74,7 @@ pub trait Stage: Params + Any + Send + Sync {
         1.0
     }
 
-    /// A word for the kind of work that the parameters select, such as leave-one-line-out fits. `explain --cost`
+    /// Word for the kind of work that the parameters select, such as leave-one-line-out fits. `explain --cost`
     /// estimates each kind separately. Empty if there is only one kind.
     fn manner(&self) -> &'static str {
         ""
@@ -157,7 +157,7 @@ impl<S: LineStage> Copy for LinePoint<'_, S> {}
 
 /// A stage that works on all lines of a survey that its `where` selects.
 pub trait SurveyStage: Stage {
-    /// The gathering of lines.
+    /// Type that gathers the lines.
     type Gather: SurveyAggregator;
 
     /// Gathers the points of a sweep that use the same lines, to solve them together. A fault in the models or maps of

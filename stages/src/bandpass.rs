@@ -43,7 +43,7 @@ columns = ["mag_4_uc"]
 /// Filter for two corner frequencies, Hz. 0 removes a corner. `None` if both are 0.
 ///
 /// # Errors
-/// The same as [`ZeroPhaseFilter::new`].
+/// Returns the errors of [`ZeroPhaseFilter::new`].
 pub fn design(low_hz: f64, high_hz: f64, order: usize, rate_hz: f64) -> Result<Option<ZeroPhaseFilter>, Fault> {
     let band = match (low_hz > 0.0, high_hz > 0.0) {
         (true, true) => FilterBand::Band { low_hz, high_hz },

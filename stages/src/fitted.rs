@@ -32,7 +32,7 @@ impl FittedModel {
     /// Reads the model of a table, without the terms `without`.
     ///
     /// # Errors
-    /// If the table is incomplete, or a term to omit is missing.
+    /// Fails if the table is incomplete, or a term to omit is missing.
     pub fn read(table: &RecordBatch, without: &[String]) -> Result<Self, Fault> {
         let values = floats(table, "value")?;
         let terms = table.column_by_name("term").and_then(|t| t.as_string_opt::<i32>());
@@ -60,7 +60,7 @@ impl FittedModel {
     /// sample are converted to the rate of the model.
     ///
     /// # Errors
-    /// If the line lacks a column, or an entry cannot be converted.
+    /// Fails if the line lacks a column, or an entry cannot be converted.
     pub fn predict(&self, line: &RecordBatch, rows: usize) -> Result<FieldPrediction, Fault> {
         predict(&ModelInputColumns::new(line, self.rate_hz)?, &self.body, rows)
     }
@@ -92,7 +92,7 @@ impl FittedModel {
     /// Predicted field for rows of [`FittedModel::columns`], nT. Rows are row-major and finite.
     ///
     /// # Errors
-    /// If a model written in Python fails.
+    /// Fails if a model written in Python fails.
     pub fn field_nt(&self, x: &[f64]) -> Result<Vec<f64>, Fault> {
         Ok(match (&self.body, self.coefficients()) {
             (FittedModelForm::Learned(learned), _) => {

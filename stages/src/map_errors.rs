@@ -63,7 +63,7 @@ impl MapErrors {
     /// bilinear interpolation. `own`: source of the nodes' error.
     ///
     /// # Errors
-    /// When the table is not a grid, or lacks the column of that source.
+    /// Fails if the table is not a grid, or lacks the column of that source.
     pub fn new(
         map: &RecordBatch,
         levels_m: Option<&[f64]>,

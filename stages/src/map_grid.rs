@@ -153,7 +153,7 @@ impl MapGrid {
     /// EPSG code of the map's coordinate system, if given.
     ///
     /// # Errors
-    /// If there is no such code.
+    /// Fails if there is no such code.
     pub fn epsg(&self) -> Result<Option<u16>, Fault> {
         epsg_of(self.to_epsg)
     }
@@ -353,7 +353,7 @@ pub const NO_HEIGHTS: &str =
 /// EPSG code of the parameter `to_epsg`.
 ///
 /// # Errors
-/// If there is no such code.
+/// Fails if there is no such code.
 pub(crate) fn epsg_of(to_epsg: Option<usize>) -> Result<Option<u16>, Fault> {
     let wrong = |code: usize| Fault::new(format!("there is no EPSG code {code}")).of_param("to_epsg");
     to_epsg.map(|code| u16::try_from(code).map_err(|_| wrong(code))).transpose()

@@ -118,7 +118,7 @@ impl LineStage for MapValue {
 /// north, east and up in nT/m. NaN off the map, in a cell with an unknown node and without a position.
 ///
 /// # Errors
-/// If no sample is on the map.
+/// Fails if no sample is on the map.
 pub(crate) fn looked_up(map: &FieldMap, lat: &[f64], lon: &[f64], alt: &[f64]) -> Result<[Vec<f64>; 4], Fault> {
     let earth = EarthModel::Wgs84;
     let mut columns = [(); 4].map(|()| Vec::with_capacity(lat.len()));

@@ -119,7 +119,7 @@ impl LearnedModel {
     /// consecutive rows. Only a network over a window uses them.
     ///
     /// # Errors
-    /// If a model written in Python fails.
+    /// Fails if a model written in Python fails.
     pub fn predict(&self, x: &[f64], runs: &[usize]) -> Result<FieldPrediction, Fault> {
         Ok(match self {
             LearnedModel::Network(network) => network.predict(x),
@@ -151,7 +151,7 @@ impl LearnedModel {
     /// Checks that samples at a rate can be the input.
     ///
     /// # Errors
-    /// If the model uses a window of samples at another rate.
+    /// Fails if the model uses a window of samples at another rate.
     pub fn check_rate(&self, rate_hz: f64) -> Result<(), Fault> {
         match self {
             LearnedModel::Windowed(network) => network.check_rate(rate_hz),
@@ -188,7 +188,7 @@ impl LearnedModel {
     /// Model of a table with these terms. `None` for a linear one.
     ///
     /// # Errors
-    /// If terms are missing, duplicate or inconsistent, because the table is incomplete.
+    /// Fails if terms are missing, duplicate or inconsistent, because the table is incomplete.
     pub fn read(names: &[String], values: &[f64]) -> Result<Option<LearnedModel>, Fault> {
         if !names.iter().any(|name| name.strip_prefix(FAMILY).is_some_and(|rest| rest.starts_with(' '))) {
             return Ok(None);

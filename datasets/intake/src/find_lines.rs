@@ -103,7 +103,7 @@ pub fn csv(flights: &[(String, LineDetection)]) -> String {
             let words =
                 ["roll", "pitch", "yaw"].into_iter().zip(line.manoeuvres).filter(|(_, has_manoeuvre)| *has_manoeuvre);
             let manoeuvres: Vec<&str> = words.map(|(word, _)| word).collect();
-            // Writing into a text cannot fail.
+            // Writing into a string cannot fail.
             let _ = writeln!(
                 text,
                 "{},{},{from:.1},{to:.1},{},{},{},{},{}",

@@ -78,7 +78,7 @@ fn unit_a_text_of_a_dictionary_is_not_repeated_in_memory() {
     assert!(bytes.len() < 100_000);
     let message = case.flight("texts.parquet", &bytes);
     assert!(message.contains("the texts of 600 rows exceed 256 MB") && message.contains("line"), "{message}");
-    // Texts of every length are unchanged.
+    // Strings of every length are unchanged.
     let texts: Vec<String> = (0..40).map(|k| "é".repeat(k)).collect();
     let batch = table(vec![("line".into(), Arc::new(StringArray::from(texts)))]);
     let path = case.file("plain.parquet", &parquet(&batch));

@@ -1,4 +1,4 @@
-//! Decimal numbers in the bytes of a text, bit-identical to `str::parse`.
+//! Decimal numbers in the bytes of a string, bit-identical to `str::parse`.
 //!
 //! Digits up to 2^53 and a power of ten up to 10^22 are both exact as f64, so that their product or quotient is
 //! correctly rounded [Clinger 1990]. `str::parse` reads every other spelling.
@@ -121,7 +121,7 @@ mod tests {
 
     use super::*;
 
-    /// Numbers, and texts that resemble numbers, in many spellings.
+    /// Numbers, and strings that resemble numbers, in many spellings.
     pub(in crate::formats) fn spellings() -> Vec<String> {
         let mut all: Vec<String> = [
             "0",

@@ -52,7 +52,7 @@ pub(super) fn nodes(path: &Path, columns: i64, rows: i64, least: u64, bytes: u64
     }
 }
 
-/// The next `count` numbers of a text.
+/// The next `count` numbers of a string.
 ///
 /// # Errors
 /// Fails for fewer numbers, or a word that is not a number; `at` counts from 0.

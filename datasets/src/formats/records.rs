@@ -1,4 +1,4 @@
-//! Conversion of fixed-length records of binary logs to columns of numbers and texts.
+//! Conversion of fixed-length records of binary logs to columns of numbers and strings.
 
 use std::{path::Path, sync::Arc};
 

@@ -212,7 +212,7 @@ const PREFIXED: [&[&str]; 2] =
 /// Denominators that indicate a quotient, for any numerator.
 const TIMES: [&str; 9] = ["s", "sec", "min", "h", "hr", "hour", "day", "week", "fortnight"];
 
-/// The end of a name without a known unit: nothing, or a text that looks like a unit. Such a text is a quotient, a
+/// The end of a name without a known unit: nothing, or a string that looks like a unit. Such a string is a quotient, a
 /// known unit with a prefix or more letters, or a unit that does not convert.
 fn unknown_end(name: &str) -> ImpliedUnit {
     if let Some(quotient) = unknown_quotient(name) {

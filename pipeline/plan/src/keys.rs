@@ -60,9 +60,9 @@ pub(super) struct VariantKeys {
     pub(super) made: Vec<ColumnNumber>,
     /// The inputs of each of the columns in `made`.
     from: Vec<Vec<(usize, ColumnNumber)>>,
-    /// Columns read from each input.
+    /// Columns that are read from each input.
     reads: Vec<Vec<ColumnNumber>>,
-    /// Key of the restriction of rows.
+    /// Key of the predicate in `where`, which restricts rows.
     rows: HashKey,
 }
 
@@ -147,7 +147,7 @@ impl PlanGraph<'_> {
         }
     }
 
-    /// The index of a line among those of an instance; absent lines are not cached.
+    /// Index of a line among the lines of an instance. A line that the instance does not have is not cached.
     fn position(&self, t: usize, i: usize, line: Option<LineId>) -> Option<u64> {
         match line {
             None => Some(0),
@@ -208,7 +208,7 @@ impl PlanGraph<'_> {
                         word(&mut text, if seen { "in sample" } else { "held out" });
                         continue;
                     }
-                    // A fit skips a line that lacks a column; a line stage cannot.
+                    // A fit skips a line that lacks a column; a stage of single lines cannot compute it.
                     let name = &self.names.words[*column as usize];
                     self.part(&mut text, name, self.column_of(*r, *line, *column), lenient)?;
                 }

@@ -1,7 +1,7 @@
 //! The plan: the tables, their points of the sweep, and their inputs.
 //!
-//! All faults of a spec are found here, before anything runs. A sweep is counted, not listed: a table
-//! stores the differences between its points, and the position of a point is arithmetic on its index.
+//! All faults of a spec are found here, before anything runs. The points of a sweep are not listed. A table stores only
+//! the differences between its points, and the axis values of a point are computed from its index.
 
 mod axes;
 mod build;
@@ -120,7 +120,7 @@ impl Plan {
         (0..self.tables[table].len()).map(move |i| self.instance(table, i))
     }
 
-    /// Maximum number of points of a table; in a search, over all trials and rungs.
+    /// Maximum number of points of a table. In a search, the limit applies to all trials and rungs together.
     pub fn most_points(&self, table: &TableNode) -> usize {
         let searched = &self.spec.searched;
         let depends = table.axes.iter().any(|a| searched.contains(a));

@@ -47,13 +47,13 @@ pub struct TableNode {
     pub(super) questions: SweepValues<HashKey>,
 }
 
-/// The inputs and outputs of a stage at some points of the sweep.
+/// Inputs and outputs of a stage, common to some points of the sweep.
 pub struct StageVariant {
     /// Its inputs and outputs.
     pub yields: Arc<StageSchema>,
     /// Schema of its table as seen by later stages.
     pub table: Arc<Table>,
-    /// Its restriction of rows.
+    /// Its predicate on rows, if it has a `where`.
     pub predicate: Option<Arc<Predicate>>,
 }
 
@@ -64,11 +64,11 @@ impl StageVariant {
     }
 }
 
-/// One name, or list of names, among the inputs of a stage.
+/// Input of a stage: one name or a list of names.
 pub(super) struct InputSlot {
     /// Its kind.
     pub kind: InputKind,
-    /// Its target; the name may depend on axes.
+    /// Its target, which may depend on axes.
     pub targets: SweepValues<Arc<[InputTarget]>>,
 }
 
@@ -102,7 +102,7 @@ impl TableNode {
         self.len() == 0
     }
 
-    /// Its points, as numbers.
+    /// The numbers of its points.
     pub fn grid(&self) -> &SweepGrid {
         &self.grid
     }
@@ -152,7 +152,7 @@ impl TableNode {
         let (mut found, mut last): (Vec<Column>, &[Arc<Column>]) = (vec![], &[]);
         for table in &self.tables {
             let columns = table.shape().columns.shared();
-            // Most columns are those of the table before.
+            // Most columns equal those of the previous table.
             let is_shared = |i: usize, c: &Arc<Column>| last.get(i).is_some_and(|other| Arc::ptr_eq(other, c));
             let others = columns.iter().enumerate().filter(|(i, c)| !is_shared(*i, c)).map(|(_, c)| c.as_ref());
             found.extend(others.filter(|c| seen.insert(c.name.as_str())).cloned());

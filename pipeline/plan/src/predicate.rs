@@ -36,8 +36,8 @@ impl Predicate {
     /// Reads `sql` against the columns of `shape`.
     ///
     /// # Errors
-    /// Fails if it is not SQL, not a predicate, refers to a column that does not exist, is nested too deep, or is more
-    /// than a function of one row.
+    /// Fails if `sql` is not valid SQL or not a predicate, refers to a missing column, is nested too deep, or depends
+    /// on more than one row.
     pub fn new(sql: &str, shape: &TableShape) -> Result<Predicate, Fault> {
         deep::over(sql, || Self::read(sql, shape))?
     }
@@ -69,7 +69,7 @@ impl Predicate {
         Ok(Predicate { lines, rows, columns, canonical })
     }
 
-    /// Whether the predicate selects whole lines only.
+    /// Whether the predicate only selects whole lines.
     pub fn is_of_lines(&self) -> bool {
         self.rows.is_none()
     }

@@ -1,4 +1,4 @@
-//! A plan with its lines and keys as data, for a worker that does not read the inputs.
+//! Record of a plan with its lines and keys, for a worker that does not read the inputs.
 //!
 //! The text of the spec and the recorded facts of its sources reproduce the plan and its keys.
 
@@ -17,7 +17,7 @@ use crate::{
     spec::{SearchTrial, Spec, SpecFaults},
 };
 
-/// Version of the record's form.
+/// Version of the record's format.
 const FORM: u32 = 2;
 
 /// Record of all facts that determine a plan and its keys.
@@ -26,7 +26,7 @@ const FORM: u32 = 2;
 pub struct RecordedPlan {
     form: u32,
     magline: String,
-    /// The machine's arithmetic in words, for messages and comparison.
+    /// Description of the machine's arithmetic, for messages and comparison.
     arithmetic: String,
     arithmetic_key: HashKey,
     /// Name of the spec's file, which names a pipeline without a name.

@@ -1,4 +1,4 @@
-//! In-sample lines: the lines used by the models, noises, maps and choices behind a score.
+//! In-sample lines: lines that were used to fit the models, noises and maps behind a score, or to choose parameters.
 
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap, btree_map::Entry},
@@ -53,7 +53,7 @@ impl PlanGraph<'_> {
 /// The column [`IN_SAMPLE`] of one table.
 pub struct InSampleColumn<'a> {
     graph: &'a PlanGraph<'a>,
-    /// Data that the points of each table of scores used.
+    /// Lines that the points of each table of scores used.
     seen: BTreeMap<usize, &'a InSampleLines>,
 }
 
@@ -76,7 +76,7 @@ impl<'a> InSampleColumn<'a> {
         Ok(Some(InSampleColumn { graph, seen }))
     }
 
-    /// The number of in-sample lines behind the rows of a unit, and of all lines.
+    /// Number of in-sample lines and number of all lines behind the rows of a unit.
     pub fn lines(&self, unit: PlanUnit) -> (usize, usize) {
         let Some((scores, point)) = scores_of(self.graph, unit.table, unit.instance) else { return (0, 0) };
         let all: &[LineId] = match &unit.line {

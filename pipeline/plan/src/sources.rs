@@ -39,13 +39,13 @@ const MAP_VERSION: &str = "map 3";
 /// Version of the stored form of a model from files, increased when the form changes.
 const MODEL_VERSION: &str = "model 1";
 
-/// Table of flights whose columns are known and whose lines are not read yet.
+/// Table of flights with known columns, before its lines are read.
 pub struct Flights {
     /// Its name in the spec.
     pub name: String,
-    /// The columns of all files together.
+    /// Columns of all files together.
     pub shape: TableShape,
-    /// The fields of all files together.
+    /// Arrow fields of all files together.
     pub schema: SchemaRef,
     /// Notes on its files for the user.
     pub notes: Vec<String>,
@@ -99,7 +99,7 @@ impl Flights {
         Flights::open_trusting(decl, folder, ReusePolicy::default())
     }
 
-    /// [`Flights::open`], without scanning unchanged files that have facts in a store.
+    /// Same as [`Flights::open`], but does not scan unchanged files whose facts are in a store.
     ///
     /// # Errors
     /// Returns the errors of [`Flights::open`].
@@ -134,7 +134,7 @@ impl Flights {
         notes.extend(note);
         let threads = threads_in_each(found.len());
         for path in found {
-            // A second file that it names may also be an object.
+            // A second file that a mapping names may also be in an object store.
             if let Some(other) = mapped.as_ref().and_then(|m| m.companion(&path)) {
                 buckets::fetch_companion(&other).map_err(|fault| vec![placed(fault)])?;
             }
@@ -192,7 +192,7 @@ impl Flights {
 /// The number of threads for each of a number of files that are read in parallel.
 fn threads_in_each(files: usize) -> usize {
     let threads = rayon::current_num_threads();
-    // If there are at least as many files as threads, one thread reads each file. With more threads for a file, a
+    // If there are at least as many files as threads, one thread reads each file. With several threads per file, a
     // thread that waits for the others would begin another file.
     if files >= threads { 1 } else { threads.div_ceil(files.max(1)) }
 }
@@ -285,7 +285,7 @@ impl MapSource {
         Ok(MapSource { name: decl.name.clone(), path: PathBuf::new(), read_all: false, content })
     }
 
-    /// Name of its content.
+    /// Word for its content: map or model.
     pub fn word(&self) -> &'static str {
         match self.content {
             MapSourceContent::Map { .. } => "map",
@@ -331,7 +331,7 @@ impl MapSource {
     /// Fails if it cannot be read.
     pub fn load(&self, store: &Store) -> Result<(HashKey, Vec<FileDigest>), Fault> {
         let files = match self.content {
-            // The cells of a map may be next to its header.
+            // The values of a map may be in a second file next to its header.
             MapSourceContent::Map { .. } => map_files(&self.path).map_err(Fault::from)?,
             MapSourceContent::Model(_) if self.path.is_dir() => {
                 let mut files = vec![];

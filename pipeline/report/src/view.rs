@@ -192,7 +192,7 @@ impl StoreView {
 
     /// The query for the download of a table with lists of varying length; `None` for other tables, which
     /// `magline export` writes. A CSV file omits these lists, and a Parquet file keeps them, which an export stores as
-    /// texts.
+    /// strings.
     ///
     /// # Errors
     /// Fails if there is no such table, or the store is damaged.
@@ -231,7 +231,7 @@ impl StoreView {
         self.pipeline(pipeline)?.notes.lineage(table).map_err(ViewFault::Missing)
     }
 
-    /// A text that differs after a run has published tables.
+    /// A string that differs after a run has published tables.
     pub fn changed(&self) -> String {
         let state = |name: &String| {
             self.pipeline(name)

@@ -1,4 +1,4 @@
-//! The history of runs: time and result of each, and the changes between two.
+//! History of runs: the time and result of each run, and the changes between two runs.
 
 use std::{
     fs,
@@ -25,7 +25,7 @@ pub struct RunRecord {
     pub version: String,
     /// Version of the tables that the run published.
     pub tables: u64,
-    /// Units computed, reused, failed, skipped.
+    /// Numbers of units that were computed, reused, failed and skipped.
     pub units: [usize; 4],
     /// Its duration, s.
     pub seconds: f64,
@@ -55,7 +55,7 @@ pub fn past(root: &Path, pipeline: &str) -> Vec<RunRecord> {
     lines.filter(|p| p.sum == sum_of(p)).collect()
 }
 
-/// Whether each line of a history verifies, except a line that a power loss truncated.
+/// Whether all lines of a history are intact, except for a line that a power loss truncated.
 pub fn is_whole(bytes: &[u8]) -> bool {
     /// The last key of a line, and the length from its value to the end of the line.
     const LAST: &str = "\"sum\":\"";
@@ -69,13 +69,13 @@ pub fn is_whole(bytes: &[u8]) -> bool {
     bytes.split(|b| *b == b'\n').all(|line| line.is_empty() || fine(line))
 }
 
-/// Adds a run; the number of the run is the next number.
+/// Adds a run, which gets the next number.
 ///
 /// # Errors
 /// Fails if the store cannot be written.
 pub fn add(store: &Store, pipeline: &str, mut past_run: RunRecord, snapshot: &Snapshot) -> Result<(), Fault> {
     let root = store.root();
-    // Costs change from run to run; the inputs of the tables do not.
+    // Only the inputs are hashed, because the costs change from run to run.
     let mut plain = snapshot.clone();
     plain.tables.iter_mut().for_each(|t| t.cost = None);
     let text = serde_json::to_vec(&plain).map_err(|e| Fault::machine(e.to_string()))?;

@@ -184,7 +184,7 @@ pub const COLUMNS: [(&str, &str); 11] = [
     ("pooled_as", "the rule that pools the values of several lines"),
 ];
 
-/// The type of a column of the table in a word, and the columns of the tables of scores that it is made from.
+/// Name of a column's type, and the columns of the tables of scores from which the column is computed.
 pub fn made_of(name: &str) -> (&'static str, &'static [&'static str]) {
     match name {
         "value" | "value_in_sample" => ("Float64", &["metric", "value", "n", SPREAD, IN_SAMPLE]),
@@ -257,7 +257,7 @@ impl SweepPointIndex {
 /// Index of the values of an axis, or of axes that are searched together.
 struct AxisValueIndex {
     axes: Vec<AxisValues>,
-    /// For several axes: the position of each combination of positions.
+    /// For axes that are searched together, the position of each combination of values.
     together: HashMap<Vec<usize>, usize>,
 }
 
@@ -285,7 +285,7 @@ impl AxisValueIndex {
     }
 }
 
-/// A note for each table that pools lines in sample with others.
+/// Notes, one for each table that pools in-sample lines with other lines.
 ///
 /// # Errors
 /// Fails if the goal of the search selects no line.
@@ -306,8 +306,8 @@ pub fn mixed(graph: &PlanGraph) -> Result<Vec<String>, Fault> {
     Ok(notes)
 }
 
-/// A note for each table of scores with points that are the same computation: they differ in an axis that has no effect
-/// there.
+/// Notes, one for each table of scores in which several points are the same computation, because they differ only in an
+/// axis that has no effect there.
 pub fn repeats(graph: &PlanGraph) -> Vec<String> {
     tables(graph.plan).filter_map(|t| repeated(graph, t)).collect()
 }

@@ -74,7 +74,7 @@ pub struct SnapshotTable {
     pub columns: Vec<SnapshotColumn>,
     /// The lines that the table contains.
     pub lines: usize,
-    /// Number of units computed when the time was last measured, and the time, s.
+    /// Number of units computed in the last measured run, and its time in seconds.
     pub cost: Option<(usize, f64)>,
 }
 
@@ -94,7 +94,7 @@ pub struct SnapshotColumn {
     pub from: Vec<(String, String)>,
 }
 
-/// Stores the inputs of a run's tables. The tables in `left` keep the description of the previous run.
+/// Stores the inputs of a run's tables. The tables in `left` keep their description from the previous run.
 ///
 /// # Errors
 /// Fails if the store cannot be written.
@@ -237,7 +237,7 @@ fn made_from(plan: &Plan, it: &StageInstance, name: &str) -> Vec<(String, String
     }
 }
 
-/// The columns of a table of files that are restricted today; `*` is all of them.
+/// Columns of a table of files that are restricted today; `*` means all columns.
 fn restricted(spec: &Spec, table: &str) -> Vec<String> {
     match spec.tables.iter().find(|t| t.name == table).map(|t| t.protection.now()) {
         None | Some(ColumnRestriction::None) => vec![],
@@ -246,8 +246,7 @@ fn restricted(spec: &Spec, table: &str) -> Vec<String> {
     }
 }
 
-/// Columns of files of this plan that an earlier run of the store recorded as restricted and that are no longer
-/// restricted.
+/// Columns of this plan's files that an earlier run recorded as restricted, and that are no longer restricted.
 pub fn lifted(graph: &PlanGraph, store: &Store) -> Vec<String> {
     let plan = graph.plan;
     let names = plan.flights.iter().map(|f| &f.name).chain(plan.maps.iter().map(|m| &m.name));

@@ -35,7 +35,7 @@ pub fn render(scores: &Scores, width: usize, most: usize) -> String {
     text + &legend(scores, best, &left_out, most)
 }
 
-/// Selection of scores for display.
+/// Scores selected for display.
 struct ScoreTableView<'a> {
     scores: &'a Scores,
     best: Option<usize>,
@@ -81,7 +81,7 @@ impl ScoreTableView<'_> {
         mark.to_owned() + if scores.is_all_in_sample(row) { "~" } else { "" }
     }
 
-    /// A value. An in-sample value in a row with other values has a separate sign.
+    /// Text of a value. An in-sample value in a row with other values has the sign `~`.
     fn cell(&self, row: usize, metric: usize) -> String {
         let scores = self.scores;
         let alone = scores.is_in_sample(row, metric) && !scores.is_all_in_sample(row);

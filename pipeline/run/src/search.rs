@@ -27,7 +27,7 @@ use super::{
 /// scores. Returns the plan of all computed trials.
 ///
 /// # Errors
-/// Same as [`super::run`].
+/// Returns the errors of [`super::run`].
 pub fn search(
     plan: Plan,
     catalogue: &[StageEntry],

@@ -132,7 +132,7 @@ impl Task {
     /// Parses a task from one line of text.
     ///
     /// # Errors
-    /// Fails for a text that is not JSON, not a task, or of another form.
+    /// Fails for a string that is not JSON, not a task, or of another form.
     pub fn parse(text: &str) -> Result<Task, Fault> {
         parsed(text, "task")
     }
@@ -181,7 +181,7 @@ impl Receipt {
     /// Parses a receipt from one line of text.
     ///
     /// # Errors
-    /// Same as [`Task::parse`].
+    /// Returns the errors of [`Task::parse`].
     pub fn parse(text: &str) -> Result<Receipt, Fault> {
         parsed(text, "receipt")
     }

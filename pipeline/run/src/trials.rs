@@ -241,7 +241,7 @@ pub fn settled(
 /// from the scores in `store` yet, but from invented scores. The plan gives the cost of the search, not its result.
 ///
 /// # Errors
-/// Same as [`settled`].
+/// Returns the errors of [`settled`].
 pub fn plan_all_trials(
     plan: Plan,
     catalogue: &[StageEntry],

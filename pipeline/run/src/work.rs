@@ -100,7 +100,7 @@ impl<'a> UnitWorker<'a> {
     /// Contents of the files of a table.
     ///
     /// # Errors
-    /// Same as [`TableAssembler::new`].
+    /// Returns the errors of [`TableAssembler::new`].
     pub fn cut(&self, table: usize) -> Result<&TableAssembler<'a>, Fault> {
         match self.cuts.get(table) {
             Some(cut) => cut.as_ref().map_err(Clone::clone),

@@ -152,7 +152,7 @@ pub fn unpacked(bytes: &[u8]) -> Result<(SchemaRef, Vec<RecordBatch>), ArrowErro
 /// [`packed`] as text.
 ///
 /// # Errors
-/// Same as [`packed`].
+/// Returns the errors of [`packed`].
 pub fn spelt(schema: &Schema, batch: Option<&RecordBatch>) -> Result<String, ArrowError> {
     Ok(BASE64_STANDARD.encode(packed(schema, batch)?))
 }
@@ -190,7 +190,7 @@ pub fn answer() -> Result<(), Fault> {
     // The output is not line-buffered.
     let mut out = File::from(stdout().as_fd().try_clone_to_owned().map_err(lost)?);
     let mut send = |piece: QueryChunk| piece.write(&mut out).map_err(lost);
-    // A text whose length exceeds its offsets causes a panic of DataFusion.
+    // A string whose length exceeds its offsets causes a panic of DataFusion.
     let too_long = |_| {
         let what = format!("{}, or its texts exceed 2 GiB", memory::exceeded(question.memory));
         Err(Fault::new(what).help("select fewer rows or shorter texts"))

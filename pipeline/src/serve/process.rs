@@ -133,7 +133,7 @@ impl QueryProcessPool {
     /// Columns of a query, and the stream of its rows.
     ///
     /// # Errors
-    /// Same as [`QueryProcessPool::plan`].
+    /// Returns the errors of [`QueryProcessPool::plan`].
     pub async fn answer(&self, asked: QueryInput) -> Result<(QueryHeader, SpoolReader), Status> {
         self.begin(asked, true).await
     }

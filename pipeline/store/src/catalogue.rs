@@ -28,7 +28,7 @@ pub const UNITS: &str = "magline.units";
 /// Row count of a unit that could not be computed.
 pub const FAILED: u32 = u32::MAX;
 
-/// Unit in a pack.
+/// A unit in a pack.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PackedUnit {
     /// Key of the result.

@@ -12,7 +12,7 @@ use sha2::{Digest, Sha256};
 /// Name of the file.
 pub const NAME: &str = "SHA256SUMS";
 
-/// SHA-256 of a text or bytes.
+/// SHA-256 of a string or bytes.
 pub fn of_bytes(bytes: &[u8]) -> String {
     spelt(Sha256::digest(bytes).as_slice())
 }

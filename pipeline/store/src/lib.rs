@@ -18,9 +18,9 @@
 //! tmp/                        files being written; renamed when complete
 //! ```
 //!
-//! A file appears under its final name only when it is complete and on the disk. Neither a killed run nor a power loss
-//! thus leaves a partial file that is read. Only `tables/<pipeline>` is ever replaced under the same name, so a reader
-//! keeps the version it opened.
+//! A file gets its final name only when it is complete and on the disk. Partial files that a killed run or a power loss
+//! leaves are therefore never read. Only `tables/<pipeline>` is ever replaced under the same name, so a reader keeps
+//! the version it opened.
 //!
 //! A store in an object store has the same layout below an address. Its folder is then a copy: see `remote`.
 
@@ -139,7 +139,7 @@ pub struct ExclusiveStoreLock<'a>(&'a File);
 
 impl Drop for ExclusiveStoreLock<'_> {
     fn drop(&mut self) {
-        // If this fails, the lock stays exclusive until the process ends.
+        // If the change to a shared lock fails, the lock stays exclusive until the process ends.
         let _ = self.0.lock_shared();
     }
 }
@@ -176,7 +176,7 @@ impl Store {
     /// # Errors
     /// Fails if there is no store, or the folder cannot be written.
     pub fn join(root: &Path) -> Result<Store, Fault> {
-        // A worker does not use the changing files.
+        // The files that change are not copied, because a worker does not use them.
         let there = match RemoteStore::from_cache(root)? {
             Some(remote) => remote.is_there()?,
             None => root.join("STORE").is_file(),
@@ -236,7 +236,7 @@ impl Store {
     /// # Errors
     /// Fails if the file system reports an error.
     pub fn alone(&self) -> Result<Option<ExclusiveStoreLock<'_>>, Fault> {
-        // A held lock becomes exclusive, or is lost and taken again.
+        // A shared lock that is held becomes exclusive; if that fails, it is lost and must be taken again.
         match self.shared.try_lock() {
             Ok(()) => Ok(Some(ExclusiveStoreLock(&self.shared))),
             Err(fs::TryLockError::WouldBlock) => {

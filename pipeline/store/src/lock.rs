@@ -5,7 +5,7 @@
 //! number names the holder, who writes to it every [`BEAT`]. A lease is over when its holder has released it, or when
 //! it was made on this host and the lock is free. It is also over when it was not written for [`GONE_AFTER`], by the
 //! clock of the file system. The next holder creates the file of the next number, which only one process can do. A
-//! number is not used twice. A process that was paused in between thus cannot take the lease of another.
+//! number is not used twice. A process that was paused thus cannot take the lease of another process.
 
 mod holder;
 
@@ -235,7 +235,8 @@ impl Drop for PipelineLock {
         *self.heart.shared.over.lock().unwrap_or_else(PoisonError::into_inner) = true;
         self.heart.shared.wake.notify_all();
         self.heart.thread.take().into_iter().for_each(|t| drop(t.join()));
-        // The text keeps its length, so a single write is enough. If the write fails, the lease ends when it expires.
+        // The new text has the same length, so a single write is enough. If the write fails, the lease ends when it
+        // expires.
         let free = self.text.replace("\"free\":false", "\"free\":true ");
         let _ = self.heart.file.write_all_at(free.as_bytes(), 0).and_then(|()| self.heart.file.sync_all());
     }

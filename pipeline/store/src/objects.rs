@@ -39,7 +39,7 @@ pub struct UnitNote {
     /// Lines that a survey stage skipped, with the reasons.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<Fault>,
-    /// Untrustworthy results, a sentence each.
+    /// Warnings about untrustworthy results, one sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }
@@ -49,7 +49,7 @@ pub struct UnitNote {
 pub struct Remarks {
     /// Lines that a survey stage skipped, with the reasons.
     pub left_out: Vec<Fault>,
-    /// Untrustworthy results, a sentence each.
+    /// Warnings about untrustworthy results, one sentence each.
     pub warnings: Vec<String>,
 }
 

@@ -3,9 +3,9 @@
 //! The objects are the store. The cache has the layout of a store in a folder, with the files that this machine has
 //! written or read. Immutable files (packs, sources, plans, the files of a version) are written to the object store
 //! first and then to the cache. They are copied when first read, and their checksums are verified. The other files are
-//! small and are copied when the store is opened: the plans, runs and costs of pipelines, and `tables/<pipeline>`. That
-//! object names the newest version and is replaced on the condition that it is unchanged since it was read. Packs of a
-//! version are not written again: `versions/<pipeline>/<n>/version.json` lists them by name.
+//! small and are copied when the store is opened: the plans, runs and costs of pipelines, and `tables/<pipeline>`. The
+//! object `tables/<pipeline>` names the newest version. It is replaced only if it is unchanged since it was read. Packs
+//! of a version are not written again: `versions/<pipeline>/<n>/version.json` lists them by name.
 //!
 //! Locks are leases, as between hosts that share a folder: objects that only one process can create and renew.
 
@@ -45,7 +45,7 @@ pub use tend::is_object_old;
 
 /// File of a cache with the address of its store.
 pub const MARK: &str = "REMOTE";
-/// Maximum number of reads of a pack whose bytes differ from the written ones.
+/// Maximum number of times that a pack is read if its bytes differ from the written bytes.
 const TRIALS: usize = 3;
 /// Bytes at the end of a pack that are read first; most footers are shorter.
 const TAIL: u64 = 64 << 10;
@@ -196,7 +196,7 @@ impl RemoteStore {
         &self.bucket
     }
 
-    /// Name of the object for the file `relative` of the cache, if the file is shared.
+    /// Name of the object for the file `relative` of the cache, if other processes share the file.
     pub fn key(relative: &Path) -> Option<String> {
         let parts: Vec<&str> = relative.components().filter_map(|c| c.as_os_str().to_str()).collect();
         let shared = match parts.as_slice() {
@@ -347,7 +347,7 @@ impl RemoteStore {
     /// Copies the pack `id` into the cache in place of a damaged or removed copy.
     ///
     /// # Errors
-    /// Same as [`RemoteStore::bring`].
+    /// Returns the errors of [`RemoteStore::bring`].
     pub fn bring_again(&self, id: HashKey) -> Result<(), StoreFileFault> {
         // A copy that cannot be removed is replaced.
         let _ = fs::remove_file(catalogue::path(&self.root, id));

@@ -15,7 +15,7 @@ use super::{
     version::{Version, newest, versions},
 };
 
-/// Note on a damaged file that a run does not repair.
+/// Note for a damaged file that the next run does not repair.
 const OLDER: &str = "; it belongs to an older version, which `magline gc --yes` removes";
 
 /// Whether the records that other crates write into a store are intact.

@@ -68,8 +68,8 @@ impl StoreFileFault {
     }
 }
 
-/// Fault of a file. Changes the time of a damaged file, so that a reader that checks size and time, such as a run,
-/// verifies the whole file.
+/// Fault of a file. If the file is damaged, its modification time is changed. A reader that only checks size and time,
+/// such as a run, then verifies the whole file.
 fn doubted(path: &Path, fault: StoreFileFault) -> StoreFileFault {
     if matches!(fault, StoreFileFault::Damaged(_)) {
         // A read-only store and the target of a link stay unchanged.

@@ -101,7 +101,8 @@ pub(super) fn is_old(path: &Path, than: Duration) -> bool {
     written.is_ok_and(|t| SystemTime::now().duration_since(t).is_ok_and(|age| age >= than))
 }
 
-/// Error of `gc` when the manifest of a newest version is damaged: any pack may belong to that version.
+/// Error of `gc` if the manifest of a pipeline's newest version is damaged, because any pack may belong to that
+/// version.
 pub(super) fn packs_unknown(list: &dyn std::fmt::Display, remedy: &str) -> Fault {
     let help = format!("{remedy} to publish its tables again; then run `magline gc`");
     Fault::machine(format!("{list} is damaged, so its packs are unknown")).help(help)
@@ -112,7 +113,7 @@ pub(super) fn packs_unknown(list: &dyn std::fmt::Display, remedy: &str) -> Fault
 /// A concurrent run may reference any pack, so packs are kept then.
 ///
 /// # Errors
-/// Fails if the file system reports an error, or if the manifest of a newest version is damaged.
+/// Fails if the file system reports an error, or if the newest version's manifest is damaged.
 pub fn collect(store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
     if let Some(remote) = store.remote() {
         return remote.collect(store, what);

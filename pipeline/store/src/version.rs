@@ -32,7 +32,7 @@ use super::{
     sync_folder,
 };
 
-/// Files of a table: packs, in the order of its rows.
+/// Packs that contain the rows of a table, in the order of the rows.
 pub struct TableFiles {
     /// Name of the table.
     pub name: String,
@@ -346,7 +346,7 @@ fn is_pack(manifest: &Manifest, name: &str) -> bool {
     manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units)).any(|f| f.name == name && f.pack.is_some())
 }
 
-/// Creates one more name for the bytes of a file; copies on a file system without hard links.
+/// Creates a hard link to a file, or a copy on a file system without hard links.
 pub(super) fn link(from: &Path, to: &Path) -> io::Result<()> {
     match fs::hard_link(from, to) {
         Ok(()) => Ok(()),

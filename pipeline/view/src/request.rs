@@ -73,7 +73,7 @@ impl ViewQuery {
     /// Reads a query string.
     ///
     /// # Errors
-    /// Fails for a text that is too long.
+    /// Fails for a string that is too long.
     pub fn read(query: &str) -> Result<ViewQuery, Fault> {
         let pairs: Vec<(String, String)> = form_urlencoded::parse(query.as_bytes()).into_owned().collect();
         if pairs.iter().any(|(key, value)| key != "columns" && key.len().max(value.len()) > LONGEST) {

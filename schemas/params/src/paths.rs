@@ -160,7 +160,7 @@ mod tests {
         assert!(check_path(&"a".repeat(256)).is_err() && check_path(&"a/".repeat(3000)).is_err());
     }
 
-    /// Deterministic generator of hostile texts, composed of parts that file systems interpret.
+    /// Deterministic generator of hostile strings, composed of parts that file systems interpret.
     fn hostile(seed: u64) -> String {
         const PIECES: [&str; 28] = [
             "..",

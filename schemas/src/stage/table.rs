@@ -157,7 +157,7 @@ impl Table {
         }
     }
 
-    /// The word for it.
+    /// Word for the kind of table.
     pub fn kind(&self) -> &'static str {
         match self {
             Table::Lines(_) => "a table of flight lines",
@@ -173,9 +173,9 @@ impl Table {
 pub enum PassThroughColumns {
     /// All columns: the stage appends columns.
     All,
-    /// Only these; the rows are unchanged.
+    /// Only these columns; the rows are unchanged.
     Only(Vec<String>),
-    /// None: the rows are new.
+    /// No columns, because the rows are new.
     None,
 }
 

@@ -11,9 +11,9 @@ use datafusion::{
 };
 use schemas::Fault;
 
-/// Number of rows that are evaluated together if values are texts.
+/// Number of rows that are evaluated together if values are strings.
 pub const ROWS: usize = 4096;
-/// Maximum length of a text in an expression, bytes.
+/// Maximum length of a string in an expression, bytes.
 const LONGEST: usize = 1000;
 /// Maximum number of concatenations in an expression.
 const JOINED: usize = 20;
@@ -78,7 +78,7 @@ pub fn check(expr: &Expr, schema: &DFSchema, subject: &str) -> Result<(), Fault>
     })
 }
 
-/// The length of a text.
+/// The length of a string.
 fn length(value: &ScalarValue) -> usize {
     value.try_as_str().flatten().map_or(0, str::len)
 }

@@ -229,8 +229,8 @@ impl Expression {
     }
 }
 
-/// The values of an expression, one for each row of `batch`. Expressions with texts are evaluated a few rows at a time,
-/// because intermediate values may be large.
+/// The values of an expression, one for each row of `batch`. Expressions with strings are evaluated a few rows at a
+/// time, because intermediate values may be large.
 ///
 /// # Errors
 /// Fails for values that it cannot be evaluated on.

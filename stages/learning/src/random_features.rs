@@ -242,7 +242,7 @@ impl RandomFeatures {
     /// Predictions without standard deviations, which take less time.
     ///
     /// # Errors
-    /// The same as for [`RandomFeatures::predict`].
+    /// Returns the errors of [`RandomFeatures::predict`].
     pub fn mean(&self, x: &[f64]) -> Result<Vec<f64>, RowsError> {
         self.check(x)?;
         Ok(self.blocks(x, |features, _| self.means_of(features)).concat())
@@ -252,7 +252,7 @@ impl RandomFeatures {
     /// of the column.
     ///
     /// # Errors
-    /// The same as for [`RandomFeatures::predict`].
+    /// Returns the errors of [`RandomFeatures::predict`].
     pub fn gradient(&self, x: &[f64]) -> Result<Vec<f64>, RowsError> {
         self.check(x)?;
         let k = self.frequencies.len() / self.width;

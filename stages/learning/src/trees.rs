@@ -310,7 +310,7 @@ pub type TreeCallback<'a> = dyn FnMut(&[RegressionTree], f64, f64) -> ControlFlo
 /// bit-identical to the result of an uninterrupted training. `each` receives all trees so far.
 ///
 /// # Errors
-/// The same as for [`boost`], and [`BoostingError::Malformed`] for a tree that does not match these columns.
+/// Returns the errors of [`boost`], and [`BoostingError::Malformed`] for a tree that does not match these columns.
 pub fn boost_on(
     begun: Vec<RegressionTree>,
     x: &[f64],

@@ -73,7 +73,7 @@ impl<M: RidgeModel> FitModel for M {
 /// Ridge with the parameter `lambda`. `prepared` holds the columns of `problem` with the scaling of `settings`.
 ///
 /// # Errors
-/// If the columns do not determine the solution.
+/// Fails if the columns do not determine the solution.
 pub fn ridge(
     problem: &FitProblem,
     settings: &FitSettings,

@@ -124,8 +124,8 @@ impl FitLineSummary {
     /// moments computed for that question alone.
     ///
     /// # Errors
-    /// If the line has no numeric column `tt`, or its times have no sample rate. A fault of a single question is stored
-    /// in the part instead.
+    /// Fails if the line has no numeric column `tt`, or its times have no sample rate. A fault of a single question is
+    /// stored in the part instead.
     pub fn new(line: &LineInput, questions: &BTreeMap<DesignMatrixKey, FitRequest>) -> Result<FitLineSummary, Fault> {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;

@@ -124,7 +124,7 @@ fn too_short(unused: &str) -> Option<String> {
 /// Model that learned from samples, with its residual.
 ///
 /// # Errors
-/// If the model predicts values that are not finite.
+/// Fails if the model predicts values that are not finite.
 pub fn solved(problem: &FitProblem, samples: &FitSamples, learnt: LearningResult) -> Result<FitSolution, Fault> {
     let LearningResult { model, chosen, curve, warning } = learnt;
     let left = samples.lines.iter().map(|line| residual(samples, line, &model)).collect::<Result<Vec<_>, Fault>>()?;

@@ -89,7 +89,7 @@ impl ImportanceRows {
     /// Used rows of a line.
     ///
     /// # Errors
-    /// If the line lacks a column, is not evenly sampled, or has fewer than two such rows.
+    /// Fails if the line lacks a column, is not evenly sampled, or has fewer than two such rows.
     pub fn new(stage: &Importance, line: &LineInput, fitted: &FittedModel) -> Result<Self, Fault> {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let (tt, target) = (floats(batch, "tt")?, floats(batch, &stage.target)?);
@@ -124,7 +124,7 @@ impl Importance {
     /// Groups of entries: the named groups, then every other entry as a separate group.
     ///
     /// # Errors
-    /// If a group has no entry, or shares one with another.
+    /// Fails if a group has no entry, or shares one with another.
     pub fn grouped(&self, columns: &[String]) -> Result<(Vec<String>, Vec<Vec<usize>>), Fault> {
         let mut left: Vec<bool> = vec![true; columns.len()];
         let (mut names, mut groups) = (vec![], vec![]);
@@ -154,7 +154,7 @@ impl Importance {
     /// Importance of each group on a line.
     ///
     /// # Errors
-    /// If the method does not suit the model, or the line is too short for it.
+    /// Fails if the method does not suit the model, or the line is too short for it.
     pub fn weights(
         &self,
         rows: &ImportanceRows,

@@ -37,7 +37,7 @@ pub fn any_heights(points: &SurveyPointSet) -> Vec<f64> {
 /// Subtracts core field and diurnal variation.
 ///
 /// # Errors
-/// If the points lack the diurnal variation, core field, heights or dates that are needed. If a date or
+/// Fails if the points lack the diurnal variation, core field, heights or dates that are needed. Fails if a date or
 /// position is invalid or outside the model's range.
 pub fn reduce(stage: &MapGrid, points: &mut SurveyPointSet) -> Result<(), Fault> {
     let lacks = |what: &str| Fault::data(format!("the points have no {what}"));

@@ -132,7 +132,7 @@ impl AircraftModelKeys {
     /// without.
     ///
     /// # Errors
-    /// When the model has none of the terms, or a term has no equivalent at the rate of the line.
+    /// Fails if the model has none of the terms, or a term has no equivalent at the rate of the line.
     pub(super) fn states<'a>(
         &self,
         flown: &'a FilterInput,
@@ -148,7 +148,7 @@ impl AircraftModelKeys {
     /// The prior of the coefficients of a line's terms.
     ///
     /// # Errors
-    /// When the model has none of the terms, or a term has no equivalent at the rate of the line.
+    /// Fails if the model has none of the terms, or a term has no equivalent at the rate of the line.
     pub(super) fn prior(&self, terms: &AircraftTerms, models: &[CalibrationPrior]) -> Result<CoefficientPrior, Fault> {
         let names = &terms.names;
         let cold: Vec<f64> = names.iter().map(|name| self.cold_sigma_nt(name, &terms.sampling)).collect();

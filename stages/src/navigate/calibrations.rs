@@ -23,7 +23,7 @@ impl CalibrationPrior {
     /// Calibration of a model table.
     ///
     /// # Errors
-    /// When the table has no terms or no values.
+    /// Fails if the table has no terms or no values.
     pub fn from_table(table: &RecordBatch) -> Result<Self, Fault> {
         let values_nt = floats(table, VALUE)?.to_vec();
         let terms = table.column_by_name(TERM).and_then(|t| t.as_string_opt::<i32>());

@@ -58,7 +58,7 @@ impl<'a> ScoreLine<'a> {
     /// Times of the samples, in s.
     ///
     /// # Errors
-    /// If the line has no numeric column `tt`.
+    /// Fails if the line has no numeric column `tt`.
     pub fn tt(&self) -> Result<&[f64], Fault> {
         floats(&self.line.inputs[0], "tt")
     }
@@ -66,7 +66,7 @@ impl<'a> ScoreLine<'a> {
     /// Columns of a source, in its order.
     ///
     /// # Errors
-    /// If the line lacks the source, or one of its columns does not hold numbers.
+    /// Fails if the line lacks the source, or one of its columns does not hold numbers.
     pub fn columns(&self, source: ScoreSource) -> Result<Vec<&[f64]>, Fault> {
         let ScoreSourceColumns { table, columns } = self.place(source)?;
         columns.iter().map(|name| floats(&self.line.inputs[*table], name)).collect()
@@ -75,7 +75,7 @@ impl<'a> ScoreLine<'a> {
     /// A source of one column.
     ///
     /// # Errors
-    /// If the line lacks the source, or its column does not hold numbers.
+    /// Fails if the line lacks the source, or its column does not hold numbers.
     pub fn column(&self, source: ScoreSource) -> Result<&[f64], Fault> {
         let place = self.place(source)?;
         let name = place.columns.first().ok_or_else(|| self.without(source))?;
@@ -85,7 +85,7 @@ impl<'a> ScoreLine<'a> {
     /// [`ScoreLine::column`] of a source that may be absent.
     ///
     /// # Errors
-    /// If its column does not hold numbers.
+    /// Fails if its column does not hold numbers.
     pub fn optional(&self, source: ScoreSource) -> Result<Option<&[f64]>, Fault> {
         self.places.get(source).map(|_| self.column(source)).transpose()
     }
@@ -93,7 +93,7 @@ impl<'a> ScoreLine<'a> {
     /// One of the columns of a source.
     ///
     /// # Errors
-    /// If the line lacks the source or this column, or the column does not hold numbers.
+    /// Fails if the line lacks the source or this column, or the column does not hold numbers.
     pub fn named(&self, source: ScoreSource, name: &str) -> Result<&[f64], Fault> {
         floats(&self.line.inputs[self.place(source)?.table], name)
     }
@@ -101,7 +101,7 @@ impl<'a> ScoreLine<'a> {
     /// Outcomes of the measurements of the track.
     ///
     /// # Errors
-    /// If the line lacks a track, or the track has no text in `update`.
+    /// Fails if the line lacks a track, or the track has no text in `update`.
     pub fn updates(&self) -> Result<&StringArray, Fault> {
         let place = self.places.get(ScoreSource::Track).map_or_else(|| self.place(ScoreSource::Innovations), Ok)?;
         let track = &self.line.inputs[place.table];
@@ -112,7 +112,7 @@ impl<'a> ScoreLine<'a> {
     /// A source of one column of text.
     ///
     /// # Errors
-    /// If the line lacks the source, or its column does not hold text.
+    /// Fails if the line lacks the source, or its column does not hold text.
     pub fn texts(&self, source: ScoreSource) -> Result<&StringArray, Fault> {
         let ScoreSourceColumns { table, columns } = self.place(source)?;
         let name = columns.first().ok_or_else(|| self.without(source))?;

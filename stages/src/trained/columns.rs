@@ -63,7 +63,7 @@ impl NetworkColumns {
     /// Reads the columns of a table; `vector` is true for a vector form.
     ///
     /// # Errors
-    /// If the table is incomplete.
+    /// Fails if the table is incomplete.
     pub(super) fn read(terms: &TermLookup, inputs: Vec<String>, vector: bool) -> Result<Self, Fault> {
         let (linear, _) = terms.list("linear_term")?;
         let frame = || -> Result<VectorFrame, Fault> {

@@ -74,7 +74,7 @@ impl NetworkEnsemble {
     /// Creates the model from its parts. The parameters of each member are in the order of [`NetworkShape::names`].
     ///
     /// # Errors
-    /// If the parts do not match.
+    /// Fails if the parts do not match.
     pub fn new(
         columns: NetworkColumns,
         scaling: InputScaling,
@@ -129,7 +129,7 @@ impl NetworkEnsemble {
     /// are linear terms, rows of [`NetworkEnsemble::linear`]; both unscaled. The output `y` is the field, nT.
     ///
     /// # Errors
-    /// If it is the mean of several networks.
+    /// Fails if it is the mean of several networks.
     pub fn to_onnx(&self) -> Result<Vec<u8>, Fault> {
         let [member] = &self.members[..] else {
             let what = format!("the model is the mean of {} networks, but an ONNX file holds one", self.members.len());
@@ -169,7 +169,7 @@ impl NetworkEnsemble {
     /// Its parts, if it is a single network with one hidden layer.
     ///
     /// # Errors
-    /// If it is any other network.
+    /// Fails if it is any other network.
     pub fn one_layer(&self) -> Result<OneLayerNetwork<'_>, Fault> {
         let fault = |what: &str| {
             let help = "fit `m1` with one hidden layer and without `whiten` and `members`";
@@ -274,7 +274,7 @@ impl NetworkEnsemble {
     /// Reads the network of a table.
     ///
     /// # Errors
-    /// If the table is incomplete.
+    /// Fails if the table is incomplete.
     pub fn read(terms: &TermLookup) -> Result<Self, Fault> {
         let (form, activation): (NetworkForm, _) = (terms.choice("form")?, terms.choice("activation")?);
         let (_, hidden) = terms.list("hidden")?;

@@ -40,7 +40,7 @@ impl WindowedNetwork {
     /// [`WindowedNetworkShape::names`].
     ///
     /// # Errors
-    /// If the parts do not match.
+    /// Fails if the parts do not match.
     pub fn new(
         columns: NetworkColumns,
         scaling: InputScaling,
@@ -87,7 +87,7 @@ impl WindowedNetwork {
     /// Checks that samples at a rate can be its input.
     ///
     /// # Errors
-    /// If it was trained at another rate.
+    /// Fails if it was trained at another rate.
     pub fn check_rate(&self, rate_hz: f64) -> Result<(), Fault> {
         if (rate_hz / self.rate_hz - 1.0).abs() <= RATE_TOLERANCE {
             return Ok(());
@@ -143,7 +143,7 @@ impl WindowedNetwork {
     /// Reads the network of a table.
     ///
     /// # Errors
-    /// If the table is incomplete.
+    /// Fails if the table is incomplete.
     pub fn read(terms: &TermLookup) -> Result<Self, Fault> {
         let memory: MemoryLayers = terms.choice("memory")?;
         let activation = terms.choice("activation")?;

@@ -74,7 +74,7 @@ impl ChannelCollector {
     /// The flights, each with its detected lines.
     pub fn found(self) -> Vec<(String, LineDetection)> {
         let best = |all: &mut dyn Iterator<Item = TimedTriples>| {
-            // Of several tables with equally many known rows, the first is used.
+            // Of several tables with the same number of known rows, the first is used.
             let best = all.reduce(|a, b| if b.known() > a.known() { b } else { a }).filter(|t| t.known() > 0);
             best.map(TimedTriples::in_time).unwrap_or_default()
         };

@@ -175,7 +175,7 @@ fn axes_of(rows: &[[f64; 3]]) -> [ArrayRef; 3] {
     [0, 1, 2].map(|k| Arc::new(rows.iter().map(|v| v[k]).collect::<Float64Array>()) as ArrayRef)
 }
 
-/// The texts of a key; numbers are formatted by [`identifier`].
+/// The strings of a key; numbers are formatted by [`identifier`].
 ///
 /// # Errors
 /// Fails if an expression cannot be evaluated.

@@ -197,7 +197,7 @@ impl TimeTextFormat {
         matches!(self, TimeTextFormat::Dated(_, true))
     }
 
-    /// Parses the time in a text.
+    /// Parses the time in a string.
     pub fn read(&self, text: &str) -> Option<TimeText> {
         let text = text.trim();
         match self {

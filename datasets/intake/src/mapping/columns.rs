@@ -148,7 +148,7 @@ pub fn numbers(batch: &RecordBatch, at: usize) -> Result<Vec<f64>, Fault> {
     as_numbers(column(batch, at)?)
 }
 
-/// The texts of a column.
+/// The strings of a column.
 ///
 /// # Errors
 /// Fails for a missing column, which is an error in the program.

@@ -180,7 +180,7 @@ impl MappingParser {
         })
     }
 
-    /// A flight or a line: a text, a whole number, or a table.
+    /// A flight or a line: a string, a whole number, or a table.
     fn key(&mut self, name: &str, given: &SpecEntry) -> Option<KeyDecl> {
         match &given.value {
             Literal::Section(_) => self.group::<RowIdentifierKeys>(name, given).map(KeyDecl::Of),

@@ -262,7 +262,7 @@ fn wrapped(words: &str) -> String {
     text + &line + "\n"
 }
 
-/// A text as a TOML string.
+/// A string as a TOML string.
 pub fn quoted(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }

@@ -241,7 +241,7 @@ impl TableClock {
     }
 }
 
-/// The instant of a text with a date.
+/// The instant of a string with a date.
 fn at(time: TimeText, zone_s: f64) -> UtcInstant {
     match time {
         TimeText::At { instant, zoned: true } => instant,

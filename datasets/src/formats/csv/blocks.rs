@@ -1,4 +1,4 @@
-//! A text in blocks that begin and end with its records.
+//! A string in blocks that begin and end with its records.
 
 use std::io::{self, Read};
 
@@ -15,7 +15,7 @@ const LONGEST: usize = 1 << 28;
 
 const MARK: &[u8] = "\u{feff}".as_bytes();
 
-/// Whole records of a text, followed by newlines, with their position in the block.
+/// Whole records of a string, followed by newlines, with their position in the block.
 pub(super) struct CsvBlock {
     /// The records, then newlines.
     text: Vec<u8>,
@@ -44,7 +44,7 @@ impl CsvBlock {
     }
 }
 
-/// Reader of the blocks of a text, without its header.
+/// Reader of the blocks of a string, without its header.
 pub(super) struct CsvBlockReader<R> {
     input: R,
     size: usize,

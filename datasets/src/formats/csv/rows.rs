@@ -31,7 +31,7 @@ enum CsvColumn {
     Text(TextBuffer),
 }
 
-/// Texts in one buffer, one after another, with the end of each.
+/// Strings in one buffer, one after another, with the end of each.
 #[derive(Default)]
 struct TextBuffer {
     all: String,
@@ -81,7 +81,7 @@ enum CsvFaultKind {
     /// The row that the end of the file truncates.
     Cut(usize),
     OtherHeader,
-    /// A text that is not a number, with its column.
+    /// A string that is not a number, with its column.
     NoNumber(usize, Vec<u8>),
 }
 

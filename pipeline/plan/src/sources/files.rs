@@ -93,7 +93,7 @@ pub fn settled(found: &mut Vec<PathBuf>, settle: Duration) -> Option<String> {
     })
 }
 
-/// The pattern for the files of `path` in `folder`, whose own name is not a pattern.
+/// Pattern for the files of `path` in `folder`. Special characters in the name of `folder` are escaped.
 fn pattern(path: &str, folder: &Path) -> String {
     if Path::new(path).is_absolute() {
         return path.to_owned();
@@ -108,7 +108,7 @@ fn is_flight(path: &Path) -> bool {
     flight_formats().iter().flat_map(|f| f.extensions).any(ends)
 }
 
-/// Adds the files in a folder and of its subfolders, in the order of their names.
+/// Adds the files in a folder and its subfolders, in the order of their names.
 ///
 /// # Errors
 /// Fails if a folder cannot be read.
@@ -119,7 +119,7 @@ pub fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
         if entry.file_name().to_string_lossy().starts_with(['.', '_']) {
             continue;
         }
-        // A link that leads nowhere is kept: opening it reports the fault. A pipe or a device is no file of data.
+        // A link without a target is kept, because opening it reports the fault. A pipe or a device is not a data file.
         match fs::metadata(entry.path()) {
             Ok(about) if about.is_dir() => walk(&entry.path(), found)?,
             Ok(about) if !about.is_file() => {}

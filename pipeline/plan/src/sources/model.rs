@@ -57,7 +57,7 @@ impl ModelTable {
     }
 }
 
-/// The condition, its place in the spec, and the features.
+/// The condition with its position in the spec, and the features.
 fn options(decl: &SourceDecl) -> Result<(String, SpecSpan, Vec<String>), Vec<Fault>> {
     let mut rest = decl.clone();
     let (condition, at) = match rest.options.remove(WHERE) {
@@ -71,7 +71,7 @@ fn options(decl: &SourceDecl) -> Result<(String, SpecSpan, Vec<String>), Vec<Fau
     Ok((condition, at, features))
 }
 
-/// The rows of one model of the Parquet files at `path`: texts, whole numbers and numbers. A missing number is NaN.
+/// The rows of one model of the Parquet files at `path`: strings, whole numbers and numbers. A missing number is NaN.
 ///
 /// # Errors
 /// Fails if a file is not Parquet, the columns of a fit are missing, the condition cannot be evaluated, or the selected
@@ -104,7 +104,7 @@ pub fn read(path: &Path, condition: &str) -> Result<RecordBatch, Fault> {
     Ok(rows)
 }
 
-/// The columns of a model in the types that stages take: texts, whole numbers, numbers.
+/// Columns of a model in the types that stages accept: strings, whole numbers and numbers.
 fn plain(batch: &RecordBatch) -> Result<RecordBatch, Fault> {
     let (mut fields, mut arrays): (Vec<Field>, Vec<ArrayRef>) = (vec![], vec![]);
     for (field, array) in batch.schema().fields().iter().zip(batch.columns()) {

@@ -1,4 +1,4 @@
-//! Writing of lines into the store, several short lines per pack.
+//! Writes lines into the store, with several short lines per pack.
 
 use std::sync::{Mutex, PoisonError};
 

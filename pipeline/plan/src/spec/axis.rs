@@ -16,7 +16,7 @@ const SUBSET_KEYS: [&str; 3] = ["subsets_of", "at_least", "up_to"];
 
 /// The values of the axis `name`: a list, one value, or `{ subsets_of = [...], at_least = 1, up_to = 2 }`.
 ///
-/// A value may itself be a list of texts or numbers. `"$axis"` is then replaced by that list where a parameter takes
+/// A value may itself be a list of strings or numbers. `"$axis"` is then replaced by that list where a parameter takes
 /// one, or by its entries inside another list: `features = ["$terms", "mag_3_uc"]`. Its key column holds text, the
 /// entries joined by `+`. `subsets_of` makes all lists of `at_least` to `up_to` of its entries, the short ones first
 /// and each in the given order. An entry that is a list is included or omitted as a whole.
@@ -146,7 +146,7 @@ fn flat(entry: &Literal) -> Vec<Literal> {
     }
 }
 
-/// `n`, or `None` above 10^30, where counting stops.
+/// Returns `n`, or `None` above 10^30, which is the limit of the count.
 fn below(n: u128) -> Option<u128> {
     (n <= 10u128.pow(30)).then_some(n)
 }

@@ -10,7 +10,7 @@ use toml::{
 
 use super::{SpecSpan, TOP, publish::PROTECTION_KEYS};
 
-/// Keys whose value is a text, so that it needs no quotes.
+/// Keys whose value is always a string and therefore needs no quotes.
 const TEXT_KEYS: [&str; 5] = ["name", "store", "path", "stage", "where"];
 
 /// One assignment as two TOML documents, padded so that positions follow the spec's text.
@@ -99,7 +99,7 @@ impl SetAssignment {
         path.first().map_or(self.at.start, |k| k.span().start)..path.last().map_or(self.at.end, |k| k.span().end)
     }
 
-    /// The value: TOML, or the text unchanged.
+    /// The value, parsed as TOML if possible, else the text unchanged.
     fn value(&self, path: &[Spanned<DeString>]) -> Result<Spanned<DeValue<'_>>, Fault> {
         let raw = &self.whole[self.value.clone()];
         let text = || Ok(Spanned::new(self.value.clone(), DeValue::String(Cow::Borrowed(raw))));

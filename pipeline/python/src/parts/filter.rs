@@ -44,7 +44,7 @@ impl FilterPart {
     /// The filter of a declaration. `run` is called with a flight and the parameters.
     ///
     /// # Errors
-    /// If a default is invalid.
+    /// Fails if a default is invalid.
     pub fn new(decl: PythonFilterDecl, run: Py<PyAny>) -> Result<FilterPart, String> {
         let head: &'static PartHead = Box::leak(Box::new(PartHead::new(decl.head, run)?));
         let (name, needs_map) = (head.name, decl.needs_map);

@@ -87,7 +87,7 @@ impl UtcColumn {
     }
 }
 
-/// Texts of a key column.
+/// Strings of a key column.
 fn texts(batch: &RecordBatch, name: &str) -> Option<StringArray> {
     let texts = cast(batch.column_by_name(name)?, &DataType::Utf8).ok()?;
     texts.as_string_opt::<i32>().cloned()

@@ -63,7 +63,7 @@ pub fn figure_list(title: &str, figures: &[FigureFile]) -> String {
     text
 }
 
-/// A text as Markdown: characters with a meaning are escaped.
+/// A string as Markdown: characters with a meaning are escaped.
 fn escaped(text: &str) -> String {
     let special = |c: char| "\\`*_{}[]<>#|!".contains(c);
     text.chars().flat_map(|c| special(c).then_some('\\').into_iter().chain([c])).collect()
@@ -245,7 +245,7 @@ impl<'a> StyleSheet<'a> {
         text
     }
 
-    /// A text with the values of variables.
+    /// A string with the values of variables.
     fn resolved(&self, text: &str) -> String {
         self.variables.iter().fold(text.to_owned(), |text, (name, value)| text.replace(&format!("var({name})"), value))
     }

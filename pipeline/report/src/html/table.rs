@@ -121,7 +121,7 @@ fn glossary(board: &ScoreBoard) -> Markup {
     }
 }
 
-/// A text with code between backticks.
+/// A string with code between backticks.
 pub fn spelt(text: &str) -> Markup {
     html! { @for (i, part) in text.split('`').enumerate() { @if i % 2 == 1 { code { (part) } } @else { (part) } } }
 }

@@ -32,9 +32,10 @@ pub struct NavigationSettings {
     pub dates: Option<(f64, f64)>,
     /// Time of the first rejected GNSS position, in seconds from the start of the line.
     pub gnss_rejected_s: Option<f64>,
-    /// Lag of the magnetometer and its standard deviation at the last sample, in s; `None` without a state for it.
+    /// Lag of the magnetometer and its standard deviation at the last sample, in s; `None` if the lag is not a state.
     pub lag_s: Option<(f64, f64)>,
-    /// Height bias on the map and its standard deviation at the last sample, in m; `None` without a state for it.
+    /// Bias between the height of the INS and the height on the map, and its standard deviation, at the last sample, in
+    /// m; `None` if the bias is not a state.
     pub height_bias_m: Option<(f64, f64)>,
     /// Standard deviation of the initial position, and the largest one over which the map is linear, in m. `None` for a
     /// filter that does not linearise the map.
@@ -63,7 +64,8 @@ impl NavigationSettings {
         use NavigationSide::{Flight, Track};
         let param = |name: &str| params.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_str());
         let number = |name: &str| param(name).and_then(|v| v.parse::<f64>().ok());
-        // `"auto"` uses the residual of the calibration, which is a column of the input. An unset key does not.
+        // `"auto"` uses the residual of the calibration, which is a column of the input. If the key is unset, that
+        // residual is not used.
         let found = |param_name: &str, column: &str| match param(param_name) {
             Some("auto") => first(Flight, column),
             _ => Ok(number(param_name)),
@@ -166,7 +168,8 @@ impl<'a> LineFacts<'a> {
         self.settings.as_ref().and_then(|s| s.lag_s).filter(exceeds)
     }
 
-    /// Height bias on the map and its standard deviation, in m, if the bias exceeds its limits.
+    /// Bias between the height of the INS and the height on the map, and its standard deviation, in m, if the bias
+    /// exceeds its limits.
     pub fn height_bias_m(&self) -> Option<(f64, f64)> {
         let exceeds =
             |(bias_m, sigma_m): &(f64, f64)| bias_m.abs() > limits::HEIGHT_BIAS_M.max(limits::LAG_SIGMAS * sigma_m);
@@ -237,7 +240,7 @@ impl<'a> LineFacts<'a> {
                 "the initial position is known to {sigma_m:.0} m, but the map is linear only over {limit_m:.0} m"
             ));
         }
-        // An estimated noise includes an offset.
+        // An estimated noise includes the effect of an offset.
         if settings.offset_window_s == 0.0 && !settings.found {
             let large = |bias: &f64| bias.abs() > limits::BIAS_SIGMAS * sigma.unwrap_or(5.0);
             let bias = row.get(&signal::BIAS_ERROR).filter(large);

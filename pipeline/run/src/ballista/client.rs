@@ -179,7 +179,7 @@ impl SchedulerClient {
     /// State of the scheduler and its workers.
     ///
     /// # Errors
-    /// Same as [`SchedulerClient::name`].
+    /// Returns the errors of [`SchedulerClient::name`].
     pub fn look(&self) -> Result<ClusterSnapshot, SchedulerFault> {
         let mut seen = ClusterSnapshot { scheduler: self.name()?, ..ClusterSnapshot::default() };
         let workers = self.ask("executors")?;

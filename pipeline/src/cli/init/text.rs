@@ -288,7 +288,7 @@ impl InitText<'_> {
     }
 }
 
-/// A text inside quotes of an SQL condition of a stage, in which `$` begins the name of an axis.
+/// A string inside quotes of an SQL condition of a stage, in which `$` begins the name of an axis.
 fn sql(text: &str) -> String {
     text.replace('\'', "''").replace('$', "$$")
 }

@@ -1,4 +1,4 @@
-//! Stage parameters as command-line flags. Names, defaults and texts come from the stage's declaration.
+//! Stage parameters as command-line flags. Names, defaults and strings come from the stage's declaration.
 
 use std::marker::PhantomData;
 

@@ -244,7 +244,7 @@ impl Drop for RemoteLease {
             return;
         }
         self.content.holder.release();
-        // If the write fails, the lease expires by its age.
+        // If the write fails, the lease remains until it expires.
         if let Ok(bytes) = text(&self.content) {
             let _ = self.remote.bucket.put(&format!("{}{}", start(&self.pipeline), self.number), bytes);
         }

@@ -192,7 +192,7 @@ impl RemoteStore {
     /// Copies the files of a version that are not packs into the cache.
     ///
     /// # Errors
-    /// Same as [`RemoteStore::at_hand`].
+    /// Returns the errors of [`RemoteStore::at_hand`].
     pub fn own_at_hand(&self, version: &Version) -> Result<(), Fault> {
         let files = version.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
         let files: Vec<&ManifestFile> = files.filter(|f| f.pack.is_none()).collect();
@@ -241,7 +241,7 @@ impl RemoteStore {
         check: &dyn Fn() -> Result<(), Fault>,
     ) -> Result<(), Fault> {
         let name = format!("tables/{pipeline}");
-        // Read before the lock is checked: a process that takes the lock later replaces this object.
+        // The object is read before the lock is checked, because a process that takes the lock later replaces it.
         let before = self.bucket.get_tagged(&name)?.map(|(_, tag)| tag);
         check()?;
         let path = folder.join("version.json");

@@ -118,7 +118,7 @@ impl NetworkTraining {
     /// Rows near the mean: the rows of the first phases. All rows without a curriculum.
     ///
     /// # Errors
-    /// If no row is near the mean.
+    /// Fails if no row is near the mean.
     pub(super) fn near_the_mean(
         &self,
         samples: &NetworkSamples<'_>,

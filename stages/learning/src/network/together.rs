@@ -110,7 +110,7 @@ impl<'a> TrainingJob<'a> {
     /// A training job of a network without windows, as [`train`].
     ///
     /// # Errors
-    /// The same as for [`train`], except errors that occur during training.
+    /// Returns the errors of [`train`], except errors that occur during training.
     pub fn new(
         shape: &'a NetworkShape,
         start: TrainingState,
@@ -126,7 +126,7 @@ impl<'a> TrainingJob<'a> {
     /// A training job of a network over windows, as [`train_windowed`].
     ///
     /// # Errors
-    /// The same as for [`train_windowed`], except errors that occur during training.
+    /// Returns the errors of [`train_windowed`], except errors that occur during training.
     pub fn windowed(
         network: &'a WindowedNetworkShape,
         start: TrainingState,

@@ -146,8 +146,8 @@ impl TrivialSolution {
 ///
 /// # Errors
 /// Fails with [`LeastSquaresError::Shape`] if the number of names, unfiltered terms or coefficients differs from the
-/// number of fitted terms. If the diagonal terms exist, also fails with [`LeastSquaresError::NoRows`] when `unfiltered`
-/// or `fitted` has no rows, and with [`LeastSquaresError::NoSuch`] for an unknown target.
+/// number of fitted terms. Fails if the diagonal terms exist, also fails with [`LeastSquaresError::NoRows`] when
+/// `unfiltered` or `fitted` has no rows. Also fails with [`LeastSquaresError::NoSuch`] for an unknown target.
 pub fn trivial_solution<S: AsRef<str>>(
     unfiltered: &RegressionMoments,
     fitted: &RegressionMoments,

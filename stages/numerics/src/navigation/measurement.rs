@@ -16,7 +16,7 @@ impl Measurements<'_> {
     /// Rejects columns of another length than the line's.
     ///
     /// # Errors
-    /// [`SeriesError::Length`] with the column's name.
+    /// Fails with [`SeriesError::Length`] with the column's name.
     pub(crate) fn check(&self, expected: usize) -> Result<(), SeriesError> {
         for (column, rows) in [("measurement", self.measurement_nt.len()), ("measurement sigma", self.sigma_nt.len())] {
             if rows != expected {

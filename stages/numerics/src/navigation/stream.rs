@@ -190,7 +190,7 @@ impl StreamKind {
     }
 }
 
-/// Filter that takes one sample after the other.
+/// Filter that takes one sample at a time.
 #[derive(Clone)]
 pub struct FilterStream {
     kind: StreamKind,

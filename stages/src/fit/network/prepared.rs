@@ -107,7 +107,7 @@ pub struct TrainingSetup<'a> {
 
 impl<'a> TrainingSetup<'a> {
     /// # Errors
-    /// If the data do not determine the network, or the warm start does not match.
+    /// Fails if the data do not determine the network, or the warm start does not match.
     pub fn new(ready: &'a TrainingInputs<'a>, samples: &FitSamples) -> Result<Self, Fault> {
         let TrainingInputs { task, warm, inputs } = ready;
         let TrainingTask { model, settings, .. } = task;
@@ -192,7 +192,8 @@ impl<'a> TrainingSetup<'a> {
     /// Model after the training of its members.
     ///
     /// # Errors
-    /// If the parameters of the network do not match its shape, or the samples of a network over a window have no rate.
+    /// Fails if the parameters of the network do not match its shape, or the samples of a network over a window have no
+    /// rate.
     pub fn learnt(self, samples: &FitSamples, trained: &[TrainingResult]) -> Result<LearningResult, Fault> {
         let names = |at: &[usize]| at.iter().map(|&i| samples.names[i].clone()).collect::<Vec<_>>();
         let parameters = trained.iter().map(|t| self.core.original(&self.terms, &t.parameters)).collect();

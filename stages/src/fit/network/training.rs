@@ -35,7 +35,7 @@ pub fn learn_together(tasks: &[TrainingTask<'_>], samples: &FitSamples) -> Vec<R
     networks.into_iter().map(|network| network.and_then(learnt)).collect()
 }
 
-/// Network whose members are trained one after the other.
+/// Network whose members are trained one at a time.
 struct EnsembleTraining<'a> {
     prepared: TrainingSetup<'a>,
     /// States of members saved by an earlier run.

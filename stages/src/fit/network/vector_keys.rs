@@ -60,7 +60,7 @@ impl LinearPart {
     /// Positions of the terms of the vector form, in the order of [`VECTOR_TERMS`].
     ///
     /// # Errors
-    /// If terms are missing, belong to several vector magnetometers, or are not terms of the vector form.
+    /// Fails if terms are missing, belong to several vector magnetometers, or are not terms of the vector form.
     pub fn vector_places(&self, samples: &FitSamples) -> Result<Vec<usize>, Fault> {
         let wrong = |what: String| Err(Fault::data(what).of_param("linear"));
         let term = |i: &usize| samples.names.get(*i).and_then(|name| vector_term(name));

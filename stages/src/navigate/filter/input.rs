@@ -127,7 +127,7 @@ impl FilterInput<'_> {
     /// Line as input of the filters in `numerics`.
     ///
     /// # Errors
-    /// Without a map.
+    /// Fails without a map.
     pub fn line(&self) -> Result<NavigationLine<'_>, Fault> {
         Ok(NavigationLine {
             ins: &self.ins,
@@ -145,7 +145,7 @@ impl FilterInput<'_> {
     /// [`FilterInput::line`] with a discretisation of the process noise.
     ///
     /// # Errors
-    /// Without a map.
+    /// Fails without a map.
     pub fn line_with(&self, noise: NoiseDiscretisation) -> Result<NavigationLine<'_>, Fault> {
         Ok(NavigationLine { errors: InsErrorModel { noise, ..self.errors }, ..self.line()? })
     }
@@ -181,7 +181,7 @@ impl FilterInput<'_> {
     /// The map.
     ///
     /// # Errors
-    /// If the input has no map.
+    /// Fails if the input has no map.
     pub fn needed_map(&self) -> Result<&FieldMap, Fault> {
         self.map.ok_or_else(|| Fault::bug("a filter without a map needs one"))
     }

@@ -63,7 +63,7 @@ impl FilterTrack {
     /// Track from a filter's output, without the states, which the filter adds. `gate_nis` is its innovation gate.
     ///
     /// # Errors
-    /// When no measurement was used, or the offset is unknown.
+    /// Fails if no measurement was used, or the offset is unknown.
     pub fn from_output(
         flown: &FilterInput,
         out: NavigationOutput,
@@ -141,7 +141,7 @@ pub fn state_columns() -> Vec<Column> {
 /// Arrays of [`state_columns`], taken from a filter's output.
 ///
 /// # Errors
-/// If the values do not make a list column.
+/// Fails if the values do not make a list column.
 pub fn state_arrays(out: &mut NavigationOutput) -> Result<Vec<ArrayRef>, Fault> {
     // Moved out of the filter output, because the covariances of a long flight occupy half a gigabyte.
     let (x, p) = (std::mem::take(&mut out.x), std::mem::take(&mut out.p));

@@ -176,7 +176,7 @@ impl NodeMeasurement {
     }
 }
 
-/// Builder of the nodes of a line, one after the other.
+/// Builder of the nodes of a line, one after another.
 pub(super) struct LineNodeBuilder<'a> {
     pub line: &'a NavigationLine<'a>,
     magnetometers: &'a [FixedLagMagnetometer<'a>],

@@ -42,7 +42,7 @@ impl StateEstimate {
     /// Rejects states and variances that are not finite, and negative variances.
     ///
     /// # Errors
-    /// [`NavigationError::Diverged`] at this row and time.
+    /// Fails with [`NavigationError::Diverged`] at this row and time.
     #[inline(always)]
     pub(crate) fn check(&self, row: usize, tt_s: f64) -> Result<(), NavigationError> {
         // A finite value times zero is zero. A NaN is not equal to anything.

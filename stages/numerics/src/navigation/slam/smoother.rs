@@ -181,7 +181,7 @@ struct SlamTrack {
 /// numerically not positive.
 ///
 /// # Errors
-/// [`NavigationError::Diverged`] if the covariance of the INS is not finite.
+/// Fails with [`NavigationError::Diverged`] if the covariance of the INS is not finite.
 pub(super) fn smooth(
     parameters: &SlamSmootherParameters,
     of: &SlamFilterResult<'_>,

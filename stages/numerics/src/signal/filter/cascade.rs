@@ -13,7 +13,7 @@ const LANES: usize = 8;
 const PER_PASS: usize = 4;
 
 /// Number of values of a matrix that are filtered before the next values are read. These values fit the second-level
-/// cache, from which the groups of columns are processed one after the other.
+/// cache, from which the groups of columns are processed one at a time.
 const PER_CHUNK: usize = 16_384;
 
 /// A gain, the sections of one pass, and their steady state for a constant input of 1.

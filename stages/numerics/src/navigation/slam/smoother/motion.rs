@@ -57,7 +57,7 @@ impl InsErrorTransitions {
     /// Computes the transitions along a line that passed [`SlamLine::check`], whose steps end with these rows.
     ///
     /// # Errors
-    /// [`NavigationError::Diverged`] if a variance is negative or not finite.
+    /// Fails with [`NavigationError::Diverged`] if a variance is negative or not finite.
     pub fn along(line: &SlamLine<'_>, ends: &[usize], frame: &LocalFrame) -> Result<Self, NavigationError> {
         let (ins, errors) = (line.ins, &line.errors);
         let (times, density) = (errors.time_constants(), errors.noise_density());
