@@ -166,7 +166,7 @@ mod tests {
         (names, list.values().as_primitive::<Float64Type>().values().to_vec())
     }
 
-    /// Direction cosines and fields are divided in double precision: a few units in the last place.
+    /// Direction cosines and fields are divided in double precision, with an error of a few units in the last place.
     fn near(found: f64, expected: f64) -> bool {
         (found - expected).abs() <= 1e-15 * expected.abs().max(1.0)
     }

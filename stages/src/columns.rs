@@ -61,7 +61,7 @@ pub fn list_rate_hz(batch: &RecordBatch, sampling: &RateDependence) -> Result<f6
     }
 }
 
-/// Rate laws of the entries of a list column. If an entry depends on the rate, the rate is included, Hz.
+/// Rate dependence of the entries of a list column. If an entry depends on the rate, the rate in Hz is included.
 ///
 /// # Errors
 /// Fails if the column is missing, or its rate is needed and unknown.
@@ -124,10 +124,10 @@ pub fn vector_axes(name: &str) -> [String; 3] {
     ["x", "y", "z"].map(|axis| format!("{name}_{axis}"))
 }
 
-/// Rejects a truth column as a feature unless it is allowed.
+/// Rejects a truth column as a feature, unless truth columns are allowed.
 ///
 /// # Errors
-/// Fails if it is a truth column and truth columns are not allowed.
+/// Fails if the column is a truth column and truth columns are not allowed.
 pub fn no_truth(column: &Column, param: &str, allowed: bool) -> Result<(), Fault> {
     if column.role != Role::Truth || allowed {
         return Ok(());

@@ -1,4 +1,4 @@
-//! Errors of a map at heights other than its own, and between its nodes.
+//! Errors of a map between its nodes, and at heights other than the height of the map.
 
 use arrow_array::RecordBatch;
 use numerics::{
@@ -18,7 +18,7 @@ use crate::{
     maps::{column_map, map_of_values, plane},
 };
 
-/// Error of a map at a height other than its own.
+/// Error of a map at a height other than the height of the map.
 enum HeightError {
     /// Map that is not continued: its height, in m, and its mean square by wavenumber.
     AsItIs { own_m: f64, power: RadialPower },

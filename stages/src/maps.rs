@@ -1,4 +1,4 @@
-//! Maps as stages interpolate them: at the native height, or continued to the heights flown.
+//! Maps in the form that stages interpolate: at the height of the map, or continued to the heights flown.
 
 use arrow_array::RecordBatch;
 use numerics::maps::{
@@ -42,7 +42,7 @@ pub fn column_map(
     map_of_values(table, floats(table, column)?, interpolation, levels_m)
 }
 
-/// [`column_map`] of other values, one for each row of the table.
+/// Same as [`column_map`] for given values, one for each row of the table.
 ///
 /// # Errors
 /// Returns the errors of [`field_map`].

@@ -1,9 +1,9 @@
 //! Engine `ballista`: tasks run on the workers of a cluster, through Ballista's scheduler.
 //!
-//! Ballista places tasks, detects lost workers and reassigns their tasks. This module does the rest. It dispatches
-//! nothing while there is no worker. A job has a few tasks of one wave, so that receipts arrive continuously and a
-//! failed job does not affect others. Failed tasks are dispatched again. Results of lost answers are found in the
-//! store. `pipeline/CLUSTER.md` lists all cases.
+//! Ballista places tasks, detects lost workers and reassigns their tasks. All other cases are handled here. Nothing is
+//! dispatched while there is no worker. A job has a few tasks of one wave, so that receipts arrive continuously and a
+//! failed job does not affect others. Failed tasks are dispatched again. If an answer is lost, its results are found in
+//! the store. `pipeline/CLUSTER.md` lists all cases.
 
 mod client;
 mod closed;
@@ -132,7 +132,7 @@ async fn stop_signal() {
     let received = |kind: SignalKind| async move {
         match signal(kind) {
             Ok(mut stream) => stream.recv().await,
-            // The process is then ended by the signal.
+            // Without a handler, the signal ends the process.
             Err(_) => std::future::pending().await,
         }
     };

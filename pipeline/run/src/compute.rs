@@ -35,7 +35,7 @@ impl PendingUnits {
         PendingUnits { units, first, of_key }
     }
 
-    /// Units that share the result of another.
+    /// Units that share the result of another unit.
     fn repeats(&self) -> HashSet<PlanUnit> {
         self.units.iter().filter(|(unit, key)| self.of_key.get(key) != Some(unit)).map(|(unit, _)| *unit).collect()
     }
@@ -140,7 +140,8 @@ fn write(
             match &mut own.rows {
                 Ok(rows) => {
                     let whole = cut.rows(unit, rows, &mut held)?;
-                    // The pack holds the rows now; one schema per unit would use much of the memory of a sweep.
+                    // The pack now holds the rows. The schemas of the units are dropped, because they would use much
+                    // memory in a large sweep.
                     *rows = nothing.clone();
                     NewUnit { key, passthrough_hash, rows: Ok(whole), remarks }
                 }

@@ -20,7 +20,7 @@ pub fn command(program: &std::path::Path) -> Command {
     command
 }
 
-/// Ends this process with its parent, because nobody waits for its result then.
+/// Ends this process when its parent ends, because nobody then waits for the result.
 pub fn end_with_parent() {
     #[cfg(target_os = "linux")]
     let _ = nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGKILL);

@@ -11,7 +11,7 @@ use store::{PackedUnit, row_bytes};
 
 use super::held::LineColumnCache;
 
-/// Identifiers and time, columns of every table of flight lines.
+/// Identifiers and time, which every table of flight lines has as columns.
 const KEYS: [&str; 3] = ["flight", "line", "tt"];
 
 /// Schema and assembly of the files of one table from the results of its units.

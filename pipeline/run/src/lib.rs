@@ -103,13 +103,13 @@ impl RunSummary {
 pub struct RunOptions<'a> {
     /// Wait for another run of the pipeline.
     pub wait: bool,
-    /// Merge the packs of a sweep that has grown, as if it had been run at once.
+    /// Merge the packs of a sweep that has grown. The result equals that of a single run of the whole sweep.
     pub compact: bool,
     /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
     /// Engine that computes the tasks.
     pub engine: &'a dyn TaskEngine,
-    /// Compute only the table at this position of the plan, and its inputs. Not for a search.
+    /// Compute only the table at this position of the plan, and its inputs. Not permitted for a search.
     pub until: Option<usize>,
 }
 

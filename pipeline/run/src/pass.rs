@@ -1,4 +1,4 @@
-//! A pass over a plan: its tables are computed, the results are judged, and the tables are published and recorded.
+//! A pass over a plan: computes its tables, finds warnings about the results, and publishes and records the tables.
 
 use std::{sync::atomic::Ordering, time::Instant};
 

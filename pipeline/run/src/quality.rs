@@ -1,4 +1,4 @@
-//! Table of the data quality: the findings in the columns of each line when it was read.
+//! Table of the data quality: findings in the columns of each line, made when the line was read.
 
 use std::sync::Arc;
 

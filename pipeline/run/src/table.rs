@@ -25,7 +25,7 @@ use crate::{Event, OutcomeCounts, cost::UnitTimeModel};
 /// Unit of a table and its state.
 #[derive(Clone, Copy)]
 enum LayoutUnit {
-    /// No rows: an input is missing, or the unit cannot be computed.
+    /// The unit has no rows, because an input is missing or the unit cannot be computed.
     Nothing,
     /// Stored unit.
     There(PackedUnit),

@@ -112,7 +112,7 @@ pub struct UnitAnswer {
     pub fault: Option<Fault>,
 }
 
-// The signature is required by serde.
+// Serde requires this signature.
 #[allow(clippy::trivially_copy_pass_by_ref)]
 fn is_false(it: &bool) -> bool {
     !it

@@ -219,8 +219,8 @@ fn stored_state(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Stor
     Ok(StoredUnitState::Unknown)
 }
 
-/// Plan with all trials that follow from the scores in `store`. Without a search, or if all trials are known in
-/// advance, the plan itself.
+/// Plan with all trials that follow from the scores in `store`. Returns the plan itself without a search, or if all
+/// trials are known in advance.
 ///
 /// # Errors
 /// Fails if a plan of these trials, its sources or the store cannot be read.
@@ -237,8 +237,9 @@ pub fn settled(
     }
 }
 
-/// Plan with the maximum number of trials of a search, and the number of assumed trials. Assumed trials do not follow
-/// from the scores in `store` yet, but from invented scores. The plan gives the cost of the search, not its result.
+/// Plan with the maximum number of trials of a search, and the number of assumed trials. Assumed trials follow from
+/// invented scores, because the scores that they depend on are not in `store` yet. The plan gives the cost of the
+/// search, not its result.
 ///
 /// # Errors
 /// Returns the errors of [`settled`].
@@ -260,7 +261,8 @@ pub fn plan_all_trials(
     Ok((Plan::new(plan.spec.with_trials(&rows), catalogue)?, assumed))
 }
 
-/// Row with an invented score that favours no value of an axis: multiples of the golden ratio are spread evenly.
+/// Row with an invented score that favours no value of an axis. The scores are multiples of the golden ratio, which are
+/// spread evenly.
 fn invented_score(row: &SearchTrial) -> SearchTrialScore {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     let cost = Some((row.trial as f64 * GOLDEN).fract());

@@ -176,7 +176,7 @@ impl Store {
     /// # Errors
     /// Fails if there is no store, or the folder cannot be written.
     pub fn join(root: &Path) -> Result<Store, Fault> {
-        // The files that change are not copied, because a worker does not use them.
+        // A worker does not use the files that change, so they are not copied.
         let there = match RemoteStore::from_cache(root)? {
             Some(remote) => remote.is_there()?,
             None => root.join("STORE").is_file(),
@@ -236,7 +236,7 @@ impl Store {
     /// # Errors
     /// Fails if the file system reports an error.
     pub fn alone(&self) -> Result<Option<ExclusiveStoreLock<'_>>, Fault> {
-        // A shared lock that is held becomes exclusive; if that fails, it is lost and must be taken again.
+        // The shared lock becomes exclusive. If that fails, the shared lock may be lost, so it is taken again.
         match self.shared.try_lock() {
             Ok(()) => Ok(Some(ExclusiveStoreLock(&self.shared))),
             Err(fs::TryLockError::WouldBlock) => {

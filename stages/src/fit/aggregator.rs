@@ -1,5 +1,5 @@
-//! All points of a sweep together: each line is reduced once for all of them, and points with the same matrix share its
-//! factors.
+//! Fits all points of a sweep together. Each line is reduced once for all points, and points with the same matrix share
+//! its factors.
 
 use std::{collections::BTreeMap, sync::Arc};
 

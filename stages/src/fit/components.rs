@@ -1,4 +1,4 @@
-//! Principal components instead of the features of a fit.
+//! Principal components that replace the features of a fit.
 
 use numerics::regression::{
     least_squares::{ColumnScaling, LinearFit, RegressionMoments},

@@ -1,4 +1,4 @@
-//! Checks of the models 3 on flights made from vectors, not from Tolles-Lawson terms.
+//! Tests of the models `m3...` on flights that are simulated from vectors, not from Tolles-Lawson terms.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
@@ -328,7 +328,7 @@ fn unit_missing_values_constants_and_short_lines_are_handled() {
     let short = [lines[0].slice(0, 8), lines[1].slice(0, 8)];
     let fault = worked(&short, "m3s", &few(&[]), &NullMonitor).err().unwrap();
     assert!(fault.what.contains("long enough for the filter"), "{fault}");
-    // Lines shorter than the filter do not count in the ridge fit, but in the training.
+    // Lines shorter than the filter are used in the training, but not in the ridge fit.
     let mixed = [lines[0].clone(), lines[1].slice(0, 8)];
     assert_eq!(fitted_to(&mixed, "m3w", &few(&[whole("window", 3)])).rows, 408.0);
     let level: Vec<RecordBatch> = lines.iter().map(|line| replaced(line, "target", &|_, _| 7.0)).collect();

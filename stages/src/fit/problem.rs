@@ -301,13 +301,14 @@ impl<'a> FitProblem<'a> {
         Ok(made)
     }
 
-    /// Solves for the ridge parameters of all points with the same settings at once. `lambdas` are those of the sweep.
+    /// Solves at once for the ridge parameters of all points with the same settings. `lambdas` are the ridge parameters
+    /// of the sweep.
     ///
     /// # Errors
     /// Fails if the decomposition does not converge.
     pub fn solve_ridges(&mut self, settings: &FitSettings, lambdas: &[f64]) -> Result<(), Fault> {
         let (prepared, _) = self.prepared(settings)?;
-        // If one parameter has no solution, such as 0 with unexcited terms, each is solved separately later.
+        // If one parameter has no solution, such as 0 with unexcited terms, each parameter is solved separately later.
         if let Ok(path) = prepared.ridge(lambdas, &self.terms) {
             self.paths.insert((settings.scaling as u8, settings.intercept), Arc::new(path));
         }

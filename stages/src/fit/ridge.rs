@@ -40,7 +40,7 @@ params! {
     lambdas: Option<Vec<f64>>, unit "", absent "a grid computed from the features";
 }
 
-/// A ridge under another name and with other columns.
+/// A ridge model under another name and with other columns.
 pub trait RidgeModel: Send + Sync {
     /// Penalty of the model.
     fn penalty(&self) -> &RidgePenalty;

@@ -117,7 +117,7 @@ pub fn stage(model: &str, keys: &[(String, Literal)]) -> Result<AnyStage, Vec<Fa
     (super::entry(super::MODELS.to_vec()).build)(&args)
 }
 
-/// Monitor that interrupts training after a number of reports and keeps the last state.
+/// Monitor that interrupts training after a number of progress reports and keeps the last state.
 pub struct InterruptMonitor {
     after: usize,
     kept: Mutex<Option<Vec<u8>>>,

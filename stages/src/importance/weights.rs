@@ -61,8 +61,8 @@ pub struct SampleAttributions {
 }
 
 impl SampleAttributions {
-    /// Values and inputs of `kept` of the samples, evenly spaced, one group after the other. NaN if there are fewer
-    /// samples, and for a group of several inputs.
+    /// Values and inputs of `kept` evenly spaced samples, group by group. NaN if there are fewer samples, and for a
+    /// group of several inputs.
     pub fn lists(&self, kept: usize, groups: &[Vec<usize>]) -> [Vec<f64>; 2] {
         let count = self.x.len() / self.width.max(1);
         let shown = kept.min(count);
@@ -342,7 +342,7 @@ fn mean_and_deviation(x: &[f64]) -> (f64, f64) {
     (statistics::mean(x).value, statistics::std(x).value)
 }
 
-/// Fault of a model that fails, or of rows or settings, which `param` determines.
+/// Fault of a model that fails, or of the rows or settings. `param` is the parameter that it is reported for.
 pub(super) fn failed(e: ImportanceError<Fault>, param: Option<&str>) -> Fault {
     match (e, param) {
         (ImportanceError::Model(fault), _) => fault,

@@ -1,4 +1,4 @@
-//! The aircraft field as states of a filter: the terms of the field, and the prior of their coefficients.
+//! The aircraft field as states of a filter: terms of the field, and the prior of their coefficients.
 
 use std::borrow::Cow;
 
@@ -66,7 +66,7 @@ pub(super) struct AircraftCoefficientStates<'a> {
 }
 
 impl AircraftCoefficientStates<'_> {
-    /// Hash of all numbers.
+    /// Hash of all these numbers.
     pub(super) fn hash(&self) -> HashKey {
         const PART: usize = 4096;
         let Self { terms, prior, walk_density } = self;

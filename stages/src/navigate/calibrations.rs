@@ -1,4 +1,4 @@
-//! Tables of `fit` that give the prior of a filter.
+//! Tables of `fit`, from which the prior of a filter is computed.
 
 use arrow_array::{Array, RecordBatch, cast::AsArray};
 use schemas::Fault;

@@ -84,7 +84,7 @@ impl<'a> InsColumns<'a> {
         InsSeries::from_columns([self.tt_s, lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw])
     }
 
-    /// The heights above the ellipsoid, in metres.
+    /// Heights above the ellipsoid, in metres.
     pub(super) fn alt_m(&self) -> &[f64] {
         &self.position[2]
     }

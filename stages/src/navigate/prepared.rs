@@ -19,7 +19,7 @@ pub struct NavigationResources {
     pub(super) models: Vec<CalibrationPrior>,
 }
 
-/// A map that is continued to the heights of the lines. A cached level is not computed again.
+/// A map that is continued to the heights of the lines. Computed levels are cached.
 pub(super) struct NavigationMaps {
     table: RecordBatch,
     interpolation: MapInterpolation,

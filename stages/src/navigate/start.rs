@@ -100,7 +100,7 @@ fn has(shape: &TableShape, names: &[&str]) -> bool {
     names.iter().all(|name| shape.get(name).is_some())
 }
 
-/// Columns of a position by GNSS: of the receiver if the flight has them, else the flight's position.
+/// Columns of a GNSS position: the columns of the receiver if the flight has them, else the position of the flight.
 pub(super) fn gnss_columns(given: Option<&[String; 3]>, shape: &TableShape) -> [String; 3] {
     let usual = if has(shape, &GNSS_POSITION) { GNSS_POSITION } else { TRUTH };
     given.cloned().unwrap_or_else(|| usual.map(str::to_owned))
@@ -371,7 +371,7 @@ mod tests {
 
     #[test]
     fn unit_a_filter_starts_from_the_receiver_of_a_flight() {
-        // The alignment leaves the 10 m of the INS; the receiver leaves its own 4 m.
+        // The alignment leaves the error of the INS, 10 m; the receiver leaves its own error, 4 m.
         let far = |flight: &RecordBatch, keys: &str| run(keys, flight).unwrap().error_m(0);
         let of_alignment = far(&added(vec![aligned(-100.0)]), "");
         let both = added(receiver().into_iter().chain([aligned(-100.0)]).collect());

@@ -199,8 +199,8 @@ impl Navigate {
         flown.permanent_states(GaussMarkov { sigma, tau_s: keys.permanent_change_tau_s.unwrap_or(f64::INFINITY) })
     }
 
-    /// Prior standard deviations of the lag of the magnetometer, in s, and of the height bias on the map, in m: 0 without a
-    /// state, `None` if the likelihood decides.
+    /// Prior standard deviations of the lag of the magnetometer, in s, and of the bias between the height of the INS
+    /// and the height on the map, in m. 0 without a state; `None` if the likelihood decides.
     pub(super) fn given_constants(&self) -> [Option<f64>; 2] {
         let keys = self.filter.keys.further().filter(|_| self.filter.keys.takes_scalar_states());
         keys.map_or([Some(0.0); 2], |keys| [keys.mag_latency_sigma_s, keys.map_height_sigma_m])

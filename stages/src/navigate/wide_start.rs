@@ -1,4 +1,4 @@
-//! Start of a line that is known less accurately than the distance over which the map is linear.
+//! Start of a line whose initial position is known less accurately than the distance over which the map is linear.
 
 use arrow_array::ArrayRef;
 use numerics::navigation::{
@@ -125,7 +125,7 @@ impl FilterInput<'_> {
     /// Rejects an offset that is computed at a position of the INS outside the range over which the map is linear.
     ///
     /// # Errors
-    /// With an offset and a wide start.
+    /// Fails if an offset is requested and the start is wide.
     pub(super) fn reject_wide_offset(&self) -> Result<(), Fault> {
         let Some(range) = self.start_range.filter(|range| range.is_exceeded() && self.offset_window_s > 0.0) else {
             return Ok(());

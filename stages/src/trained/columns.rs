@@ -42,7 +42,7 @@ impl NetworkColumns {
         (inputs, linear)
     }
 
-    /// The rows that a network requires of linear terms.
+    /// Rows of linear terms in the form that a network requires.
     pub(super) fn rows(&self, linear: Vec<f64>) -> Vec<f64> {
         match self.frame {
             Some(frame) => frame.rows(&linear, self.linear.len()),

@@ -14,10 +14,10 @@
 //! | `m3v` | f(v + N(z)) + `constant`, with three outputs of N |
 //!
 //! The vector v = p + M B/s + E dB/s has the 9 or 18 coefficients `linear`: p = `linear[1]` to `[3]`, the symmetric M
-//! with the diagonal `[4]`, `[7]`, `[9]` and half of `[5]`, `[6]`, `[8]` beside it, and E row by row. With s =
+//! with the diagonal `[4]`, `[7]`, `[9]` and half of `[5]`, `[6]`, `[8]` off the diagonal, and E row by row. With s =
 //! `bt_scale_nt`, B/s = x (xx + yy + zz) / |x|^2 and dB_j/s = sum of x_i ij_dot over i / |x|^2 follow from the terms,
-//! where x are the terms x, y, z. The `coupling` `projection` is f(v) = x . v. The `coupling` `magnitude` is
-//! f(v) = (2 u . v - k v . v) / (1 + |u - k v|) with u = B/|B| and k = `target_scale` / |B|.
+//! where x are the terms x, y, z. The `coupling` `projection` is f(v) = x . v. The `coupling` `magnitude` is f(v) = (2
+//! u . v - k v . v) / (1 + |u - k v|) with u = B/|B| and k = `target_scale` / |B|.
 //!
 //! N applies, layer by layer, the activation to `w` z + `b`; the last layer has no activation. `w1[3,17]` is the weight
 //! of unit 3 of the first layer for its input 17, `b1[3]` the bias. Several members are averaged.
@@ -169,7 +169,7 @@ impl NetworkEnsemble {
     /// Its parts, if it is a single network with one hidden layer.
     ///
     /// # Errors
-    /// Fails if it is any other network.
+    /// Fails for any other network.
     pub fn one_layer(&self) -> Result<OneLayerNetwork<'_>, Fault> {
         let fault = |what: &str| {
             let help = "fit `m1` with one hidden layer and without `whiten` and `members`";

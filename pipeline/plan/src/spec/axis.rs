@@ -146,7 +146,7 @@ fn flat(entry: &Literal) -> Vec<Literal> {
     }
 }
 
-/// Returns `n`, or `None` above 10^30, which is the limit of the count.
+/// Returns `n`; `None` above 10^30, so that products do not overflow.
 fn below(n: u128) -> Option<u128> {
     (n <= 10u128.pow(30)).then_some(n)
 }

@@ -1,4 +1,4 @@
-//! Client of a scheduler: its state and its jobs by HTTP, and submission of jobs.
+//! Client of a scheduler: queries its state and its jobs by HTTP, and submits jobs.
 
 use std::{error::Error, future::poll_fn, io, pin::Pin, sync::Arc, time::Duration};
 
@@ -68,11 +68,11 @@ pub struct SchedulerClient {
 /// Reason why a scheduler is unusable.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SchedulerFault {
-    /// No answer.
+    /// The scheduler does not answer.
     Silent(String),
     /// The scheduler has another key, or no key.
     Stranger,
-    /// Another version, or not a scheduler of magline.
+    /// The scheduler has another version, or is not a scheduler of magline.
     Other(String),
 }
 

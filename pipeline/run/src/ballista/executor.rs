@@ -72,8 +72,8 @@ const AGAIN_AFTER: Duration = Duration::from_millis(500);
 const ANSWER: Duration = Duration::from_secs(20);
 /// Interval between the reports of an executor that finishes its tasks before it stops.
 const FINISHING_EVERY: Duration = Duration::from_secs(1);
-/// Silence of a stopping executor after which its tasks are dispatched to others, and time after which a stopped
-/// executor is removed.
+/// Time without a report after which the tasks of a stopping executor are dispatched to others, and time after which a
+/// stopped executor is removed.
 pub const GRACE: Duration = Duration::from_secs(3);
 /// Number of failed reports in a row after which the scheduler counts as lost.
 const MOST_LOST: usize = 5;
@@ -203,7 +203,7 @@ impl ExecutorService {
         self.0.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Registers, reports, and shuts down in order.
+    /// Registers at the scheduler, reports until the end, and then shuts down in an orderly way.
     async fn work(&self, heartbeat: Duration) -> Result<(), BallistaError> {
         let mut scheduler = self.0.scheduler.clone();
         let metadata = Some(self.0.me.clone());

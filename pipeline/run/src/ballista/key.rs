@@ -18,7 +18,7 @@ use tokio_rustls::rustls::{
 };
 use tonic::transport::{Certificate, ClientTlsConfig, Endpoint, Identity};
 
-/// Minimum number of characters of a key, because an attacker may make any number of guesses.
+/// Minimum number of characters of a key. A key must be long because an attacker may make any number of guesses.
 const SHORTEST: usize = 32;
 /// Environment variable that may hold the key.
 pub const VARIABLE: &str = "MAGLINE_CLUSTER_KEY";

@@ -133,7 +133,7 @@ impl AnswerMessage {
         Ok(RecordBatch::try_new(answered_schema(), columns)?)
     }
 
-    /// Answers in some rows; `None` for rows of another kind.
+    /// Answers in some rows; `None` if the rows have other columns.
     pub fn read(rows: &RecordBatch) -> Option<Vec<AnswerMessage>> {
         let one = |i: usize| {
             Some(AnswerMessage {
@@ -254,7 +254,7 @@ impl ExecutionPlan for TaskComputeExec {
     }
 }
 
-/// Prefix of our node among the messages of a plan. No message of Ballista begins with a zero byte.
+/// Prefix of magline's node among the messages of a plan. No message of Ballista begins with a zero byte.
 pub const MARK: &str = "\0magline ";
 
 /// Codec of magline's node in a plan of Ballista.

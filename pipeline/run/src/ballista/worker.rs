@@ -116,7 +116,7 @@ pub fn work(config: &WorkerConfig, on_receipt: ReceiptHandler) -> Result<WorkerE
         .create(&own)
         .map_err(|e| Fault::machine(format!("cannot make the folder {}: {e}", own.display())))?;
     let ended = crew.attended(&scheduler, || executed(config, name, &own));
-    // The receipts were fetched; remaining files are in a temporary folder.
+    // The run has fetched the receipts; remaining files are in a temporary folder.
     let _ = fs::remove_dir_all(&own);
     match (AT_ODDS.get(), ended) {
         (Some(why), _) => Err(why.clone()),
@@ -315,7 +315,7 @@ impl WorkerPool {
                 Some(why) => {
                     (self.0.on_receipt)(&receipt);
                     let why = format!("{why} (its store is {})", shown(&self.0.store));
-                    // Otherwise it would take tasks from workers that can compute them.
+                    // Otherwise this worker would take tasks from workers that can compute them.
                     if !self.0.proven.load(Ordering::Relaxed) {
                         let fault = Fault::machine(format!("this worker rejects its first task: {why}"));
                         leave(fault.help("`--store` must be the `store` of the runs"), FETCHED_AFTER);

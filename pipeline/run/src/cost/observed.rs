@@ -27,9 +27,10 @@ pub struct WorkAmounts {
     pub units: f64,
     /// Rows of the lines of each unit, times the stage's effort per row at its parameters.
     pub samples: f64,
-    /// Numbers read; points of a sweep share equal columns.
+    /// Numbers read. A column that several points of a sweep read is counted once.
     pub values: f64,
-    /// Rows times the squared count of numbers per row, for survey stages; shared by points that read the same columns.
+    /// Rows times the squared number of values per row, for survey stages. Points that read the same columns are
+    /// counted once.
     pub squares: f64,
 }
 
@@ -111,7 +112,7 @@ fn last(name: &str) -> &str {
     name.rsplit('/').next().unwrap_or_default()
 }
 
-/// Default price of processor time, s.
+/// Default price of processor time, in seconds.
 pub fn usual_seconds(name: &str) -> f64 {
     match last(name) {
         "unit" => 1e-4,

@@ -95,7 +95,7 @@ impl AidedParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails as the parameters of `iekf` and `ukf`.
+    /// Returns the errors of the parameters of `iekf` and `ukf`.
     pub fn check(&self) -> Result<(), ParameterError> {
         match &self.linearisation {
             Linearisation::Once => {}

@@ -7,13 +7,13 @@
 //! J₀ = P₀⁻¹,     J ← J + Hᵀ H/σ²,     J ← (Φ J⁻¹ Φᵀ + Q)⁻¹
 //! ```
 //!
-//! of [Tichavský, Muravchik & Nehorai 1998, (21)] for the one path that was flown (no expectation over paths). It is
-//! written with P = J⁻¹, as in MagNav.jl's `crlb`. No filter with the same models can have a smaller mean squared error
-//! over the draws of noise, except by the nonlinearity of the map within its own error.
+//! of [Tichavský, Muravchik & Nehorai 1998, (21)] for the single path that was flown, without an expectation over
+//! paths. It is written with P = J⁻¹, as in MagNav.jl's `crlb`. No filter with the same models can have a smaller mean
+//! squared error over the draws of noise, except by the nonlinearity of the map within its own error.
 //!
-//! The INS enters only by the velocity, specific force and attitude in F. Of the measurements, only their presence
-//! matters. A measurement that is NaN, or whose sigma is not above 0, adds no information. The same holds for a sample
-//! where the true position is off the map or in an unknown cell. Both kinds of samples are counted.
+//! The INS affects the bound only through the velocity, specific force and attitude in F. Of the measurements, only
+//! their presence matters. A measurement that is NaN, or whose sigma is not above 0, adds no information. The same
+//! holds for a sample where the true position is off the map or in an unknown cell. Both kinds of samples are counted.
 
 use crate::navigation::aided::filter::AidedFilter;
 use crate::navigation::aided::{AidedOutput, AidedParameters, Aids};
@@ -39,7 +39,7 @@ pub struct TruePath<'a> {
 }
 
 impl<'a> TruePath<'a> {
-    /// INS output along the path without position error.
+    /// Output of an INS along the path, without position error.
     ///
     /// # Errors
     /// Fails for columns of another length than the line's, values that are not finite, and latitudes at or beyond a

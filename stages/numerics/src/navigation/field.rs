@@ -28,8 +28,8 @@ impl MapSource<'_> {
     }
 }
 
-/// Map and core field of one date. The core field is linearised about a point near the last evaluated position, so each
-/// thread needs a copy. The order of positions changes results by less than 1e-3 nT.
+/// Map, and core field at one date. The core field is linearised about a point near the last evaluated position, so
+/// each thread needs a copy. The order of positions changes results by less than 1e-3 nT.
 #[derive(Clone, Debug)]
 pub struct PredictedField<'a> {
     map: MapSource<'a>,

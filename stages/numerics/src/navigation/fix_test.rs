@@ -17,7 +17,7 @@
 //! consecutive fixes that agree with it end the alarm.
 //!
 //! The test assumes a large uncertainty of the initial position, velocity and attitude ([`START_POSITION_M`] and
-//! others), because the actual start error may exceed the error that a filter assumes. It needs about 30 s of fixes
+//! others), because the actual initial error may exceed the error that a filter assumes. It needs about 30 s of fixes
 //! before it detects a drift. An offset that is present from the first fix on cannot be detected. Fixes with more noise
 //! than assumed widen both tests by the median of z² over the last [`SCALE_OVER`] fixes.
 
@@ -92,7 +92,7 @@ struct FixTestChannel {
     coordinates: &'static [usize],
     /// Cumulative sum of each coordinate's whitened innovations.
     sum: [f64; 2],
-    /// Sample of the last fix before which the sum was 0, and the estimate before that fix.
+    /// Last fix at which the sum was 0 before the fix was added: its sample, and the estimate before the fix.
     calm: Option<(usize, StateEstimate)>,
     /// Number of consecutive fixes during an alarm that agreed; `None` without an alarm.
     alarm: Option<usize>,

@@ -20,7 +20,7 @@ use crate::navigation::ukf::{self, UkfOutput, UkfParameters};
 use crate::random::NormalGenerator;
 use nalgebra::{Matrix2, Vector2};
 
-/// Osborne map, and the core field of the flights over the map.
+/// Osborne map, and core field of the flights over this map.
 pub(crate) struct OsborneWorld {
     pub(crate) map: FieldMap,
     pub(crate) core: Arc<CoreField>,
@@ -84,8 +84,8 @@ impl OsborneFlight {
         self.field_nt.iter().map(|field| field + sigma_nt * normals.draw()).collect()
     }
 
-    /// Readings of a magnetometer whose samples were measured `delay_s` before their time stamps, with white noise of
-    /// this standard deviation.
+    /// Readings of a magnetometer with white noise of this standard deviation. Each sample was measured `delay_s`
+    /// before its time stamp.
     pub(crate) fn late_nt(&self, delay_s: f64, seed: u64, sigma_nt: f64) -> Vec<f64> {
         let (OsborneWorld { map, core }, columns) = (world(), &self.truth.columns);
         let mut normals = NormalGenerator::new(seed);
@@ -99,8 +99,8 @@ impl OsborneFlight {
         (0..columns[0].len()).map(|row| of(row) + sigma_nt * normals.draw()).collect()
     }
 
-    /// The flight with an INS whose height is `below_m` too low, and readings over the map of [`levels`] with white noise
-    /// of this standard deviation.
+    /// The flight with an INS whose height is `below_m` too low. The readings are from the map of [`levels`], with
+    /// white noise of this standard deviation.
     pub(crate) fn below(mut self, below_m: f64, seed: u64, sigma_nt: f64) -> (Self, Vec<f64>) {
         self.ins.columns[3].iter_mut().for_each(|alt_m| *alt_m -= below_m);
         let mut normals = NormalGenerator::new(seed);
@@ -165,7 +165,7 @@ impl OsborneFlight {
     }
 }
 
-/// Mean square of the horizontal error from a row on according to the filter's covariance, in m².
+/// Mean square of the horizontal error from a row on, in m², as predicted by the filter's covariance.
 pub(crate) fn claimed_m2(output: &NavigationOutput, from: usize) -> f64 {
     let variance = |row: usize| output.sd_n_m[row].powi(2) + output.sd_e_m[row].powi(2);
     (from..output.sd_n_m.len()).map(variance).sum::<f64>() / (output.sd_n_m.len() - from) as f64

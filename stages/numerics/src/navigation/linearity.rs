@@ -11,8 +11,8 @@
 //! the measurement noise [compare Bar-Shalom, Li & Kirubarajan 2001, section 10.3]. It is also tolerated where ε is
 //! below λ/3: the first updates are then overconfident, but the slope has the correct sign, and later updates correct
 //! the position. The range is the standard deviation of the position at which ε is the larger of σ and λ/3, with the
-//! shape of P. λ² and ε² are medians over the next 60 s of a straight path, because the map may be flat or steep at a
-//! single position.
+//! shape of P. λ² and ε² are medians over the next 60 s of a straight path, because the map may be unusually flat or
+//! steep at a single position.
 //!
 //! The mean over e is a Gauss-Laguerre rule of three nodes in |e|²/2, times eight directions [Abramowitz & Stegun 1964,
 //! 25.4.45]. It is exact for a field of second and third degree.
@@ -22,7 +22,7 @@ use crate::navigation::field::PredictedField;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::pinson::{LAT, LON};
 
-/// Squared radii over 2 in standard deviations, and weights.
+/// Half of the squared radii, in standard deviations, and the weights.
 const RADII: [(f64, f64); 3] = [
     (0.415_774_556_783_479_1, 0.711_093_009_929_173),
     (2.294_280_360_279_042, 0.278_517_733_569_240_9),

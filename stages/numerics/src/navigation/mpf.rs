@@ -1,11 +1,11 @@
 //! Marginalised particle filter: particles for the position, a Kalman filter for the other states.
 //!
 //! A map is strongly nonlinear in position; the rest of the model is nearly linear. Given the position, the 16 other
-//! states of `pinson` are linear and Gaussian. Each particle therefore holds an error of latitude and longitude with
-//! the conditional mean of the others, and all share one covariance P [Schön, Gustafsson & Nordlund 2005; Gnadt 2022,
-//! section 5.3 for the states]. Use this filter for a position error of kilometres, or if two positions can explain the
-//! measurements: [`MpfOutput::modes`] contains the probability of each. In other cases its results agree with the
-//! extended Kalman filter, and it takes seventy times as long.
+//! states of `pinson` are linear and Gaussian. Each particle therefore holds an error of latitude and longitude, with
+//! the conditional mean of the other states. All particles share one covariance P [Schön, Gustafsson & Nordlund 2005;
+//! Gnadt 2022, section 5.3 for the states]. Use this filter for a position error of kilometres, or if two positions can
+//! explain the measurements: [`MpfOutput::modes`] contains the probability of each. In other cases, its results agree
+//! with those of the extended Kalman filter, but it takes seventy times as long.
 //!
 //! # A sample
 //!
@@ -72,7 +72,7 @@
 //!
 //! # Number of particles
 //!
-//! 1000 particles are sufficient for an INS position error of hundreds of metres. For an error of kilometres, some
+//! For an INS position error of hundreds of metres, 1000 particles are sufficient. For an error of kilometres, some
 //! particles of the first cloud must be within the width of an anomaly of the truth, even if the truth is at its edge.
 //! With [`MpfParameters::adapt`] the number follows from the k squares of side `smooth_over_m` that the cloud occupies,
 //! at the start and at each resampling: the Kullback-Leibler distance of the particles from the density is then below

@@ -15,8 +15,8 @@
 //! have a diagonal transition, so a step of 18 + 18 + 3 states takes about 6 µs.
 //!
 //! Differences from the source: Gnadt 2022 (5.39) replaces three states by the vector's reading, with an infinite decay
-//! rate. Here the error of the reading is the state, and it may be slow; its derivatives are those of the complete term
-//! A(b) β. MagNav.jl's derivatives omit the altitude, keep |B| constant and divide by B_x.
+//! rate. Here, the error of the reading is the state, which may vary slowly. The derivatives are those of the complete
+//! term A(b) β. MagNav.jl's derivatives omit the altitude, keep |B| constant and divide by B_x.
 //!
 //! # Observability
 //!
@@ -27,8 +27,8 @@
 //! undetermined.
 //!
 //! The random walk should not exceed the expected changes. Permanent terms with a random walk of 20 nT in a second
-//! absorb the whole signal of the map between the manoeuvres. With 1 to 4 nT, a jump of 100 nT is estimated within
-//! minutes.
+//! absorb the whole signal of the map between the manoeuvres. With a random walk of 1 to 4 nT, a jump of 100 nT is
+//! estimated within minutes.
 //!
 //! # Irregularities
 //!

@@ -47,7 +47,7 @@ pub const S: usize = 17;
 
 /// States with off-diagonal entries in F: all except the Gauss-Markov states.
 pub(crate) const COUPLED: [usize; 10] = [LAT, LON, ALT, VN, VE, VD, TILT_N, TILT_E, TILT_D, A_HAT];
-/// Gauss-Markov states, which depend only on their own past.
+/// Gauss-Markov states, each of which depends only on its own past.
 pub(crate) const GAUSS_MARKOV: [usize; 8] = [ACC, ACC + 1, ACC + 2, GYRO, GYRO + 1, GYRO + 2, HA, S];
 
 /// Index of each of these states in MagNav.jl, which has the two barometer states before the biases.

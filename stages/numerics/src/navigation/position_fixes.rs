@@ -91,7 +91,7 @@ pub struct PositionFix {
 }
 
 impl PositionFix {
-    /// Rejects standard deviations that are not finite and above 0.
+    /// Rejects standard deviations unless they are finite and above 0.
     ///
     /// # Errors
     /// Fails with the name of the standard deviation.

@@ -13,8 +13,8 @@
 //! problem with variances σ²/w(r). The weights w(r) = ρ'(r)/r come from the last trajectory (iteratively reweighted
 //! least squares [Holland & Welsch 1977]). In the first pass, r is the innovation over its standard deviation. If J of
 //! the first trajectory exceeds 1 per measurement, three alternatives are computed: without weights, with one
-//! linearisation, and with ten times the noise. The iteration continues from the one with the lowest J. If a step from
-//! x̄ to the solution x̂ would raise J, it is halved until it does not.
+//! linearisation, and with ten times the noise. The iteration continues from the trajectory with the lowest J. If a
+//! step from x̄ to the solution x̂ would raise J, it is halved until it does not.
 //!
 //! # The backward pass
 //!
@@ -82,7 +82,7 @@ const STARTS: [FirstPass; 4] = [
     FirstPass { iterations: 1, robust: true, sigma_factor: 1.0 },
     FirstPass { iterations: 5, robust: false, sigma_factor: 10.0 },
 ];
-/// J per measurement above which a start is poor; normally distributed residuals give 0.5.
+/// J per measurement above which a first trajectory is poor; normally distributed residuals give 0.5.
 const POOR_COST: f64 = 1.0;
 /// Decrease of J that is negligible: it changes the probability of the trajectory by 1 %.
 const SMALL_FALL: f64 = 0.01;

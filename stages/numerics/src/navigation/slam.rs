@@ -28,9 +28,9 @@
 //! x ← Φ x + F w,      P ← C − F Fᵀ
 //! ```
 //!
-//! Setting the sources of the biases, of the barometer and of S to zero gives the nine states of Lee 2019 (30); setting
-//! the sources of the barometer and of S to zero gives its fifteen states (67). (The barometer aiding, K1 to K3,
-//! remains, because the height would diverge without it.)
+//! Without error sources of the biases, of the barometer and of S, these are the nine states of Lee 2019 (30). Without
+//! error sources of the barometer and of S, they are its fifteen states (67). (The barometer aiding, K1 to K3, remains,
+//! because the height would diverge without it.)
 //!
 //! The map of a particle consists of its path and the measurements, which all particles share. At each step the weight
 //! is the likelihood of the measurement z given the earlier ones,

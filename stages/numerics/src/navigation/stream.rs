@@ -125,7 +125,7 @@ pub struct StreamSetup {
     pub second_order: bool,
     /// Offset window of the filter of a whole line, in s. It must be 0, the default.
     pub offset_window_s: f64,
-    /// Longest step between two samples, in s; infinite for any. Default: 10 s.
+    /// Longest permitted step between two samples, in s; infinity permits any step. Default: 10 s.
     pub max_gap_s: f64,
 }
 
@@ -280,7 +280,7 @@ impl FilterStream {
     /// Filters a sample and returns the estimate after its measurements.
     ///
     /// # Errors
-    /// Fails as the [table of samples](self#samples) states.
+    /// Fails in the cases of the [table of samples](self#samples).
     pub fn push(&mut self, sample: &StreamSample<'_>) -> Result<StreamEstimate, StreamError> {
         if self.is_stopped {
             return Err(StreamError::Stopped);
@@ -340,18 +340,18 @@ impl FilterStream {
         StreamEstimate::from_output(self.output(), self.window[0][1])
     }
 
-    /// Error states after the last sample, in the order of [`pinson`](crate::navigation::pinson); `None` as
-    /// [`FilterStream::estimate`].
+    /// Error states after the last sample, in the order of [`pinson`](crate::navigation::pinson); `None` in the cases
+    /// of [`FilterStream::estimate`].
     pub fn states(&self) -> Option<&StateVector> {
         self.output().x.first()
     }
 
-    /// Covariance of the error states after the last sample; `None` as [`FilterStream::estimate`].
+    /// Covariance of the error states after the last sample; `None` in the cases of [`FilterStream::estimate`].
     pub fn covariance(&self) -> Option<&StateMatrix> {
         self.output().p.first()
     }
 
-    /// Quantities of a magnetometer at the last sample; `None` for `ekf`, another number than the filter has, and as
+    /// Quantities of a magnetometer at the last sample; `None` for `ekf`, for an invalid index, and in the cases of
     /// [`FilterStream::estimate`].
     pub fn magnetometer(&self, place: usize) -> Option<MagnetometerEstimate> {
         self.kind.filter().magnetometer(place)
@@ -376,7 +376,8 @@ impl FilterStream {
         writer.finish()
     }
 
-    /// Resumes from a state of [`FilterStream::save`]. The next sample gives the same bits as without the interruption.
+    /// Resumes from a state of [`FilterStream::save`]. The result of the next sample is then bit-identical to that
+    /// without an interruption.
     ///
     /// # Errors
     /// Fails for bytes that are damaged or have another version, for another filter or other parameters, or for another

@@ -167,11 +167,11 @@ pub struct TrackMapNode {
 }
 
 impl TrackMap {
-    /// Map from finite measurements. The samples of a line are contiguous and in time order. Results are bit-identical
-    /// for any number of threads.
+    /// Computes a map from finite measurements. The samples of a line are contiguous and in time order. Results are
+    /// bit-identical for any number of threads.
     ///
     /// # Errors
-    /// See [`TrackMapError`].
+    /// Fails in the cases that [`TrackMapError`] lists.
     pub fn new(parameters: &TrackMapParameters, samples: &[TrackSample]) -> Result<Self, TrackMapError> {
         Self::with_kernel(parameters, kernel_of(parameters, samples)?, samples)
     }
@@ -179,7 +179,7 @@ impl TrackMap {
     /// Map with a kernel that [`kernel_of`] fitted to more measurements.
     ///
     /// # Errors
-    /// See [`TrackMapError`].
+    /// Fails in the cases that [`TrackMapError`] lists.
     pub fn with_kernel(
         parameters: &TrackMapParameters,
         fitted: Option<AnomalyKernel>,

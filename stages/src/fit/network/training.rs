@@ -13,7 +13,7 @@ use super::{
 };
 use crate::fit::{model::LearningResult, samples::FitSamples};
 
-/// Time between two saved states, s.
+/// Time between two saved states, in seconds.
 const KEPT_EVERY_S: f64 = 1.0;
 
 /// Trains networks. They share passes over the samples where possible, with the same results as if trained separately.

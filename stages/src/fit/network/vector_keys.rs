@@ -27,7 +27,7 @@ params! {
 const PLAUSIBLE_NT: std::ops::Range<f64> = 15_000.0..90_000.0;
 
 impl VectorModelKeys {
-    /// Frame for a scale of the target, nT.
+    /// Frame for a target scale in nT.
     pub fn frame(&self, target_scale_nt: f64) -> VectorFrame {
         VectorFrame { coupling: self.coupling, bt_scale_nt: self.bt_scale_nt, target_scale_nt }
     }
@@ -41,7 +41,7 @@ impl VectorModelKeys {
     /// Checks the magnitude of the field that the terms give.
     ///
     /// # Errors
-    /// Error if it is not a magnitude of the earth's field.
+    /// Fails if the magnitude is outside the range of the earth's field.
     pub fn check(&self, terms: &[f64], width: usize) -> Result<(), Fault> {
         let field_nt = self.frame(1.0).mean_field_nt(terms, width);
         if self.coupling == FieldCoupling::Projection || PLAUSIBLE_NT.contains(&field_nt) {

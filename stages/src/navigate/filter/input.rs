@@ -49,7 +49,7 @@ pub struct FilterInput<'a> {
     pub models: &'a [CalibrationPrior],
     /// The vector magnetometer `vector`, nT along nose, right and down.
     pub field_nt: Option<[&'a [f64]; 3]>,
-    /// The cosine of the angle between the scalar sensor's axis and that field; NaN if unknown.
+    /// Cosine of the angle between the axis of the scalar sensor and the field; NaN if unknown.
     pub cosines: Option<Vec<f64>>,
     /// Factor on the standard deviation of each measurement for the attitude; NaN makes the measurement missing.
     pub noise_factors: Option<Vec<f64>>,
@@ -65,8 +65,8 @@ pub struct FilterInput<'a> {
     /// Prior standard deviation of the lag of the magnetometer, in s, for a filter that estimates the lag. `None`
     /// without a state for the lag.
     pub latency_sigma_s: Option<f64>,
-    /// Prior standard deviation of the height bias on the map, in m, for a filter that estimates the bias. `None` without
-    /// a state for the bias.
+    /// Prior standard deviation of the bias between the height of the INS and the height on the map, in m, for a filter
+    /// that estimates the bias. `None` without a state for the bias.
     pub map_height_sigma_m: Option<f64>,
     /// Whether the track has the columns of the lag, and those of the height bias.
     pub(in crate::navigate) has_constants: [bool; 2],

@@ -91,7 +91,7 @@ impl LinearisedAid {
         self.value - self.sensitivity().dot(x)
     }
 
-    /// Variance of the slow errors before the line: of the bias, the crustal field, and the temporal variation of this
+    /// Prior variance of the slow errors: of the bias, of the crustal field, and of a temporal variation with this
     /// standard deviation.
     pub(crate) fn lasting_variance(&self, states: &AidStates, temporal_nt: f64) -> f64 {
         let of = |(state, entry): (usize, f64)| states.variance(state).map_or(0.0, |of_state| entry * entry * of_state);
@@ -123,7 +123,7 @@ pub(crate) struct AidMeasurements {
 }
 
 impl AidMeasurements {
-    /// Existing measurements in order of use.
+    /// Available measurements, in order of use.
     pub(crate) fn iter(&self) -> impl Iterator<Item = &LinearisedAid> {
         self.rows.iter().flatten().map(AsRef::as_ref)
     }
@@ -144,7 +144,7 @@ impl AidMeasurements {
         self.rows[place] = Some(Box::new(row));
     }
 
-    /// Means of the same measurements over several samples; `off_map` is set if it is set for any sample.
+    /// Means of the measurements over several samples. `off_map` is set if it is set for any of the samples.
     pub(crate) fn mean(samples: Vec<Self>) -> Self {
         let mut mean = Self { off_map: samples.iter().any(|sample| sample.off_map), ..Self::default() };
         for aid in Aid::ALL {

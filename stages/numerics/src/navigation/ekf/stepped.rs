@@ -1,4 +1,4 @@
-//! The filter with the noise of each sample from a function of the earlier samples.
+//! Filter whose noise at each sample is a function of the earlier samples.
 
 use pulp::{Scalar, Simd, WithSimd};
 

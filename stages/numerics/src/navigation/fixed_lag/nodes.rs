@@ -1,4 +1,4 @@
-//! Nodes of the line: instants whose states are estimated, each with the measurements of an interval.
+//! Nodes of the line: times at which states are estimated, each with the measurements of an interval.
 
 use std::ops::Range;
 
@@ -214,7 +214,7 @@ impl<'a> LineNodeBuilder<'a> {
         self.line.ins.tt_s.get(self.next).copied()
     }
 
-    /// Next node, with the samples before `end_s`, but at least one; `None` after the last node.
+    /// Next node, with the samples before `end_s`, but at least one sample. `None` after the last node.
     pub fn take(&mut self, end_s: f64) -> Option<FixedLagNode> {
         let first_s = self.next_s()?;
         let tt_s = self.line.ins.tt_s;

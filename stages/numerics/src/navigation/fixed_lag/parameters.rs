@@ -45,7 +45,7 @@ impl FixedLagParameters {
 pub struct WindowReport {
     /// Time of the first and the last node, in s.
     pub span_s: [f64; 2],
-    /// Number of nodes: instants whose states are solved for.
+    /// Number of nodes, the times at which states are solved for.
     pub nodes: usize,
     /// Number of measurements: averages over `measurement_interval_s` of all magnetometers, and coordinates of aiding
     /// positions.

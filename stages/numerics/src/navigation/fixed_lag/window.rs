@@ -272,7 +272,8 @@ impl<'a> SmoothingWindow<'a> {
         sum
     }
 
-    /// Distance, and cost of the residuals in `counted`. Where the field is unknown, the residual in `counted` is used.
+    /// Squared distance, and cost of the residuals in `counted`. Where the field is unknown, the residual in `counted`
+    /// is used.
     fn cost(&self, path: &WindowPath, about: &WindowLinearisation, counted: &WindowLinearisation) -> f64 {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
         let (loss, mut sum) = (self.parameters.robust(), path.distance);

@@ -81,7 +81,7 @@ pub(crate) fn run_along<F: FilterRecursion>(
     pulp::Arch::new().dispatch(Dispatched { filter, ins, errors, fixes })
 }
 
-/// [`run_along`] the INS and the aiding positions of a line.
+/// Runs a filter along the INS and the aiding positions of a line, as [`run_along`].
 ///
 /// # Errors
 /// Returns the errors of [`FilterRecursion::along`].

@@ -18,7 +18,7 @@ impl InsErrorModel {
 /// error `start` at its first sample.
 ///
 /// Half of a step's noise is added before the step and half after it, which is accurate to second order. The last error
-/// is the start of the next piece.
+/// of a piece is the first error of the next piece.
 ///
 /// # Errors
 /// Returns the errors of [`InsErrorModel::check`] and [`InsSeries::check`].
@@ -134,8 +134,8 @@ impl InsErrorEnsemble {
         self.squares_m2.iter().map(|squares| (squares / self.samples.max(1) as f64).sqrt()).collect()
     }
 
-    /// Member with the `rank`-th largest DRMS, counted from 1; of several equal members, the first. `None` if there are
-    /// fewer members.
+    /// Member with the `rank`-th largest DRMS, counted from 1. Of several members with equal DRMS, the first is used.
+    /// `None` if there are fewer members.
     pub fn ranked(&self, rank: usize) -> Option<usize> {
         let drms = self.drms_m();
         let mut order: Vec<usize> = (0..drms.len()).collect();

@@ -54,7 +54,7 @@ impl Params for InsErrorSpec {
     }
 
     fn spell(&self, out: &mut Vec<(&'static str, String)>) {
-        // A stage that uses `given` or `start_given` reads other columns of the flight with it.
+        // The columns of the flight that a stage reads depend on `given` and `start_given`.
         self.sources.spell(out);
     }
 

@@ -64,9 +64,9 @@ impl StartFix {
     /// Covariance of the states of an INS corrected by the fix.
     ///
     /// `aligned` is the covariance before the fix, from the alignment of the INS. Without it, tilts, biases and the
-    /// barometer loop have the initial standard deviations of `errors`, and so has the velocity if the fix has none.
-    /// The correlations of the replaced states with the others are dropped: they depend on the manoeuvres since the
-    /// alignment, which are unknown.
+    /// barometer loop have the initial standard deviations of `errors`. So does the velocity, if the fix has no
+    /// velocity. The correlations of the replaced states with the others are dropped: they depend on the manoeuvres
+    /// since the alignment, which are unknown.
     pub fn covariance(&self, errors: &InsErrorModel, aligned: Option<&StateMatrix>) -> StateMatrix {
         let mut model = InsErrorModel { start: None, ..*errors };
         model.sources.init_position_sigma_m = self.sigmas.horizontal_m;
@@ -224,8 +224,8 @@ mod tests {
         let vel_ned_mps = Some([4, 5, 6].map(|column: usize| columns[column][2]));
         let later = StartFix { lat_lon_deg: [columns[1][2], columns[2][2]], vel_ned_mps, ..fix };
         let at_third = correction_along(&model, &series(&ins), 2, later.error(&rest));
-        // For errors of up to 1 km the linear model is accurate to some decimetres; the step back to the first sample adds
-        // some.
+        // For errors of up to 1 km the linear model is accurate to some decimetres; the step back to the first sample
+        // adds some decimetres.
         let both = [(&at_first, 0.5), (&at_third, 1.0)];
         for (corrections, within_m, row) in both.into_iter().flat_map(|(of, m)| [0, 450, 899].map(|row| (of, m, row))) {
             let off_m = |column: usize, of: usize| {

@@ -1,5 +1,5 @@
-//! Search for constant states: a lag of the magnetometer's time stamps (late stamps have a positive lag), and a height
-//! bias of the aircraft on the map (an aircraft above its assumed height has a positive bias).
+//! Search for constant states: the lag of the magnetometer, and the bias between the height of the INS and the height
+//! on the map. The lag of late time stamps is positive. The bias of an aircraft above its assumed height is positive.
 
 use super::{NoiseLikelihood, NoisePoint, PERMANENT};
 use crate::navigation::aided::AidedOutput;
@@ -20,7 +20,8 @@ const LAG: ConstantState = ConstantState { prior_sigma: 1.0, largest: 2.0, value
 const MAP_HEIGHT: ConstantState =
     ConstantState { prior_sigma: 50.0, largest: 250.0, values: |output| &output.map_height_m[0] };
 /// Smallest increase of the logarithm of the likelihood for which a constant becomes a state. The prior alone decreases
-/// this logarithm by ln(1 s / 0.05 s) = 3 for a lag that is known to 0.05 s, and for a height known to 2.5 m.
+/// this logarithm by ln(1 s / 0.05 s) = 3 for a lag that is known to 0.05 s, and by as much for a height that is known
+/// to 2.5 m.
 const LEAST_GAIN: f64 = 6.0;
 /// Factors on the white noise and on the process that are tried first. Without a state for the constant, the noise
 /// contains its effect.

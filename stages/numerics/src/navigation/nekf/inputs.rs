@@ -4,8 +4,8 @@ use crate::navigation::field::PredictedField;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::Innovation;
 
-/// Names of the inputs that the filter computes, in their order. With v, s and σ² the innovation of the sample before,
-/// its predicted variance and the assumed variance of its measurement:
+/// Names of the inputs that the filter computes, in their order. Of the previous sample, v is the innovation, s its
+/// predicted variance, and σ² the assumed variance of the measurement:
 ///
 /// | Input | Value |
 /// |:--|:--|
@@ -87,7 +87,7 @@ impl<'a> InputSource<'a> {
         inputs
     }
 
-    /// Size of the change of course since the sample before, in deg/s; 0 at the first sample.
+    /// Absolute rate of change of the course since the previous sample, in deg/s; 0 at the first sample.
     fn turn_rate(&self, row: usize) -> f64 {
         let ins = self.line.ins;
         let Some(last) = row.checked_sub(1) else { return 0.0 };

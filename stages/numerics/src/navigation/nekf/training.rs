@@ -89,11 +89,11 @@ pub struct TrainedNoise {
 /// Decay rates of the moments, and the smallest denominator, of Adam.
 const BETA: [f64; 2] = [0.9, 0.999];
 const EPSILON: f64 = 1e-8;
-/// Largest norm of the gradient of the mean loss; a longer one is shortened.
+/// Largest norm of the gradient of the mean loss; a longer gradient is shortened.
 const LARGEST_GRADIENT: f64 = 1.0;
 /// Smallest number of samples with a loss.
 const FEWEST: usize = 100;
-/// Smallest standard deviation of an input that varies, relative to its mean and absolute.
+/// Smallest standard deviation of an input that counts as varying: relative to its mean, and absolute.
 const SMALLEST_SPREAD: [f64; 2] = [1e-9, 1e-12];
 
 /// Trains a network. A step of Adam [Kingma & Ba 2015] uses one window of every line: the first windows of all lines,

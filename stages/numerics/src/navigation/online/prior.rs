@@ -137,7 +137,8 @@ pub fn walk_density(calibrations: &[&[f64]], tt_s: &[f64]) -> Result<Vec<f64>, P
 }
 
 /// Prior of an aircraft without a calibration: standard deviations about zero, for a magnetometer in the cabin, where
-/// the aircraft field is hundreds to thousands of nT. On a boom, a tenth of these is sufficient.
+/// the aircraft field is hundreds to thousands of nT. For a magnetometer on a boom, a tenth of these values is
+/// sufficient.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ColdStart {
     /// Standard deviation of each permanent term, in nT.
@@ -147,8 +148,8 @@ pub struct ColdStart {
     /// Standard deviation of each eddy term, in nT for a relative change of the field (change divided by the scale) of
     /// 1 per s. At a roll rate of 10 degrees per s the field of one term is about 0.17 times this value.
     pub eddy_nt_s: f64,
-    /// Standard deviation of each derivative term, in nT for a change of 1 nT per s. At 10 degrees per s, 8,700 times
-    /// this.
+    /// Standard deviation of each derivative term, in nT for a change of 1 nT per s. At a roll rate of 10 degrees per
+    /// s, the field of one term is about 8,700 times this value.
     pub derivative_s: f64,
     /// Standard deviation of the constant, in nT.
     pub bias_nt: f64,

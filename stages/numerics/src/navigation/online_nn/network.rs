@@ -36,7 +36,7 @@ impl OnlineActivation {
     }
 }
 
-/// Aircraft field as a function of features. f denotes the features minus their mean, divided by their standard
+/// Aircraft field as a function of features. Here, f denotes the features minus their mean, divided by their standard
 /// deviation:
 ///
 /// ```text

@@ -156,7 +156,7 @@ pub struct ParticleMap {
     index: SlamSampleIndex,
     /// First sample that is too recent for the index.
     pending: usize,
-    /// Largest spread of the particles at an indexed sample, in m.
+    /// Largest spread of the particles over all indexed samples, in m.
     spread_m: f64,
     found: Vec<u32>,
 }

@@ -51,7 +51,7 @@ impl InsSample {
         [tt_s, lat_deg, lon_deg, alt_m, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw]
     }
 
-    /// Rejects what [`InsSeries::check`] rejects.
+    /// Rejects the values that [`InsSeries::check`] rejects.
     pub(super) fn check(&self) -> Result<(), StreamError> {
         let (values, tt_s) = (self.values(), self.tt_s);
         let series = InsSeries::from_columns(values.each_ref().map(std::slice::from_ref));
@@ -154,7 +154,7 @@ pub enum StreamError {
         /// Time of the last sample, in s.
         last_s: f64,
     },
-    /// The time is the time of the last sample.
+    /// The time equals the time of the last sample.
     #[error("a sample at tt = {tt_s} s was already used; drop the duplicate")]
     Duplicate {
         /// Time of the sample, in s.
@@ -191,7 +191,7 @@ pub enum StreamError {
         /// Time of the sample, in s.
         tt_s: f64,
     },
-    /// Another number of values than the filter has.
+    /// The sample has another number of values than the filter requires.
     #[error("the sample has {found} {what}; the filter requires {expected}")]
     Count {
         /// Values that are counted.

@@ -37,7 +37,7 @@ pub fn scene() -> &'static Scene {
 pub enum Left {
     /// White noise alone.
     White,
-    /// Drift of 30 nT with a time constant of 300 s.
+    /// A drift of 30 nT with a time constant of 300 s.
     Drift,
     /// The drift, and currents that switch about every 200 s and step the field by 30 nT.
     Steps,
