@@ -51,7 +51,7 @@ const BOUNDED: [&str; 26] = [
 /// Rejects expressions whose values may be much larger than their columns.
 ///
 /// # Errors
-/// Fails for such an expression. The fault names the function, the text or the number of concatenations.
+/// Fails for such an expression. The fault names the function, the string or the number of concatenations.
 pub fn check(expr: &Expr, schema: &DFSchema, subject: &str) -> Result<(), Fault> {
     let (mut found, mut joined) = (None, 0);
     let visited = expr.apply(|e| {

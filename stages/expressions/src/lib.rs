@@ -143,7 +143,7 @@ fn wrong(e: &DataFusionError, shape: &TableShape, subject: &str) -> Fault {
 ///
 /// NaN in a flight line is a missing value and becomes SQL's NULL. Functions of a missing value, including `greatest`
 /// and `least`, are missing. Comparisons with a missing value are unknown. `coalesce` and `is null` detect missing
-/// values. Division is real division, also of whole numbers.
+/// values. Division is real division, even of whole numbers.
 #[derive(Clone, Debug)]
 pub struct Expression {
     physical: Arc<dyn PhysicalExpr>,
@@ -265,7 +265,7 @@ fn known(array: &ArrayRef) -> ArrayRef {
     }
 }
 
-/// The expression with real dividends: SQL divides whole numbers to whole numbers, so that `1/3` would be 0.
+/// The expression with real dividends. In SQL, the quotient of whole numbers is a whole number, so `1/3` would be 0.
 fn real_division(expr: Expr) -> Result<Expr, DataFusionError> {
     let one = |e: Expr| match e {
         Expr::BinaryExpr(BinaryExpr { left, op: Operator::Divide, right }) => {
@@ -295,8 +295,8 @@ fn extremes_deep(expr: &Expr) -> usize {
     inside + usize::from(is_extreme(expr))
 }
 
-/// The expression with `greatest` and `least` missing if an argument is missing. SQL ignores missing arguments, so that
-/// a missing value clipped to 1 would be 1.
+/// The expression in which `greatest` and `least` are missing if an argument is missing. In SQL they ignore missing
+/// arguments, so a missing value clipped to 1 would be 1.
 fn missing_extremes(expr: Expr) -> Result<Expr, DataFusionError> {
     let one = |e: Expr| {
         let Expr::ScalarFunction(function) = &e else { return Ok(Transformed::no(e)) };

@@ -74,7 +74,7 @@ pub struct RandomFeatureSettings {
     /// Prior standard deviation of the coefficient of each column, as a multiple of the standard deviation of the
     /// Gaussian process per unit of the columns; 0 omits the columns.
     pub linear: f64,
-    /// The ratio λ of the variances of the errors and of the Gaussian process; `None` for the most likely one.
+    /// Ratio λ of the variances of the errors and of the Gaussian process; `None` for the most likely ratio.
     pub lambda: Option<f64>,
     /// The seed of the frequencies.
     pub seed: u64,

@@ -75,8 +75,8 @@ pub struct TrialOutcome {
     pub cost: Option<f64>,
 }
 
-/// Trials `first` to `first + count` of the search with `seed` over `dimensions`, after all of `outcomes`. Trials of
-/// one call do not use each other's results.
+/// Trials from `first` on, `count` in number, of the search with `seed` over `dimensions`, given all of `outcomes`.
+/// Trials of one call do not use each other's results.
 ///
 /// [`ProposalMethod::Tpe`] repeats an earlier trial only if there are no other trials.
 pub fn propose(
@@ -103,8 +103,8 @@ pub fn propose(
 }
 
 /// Positions of the trials that successive halving (Jamieson and Talwalkar 2016) keeps for the next rung, ascending:
-/// the trials with the best 1/`eta` of these costs, at least one trial. A trial without a cost is never kept. Of equal
-/// costs, the first are kept.
+/// the trials with the best 1/`eta` of these costs, at least one trial. A trial without a cost is never kept. Of
+/// several equal costs, the first are kept.
 pub fn kept(costs: &[Option<f64>], eta: usize) -> Vec<usize> {
     let mut order: Vec<(f64, usize)> = costs.iter().enumerate().filter_map(|(i, c)| Some(((*c)?, i))).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));

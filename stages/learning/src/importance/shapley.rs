@@ -86,7 +86,8 @@ impl<E> ShapleySampler<'_, E> {
         (0..self.sampling.samples).map(|_| draws::shuffled(&mut bits, self.groups.len())).collect()
     }
 
-    /// For each order: rows on the path from the background row to `x`, then rows on the path in the reverse order.
+    /// For each order, the rows on the path from the background row to `x`, followed by the rows on the path in the
+    /// reverse order.
     fn mixed(&self, x: &[f64], some: Range<usize>, orders: &[Vec<usize>]) -> Vec<f64> {
         let mut out = vec![];
         for (b, orders) in some.zip(orders.chunks(self.sampling.samples)) {

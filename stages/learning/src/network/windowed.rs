@@ -54,7 +54,7 @@ pub struct WindowedNetworkShape {
     pub inputs: usize,
     /// The number of samples; a power of two of at least 2 for `tcn`.
     pub window: usize,
-    /// Number of heads of `transformer`, a divisor of the units; 1 for the others.
+    /// Number of heads of `transformer`, a divisor of the number of units; 1 for other layers.
     pub heads: usize,
     /// Number of units of the memory, equal to the number of features. For `window`, the number of inputs of the
     /// window. For `transformer`, the number of units of a sample; the features are the units of all samples.
@@ -334,9 +334,9 @@ impl WindowedNetworkShape {
         }
     }
 
-    /// Predictions for runs of scaled inputs and linear terms (empty without), run after run, in the scale of the
-    /// target. All are NaN if parameters, terms or lengths do not match. The prediction of a row is NaN if an input of
-    /// its window is NaN.
+    /// Predictions for runs of scaled inputs and linear terms (empty if there are none), run by run, in the scale of
+    /// the target. All are NaN if parameters, terms or lengths do not match. The prediction of a row is NaN if an input
+    /// of its window is NaN.
     pub fn predict(&self, parameters: &[f64], x: &[f64], a: &[f64], lengths: &[usize]) -> Vec<f64> {
         let rows = x.len() / self.inputs.max(1);
         match first_rows(lengths, rows) {

@@ -1,9 +1,10 @@
 //! The Tolles-Lawson matrix: dependence of the aircraft field on the attitude in the earth's field.
 //!
-//! B denotes the vector magnetometer in the body frame (nT), and Bt its magnitude (in the modified model, a scalar
-//! magnetometer). Ḃ is the central difference of B per sample, and s a scale. The terms are: permanent B_i/Bt, induced
-//! B_i B_j/(Bt s), eddy B_i Ḃ_j/(Bt s), derivative Ḃ_i, bias 1. [Tolles and Lawson 1950; Gnadt 2022 eqs. 3.15-3.20,
-//! with the scale that eq. 3.20 omits and eddy currents driven by the change of the vector, as MagNav.jl computes them]
+//! B denotes the reading of the vector magnetometer in the body frame (nT), and Bt its magnitude. In the modified
+//! model, Bt is the reading of a scalar magnetometer. Ḃ is the central difference of B per sample, and s a scale. The
+//! terms are: permanent B_i/Bt, induced B_i B_j/(Bt s), eddy B_i Ḃ_j/(Bt s), derivative Ḃ_i, bias 1. [Tolles and Lawson
+//! 1950; Gnadt 2022 eqs. 3.15-3.20, with the scale that eq. 3.20 omits and eddy currents driven by the change of the
+//! vector, as MagNav.jl computes them]
 
 mod terms;
 

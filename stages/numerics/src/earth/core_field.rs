@@ -244,7 +244,7 @@ impl HarmonicRecursion {
         terms
     }
 
-    /// Computes the orders below `n` of degree `n` from the two lower degrees.
+    /// Computes the harmonics of degree `n` and orders below `n` from the two lower degrees.
     fn zonal_to_subdiagonal(&self, terms: &mut [f64; TERMS], n: usize, z: f64, ratio_sq: f64) {
         for m in 0..n {
             let here = index(n, m);

@@ -262,7 +262,7 @@ mod tests {
         let found = anomaly_retention(&holed, &reference, &known).unwrap();
         assert_eq!((found.n, found.left_out), (2000, 1000));
         assert!((found.slope - short.slope).abs() < 1e-12 && (found.residual_nt - short.residual_nt).abs() < 1e-12);
-        // Shifts across the gap are weighted by the mean number of rows that overlap.
+        // Shifts across the gap have the weight of the mean number of rows that overlap.
         assert!((found.standard_error / short.standard_error - 1.0).abs() < 0.2, "{found:?} {short:?}");
     }
 

@@ -160,7 +160,7 @@ pub struct GriddingOptions {
 }
 
 impl GriddingOptions {
-    /// Options for a method, with all others derived from the data and no cross-validation.
+    /// Options for a method. All other options are derived from the data, and there is no cross-validation.
     pub fn new(method: GriddingMethod) -> Self {
         Self {
             method,

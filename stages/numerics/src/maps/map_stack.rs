@@ -43,7 +43,7 @@ pub enum LevelExtrapolation {
     Clamp,
 }
 
-/// Settings for the interpolation of a stack.
+/// Settings of the interpolation of a stack.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StackOptions {
     /// Interpolation within a level.

@@ -197,7 +197,7 @@ mod tests {
 
     #[test]
     fn law_generalised_cross_validation_finds_the_prediction_error() {
-        // Over 200 draws of the noise, the mean score at each lambda equals the mean error at new noise, within the
+        // Over 200 draws of the noise, the mean score at each lambda equals the mean error on new noise, within the
         // scatter of the score.
         let (rows, p) = (60, 12);
         let mut normals = NormalGenerator::new(3);

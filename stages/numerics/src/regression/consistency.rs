@@ -16,7 +16,7 @@ const LEAST: usize = 10;
 /// constant or fewer than ten samples. Values that are not finite are excluded, and their neighbours are treated as
 /// adjacent. [Geyer 1992, section 3.3]
 ///
-/// The result is too large for a series of only a few correlation times.
+/// For a series of only a few correlation times, the result is too large.
 pub fn effective_samples(x: &[f64]) -> f64 {
     let known: Vec<f64> = x.iter().copied().filter(|x| x.is_finite()).collect();
     let n = known.len();

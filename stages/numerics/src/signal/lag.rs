@@ -39,7 +39,7 @@ pub enum LagError {
     },
 }
 
-/// Lag between two signals, and the uncertainty of the lag.
+/// Lag between two signals, and its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SignalLag {
     /// Lag of the signal relative to the reference, s: signal(t) = reference(t - `lag_s`).

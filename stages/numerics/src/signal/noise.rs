@@ -2,8 +2,9 @@
 //!
 //! The noise is estimated from its Allan variance: half the mean square of the difference between the means over two
 //! neighbouring intervals. It is independent of a constant offset, and gaps only end a run. The two returned parts are
-//! the smallest whose Allan variance is nowhere below that of the line, within the uncertainty of its estimate. Two
-//! parts cannot represent noise with more time scales, which is therefore overestimated and never underestimated.
+//! the smallest parts whose Allan variance is nowhere below that of the line, within the uncertainty of the line's
+//! Allan variance. Two parts cannot represent noise with more time scales, which is therefore overestimated and never
+//! underestimated.
 //!
 //! [Allan 1966, Proc. IEEE 54(2); IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8; Langel, García Crespillo
 //! & Joerger 2021, NAVIGATION 68(2), on models that bound a process of unknown correlation]
@@ -123,7 +124,8 @@ pub fn allan_variance(lines: &[BlockMeans]) -> Vec<AllanPoint> {
         let (mut sum, mut terms, mut pairs) = (0.0, 0.0, 0.0);
         for run in lines.iter().flat_map(|l| &l.runs).filter(|run| run.len() >= 2 * m) {
             let mean = |at: usize| run[at..at + m].iter().sum::<f64>() / m as f64;
-            // Intervals overlap, but with at most thirty-two starts per interval length: more add no information.
+            // Intervals overlap, with at most thirty-two starts per interval length, because more starts add no
+            // information.
             let stride = m.div_ceil(32);
             for at in (0..=run.len() - 2 * m).step_by(stride) {
                 sum += 0.5 * (mean(at + m) - mean(at)).powi(2);

@@ -24,7 +24,7 @@ pub enum EdgeExtension {
     /// A straight line from the last value of each row, and then of each column, around to the first value, as in
     /// MagNav.jl's `map_expand`.
     WrapAround,
-    /// The trend alone: with [`TrendRemoval::None`] zeros, as the default of `xrft.pad`.
+    /// The trend alone. With [`TrendRemoval::None`], the padding is zero, as by default in `xrft.pad`.
     Zero,
 }
 
@@ -39,7 +39,7 @@ pub enum TrendRemoval {
     EdgePlane,
 }
 
-/// Width of the padding on each side. The padded sides are products of 2, 3, 5 and 7.
+/// Width of the padding on each side. The lengths of the padded sides are products of 2, 3, 5 and 7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PaddingWidth {
     /// Width of at least ten times the continuation distance and a tenth of the side, at most [`MOST_PADDING`] nodes.

@@ -18,13 +18,15 @@ use super::windows::SchwarzPreconditioner;
 use super::{GriddingError, GriddingProgress, check_columns};
 use rayon::prelude::*;
 
-/// Number of nearest measurements around a source; the source lies beneath the lowest of these measurements.
+/// Number of nearest measurements that determine the depth of a source. The source lies beneath the lowest of them.
 const AROUND: usize = 8;
 
-/// Search radius, in depths, for the nearest measurement in each quadrant; a source also lies beneath these.
+/// Search radius, in depths, for the nearest measurement in each quadrant. A source also lies beneath these
+/// measurements.
 const BESIDE: f64 = 8.0;
 
-/// Minimum height above a source, as a fraction of its depth. Below it, that source dominates and the field is invalid.
+/// Minimum height above a source, as a fraction of its depth. At smaller heights, a single source dominates and the
+/// field is invalid.
 const CLEAR: f64 = 0.5;
 
 /// Opening criterion for the summation of distant boxes in predictions. The error is below 0.01 nT at Osborne, whose
@@ -72,7 +74,7 @@ impl EquivalentSources {
     }
 
     /// Places sources beneath `value_nt` measured at eastings, northings and heights in metres, for a fit by
-    /// [`Self::solve`]. Before the fit, the field of the sources is only the plane of the values.
+    /// [`Self::solve`]. Before the fit, the predicted field is only the plane fitted to the values.
     ///
     /// # Errors
     ///
@@ -145,7 +147,7 @@ impl EquivalentSources {
     /// The field in nT at eastings, northings and heights in metres.
     ///
     /// # Errors
-    /// Fails if a position is not above the sources near it or where the field is undefined. Also fails for columns of
+    /// Fails if a position is not above the sources near it, where the field is undefined. Also fails for columns of
     /// different lengths, or for values that are not finite.
     pub fn predict(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GriddingError> {
         let targets = self.targets(at_m)?;

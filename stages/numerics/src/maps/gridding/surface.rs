@@ -148,7 +148,7 @@ impl FittedSurface {
     /// sources: NaN at points that lie below the sources of neighbouring points.
     ///
     /// # Errors
-    /// Fails, for equivalent sources, for columns of different lengths and for values that are not finite.
+    /// With equivalent sources, fails for columns of different lengths and for values that are not finite.
     pub fn at_points(&self, points: SurveyPoints) -> Result<Vec<f64>, GriddingError> {
         match &self.surface {
             SurveySurface::Sources(sources, _) => {
@@ -162,7 +162,7 @@ impl FittedSurface {
     /// hundred nodes, nT.
     ///
     /// # Errors
-    /// Fails, for equivalent sources, as [`EquivalentSources::predict`] at the nodes.
+    /// With equivalent sources, returns the errors of [`EquivalentSources::predict`] at the nodes.
     pub fn grid(&self) -> Result<(PlaneGrid, Option<[f64; 2]>), GriddingError> {
         let [east_m, north_m] = self.axes;
         match &self.surface {

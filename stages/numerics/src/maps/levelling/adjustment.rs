@@ -21,9 +21,10 @@ const REWEIGHTED: usize = 4;
 const BY_CHANCE: f64 = 0.05;
 /// Standard deviations by which the scatter of a group must exceed its errors.
 const BEYOND: f64 = 1.645;
-/// Minimum ratio of crossovers to coefficients for initially unconstrained corrections.
+/// Minimum ratio of crossovers to coefficients at which the iteration starts with unconstrained corrections.
 const ENOUGH: usize = 2;
-/// Minimum number of crossovers of a line that is individually out of level: one or two crossovers may be wrong.
+/// Minimum number of crossovers of a line that is individually out of level. With fewer crossovers, they may just be
+/// wrong.
 const LEAST_CROSSOVERS: usize = 3;
 
 /// Sparse least-squares equations of the line corrections, one per crossover.

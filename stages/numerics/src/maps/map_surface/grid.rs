@@ -118,7 +118,7 @@ pub enum MapGridError {
     /// The companion of a map (its vertical derivative or its heights) does not match its nodes.
     #[error("the map has {nodes} nodes, but its {companion} has {values} values")]
     CompanionSize {
-        /// Its kind: `vertical derivative` or `height`.
+        /// Kind of the companion: `vertical derivative` or `height`.
         companion: &'static str,
         /// Nodes of the map.
         nodes: usize,
@@ -128,7 +128,7 @@ pub enum MapGridError {
     /// The companion of a map is not a finite number at a known node.
     #[error("the {companion} in row {row} of the map is {value}, but the anomaly there is known")]
     CompanionValue {
-        /// Its kind: `vertical derivative` or `height`.
+        /// Kind of the companion: `vertical derivative` or `height`.
         companion: &'static str,
         /// The row, from 0, sorted by latitude, then longitude.
         row: usize,
@@ -246,7 +246,7 @@ impl GeographicAxis {
         Some((cell, (steps - cell as f64).clamp(0.0, 1.0)))
     }
 
-    /// Calls `locate`, after a change by a full turn if necessary.
+    /// Calls `locate` with the coordinate, changed by a full turn if necessary.
     #[inline(always)]
     pub(super) fn locate_turning(&self, deg: f64) -> Option<(usize, f64)> {
         let round_deg = self.round_deg;

@@ -167,7 +167,8 @@ impl RegressionMoments {
     pub fn leave_one_out(lines: &[Self]) -> Result<Vec<Self>, LeastSquaresError> {
         let first = lines.first().filter(|_| lines.len() > 1);
         let first = first.ok_or(LeastSquaresError::TooFewLines { given: lines.len() })?;
-        // The moments after each line are computed first, then the moments of the lines before it within the loop.
+        // The moments of the lines after each line are computed first. The moments of the lines before it follow within
+        // the loop.
         let mut behind = vec![first.none_like()];
         for line in lines.iter().skip(1).rev() {
             let next = line.merge(&behind[behind.len() - 1])?;
@@ -406,14 +407,14 @@ pub enum LineScoreMeasure {
 /// The leave-one-line-out scores of a list of candidates.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LineScores {
-    /// For each candidate, the score of each omitted line, in the target's unit squared.
+    /// For each candidate, the score of each omitted line, in the square of the target's unit.
     pub scores: Vec<Vec<f64>>,
     /// For each candidate, the mean over the lines, with equal weights.
     pub mean: Vec<f64>,
     /// For each candidate, the standard deviation of the scores (n − 1) divided by the square root of the number of
     /// scores.
     pub standard_error: Vec<f64>,
-    /// Index of the candidate with the smallest mean; the first of several equal means.
+    /// Index of the candidate with the smallest mean. Of several equal means, the first is used.
     pub best: usize,
     /// Index of the first candidate whose mean is within one standard error of the smallest mean.
     pub within_one_error: usize,

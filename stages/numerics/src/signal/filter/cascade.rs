@@ -2,7 +2,8 @@
 //!
 //! The outer loop runs over time and the inner loop over columns. The columns fill the vector registers, whereas a
 //! single recursive filter cannot be vectorised. The arithmetic of each column is the same sequence of additions and
-//! fused multiplications on any processor and for any other columns, so the result depends on neither.
+//! fused multiplications on any processor and for any other columns, so the result depends neither on the processor nor
+//! on the other columns.
 
 use super::BiquadSection;
 

@@ -57,7 +57,7 @@ pub enum NoiseFitError {
     },
 }
 
-/// Statistic of the record; its response to a unit of each part depends on the correlation time.
+/// Statistic of the record. Its response to a unit of each part depends on the correlation time.
 struct NoiseFitPoint {
     /// Statistic of white noise of variance 1.
     white: f64,
