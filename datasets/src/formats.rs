@@ -106,8 +106,8 @@ pub const FLIGHT_FORMATS: &[FlightFormat] = &[
     points_flight::FORMAT,
 ];
 
-/// The formats of files with `further` ones, in the order in which a file is tried: `further` comes after Parquet,
-/// whose files are self-describing, and before the formats that are recognised by their text.
+/// The formats of files and the `further` formats, in the order in which a file is tried. The `further` formats come
+/// after Parquet, whose files are self-describing, and before the formats that are recognised by their text.
 pub fn flight_formats(further: &[FlightFormat]) -> Vec<FlightFormat> {
     let (parquet, others) = FLIGHT_FORMATS.split_at(1);
     [parquet, further, others].concat()
@@ -132,8 +132,8 @@ pub const MAP_FORMATS: &[MapFormat] = &[
 /// Opens a flight log.
 ///
 /// # Errors
-/// Fails for a file that is missing, empty, damaged or in no known format, and options that do not fit it. The reader
-/// returns later faults of the file.
+/// Fails for a file that is missing, empty, damaged or in no known format, or for options that do not fit the file. The
+/// reader returns later faults of the file.
 pub fn open_flight(path: &Path, options: &FlightOptions) -> Result<FlightReader, ReadError> {
     open_flight_with(path, options, &ReadHints::default())
 }
@@ -146,7 +146,7 @@ pub fn open_flight_with(path: &Path, options: &FlightOptions, reading: &ReadHint
     open_flight_among(FLIGHT_FORMATS, path, options, reading)
 }
 
-/// [`open_flight_with`] in one of `formats`, such as those of [`flight_formats`].
+/// Same as [`open_flight_with`], but tries only `formats`, such as those of [`flight_formats`].
 ///
 /// # Errors
 /// Fails in the cases of [`open_flight`].

@@ -2,7 +2,7 @@
 //! truth.
 //!
 //! The tasks are fixed: [`TASKS`] lists their columns, lines and metrics. A line has a score if all its samples are
-//! predicted. A line without predictions for all samples fails, and its task fails with it.
+//! predicted. If a line lacks predictions for some samples, the line fails, and so does its task.
 
 mod flights;
 mod predictions;

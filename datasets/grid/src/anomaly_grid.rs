@@ -264,7 +264,7 @@ impl AnomalyGrid {
         Ok(map)
     }
 
-    /// A map of another extent or spacing, such as a trimmed or expanded one, from a grid on this map's plane (the
+    /// A map with another extent or spacing, such as a trimmed or expanded map, from a grid on this map's plane (the
     /// metres of [`AnomalyGrid::plane`]).
     ///
     /// # Errors

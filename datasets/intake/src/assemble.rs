@@ -1,4 +1,4 @@
-//! Assembly of the rows of a file into lines. A faulty row affects only its line.
+//! Assembles the rows of a file into lines. A faulty row affects only its line.
 
 use arrow_array::{Array, RecordBatch, StringArray, cast::AsArray};
 use datasets::{FlightOptions, RowFault};
@@ -17,7 +17,7 @@ pub struct LineBatches {
     pub parts: Vec<RecordBatch>,
     /// The number of its rows.
     pub rows: usize,
-    /// Its first fault; the row counts within the line.
+    /// Its first fault; the row is counted within the line.
     pub fault: Option<Fault>,
 }
 

@@ -162,7 +162,7 @@ impl Mapping {
     }
 }
 
-/// Whether a fault already shows its place in a mapping, so that no place in a spec is required.
+/// Whether a fault already shows its position in a mapping, so that no position in a spec is required.
 pub fn is_shown(fault: &Fault) -> bool {
     fault.what.contains("\n --> ") || fault.what.contains("\n  --> ") || fault.what.contains("\n   --> ")
 }

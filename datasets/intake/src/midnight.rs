@@ -88,7 +88,7 @@ fn days(tt: &[f64]) -> Vec<i64> {
     tt.iter().map(|t| if t.is_finite() { (day(*t) - first) as i64 } else { 0 }).collect()
 }
 
-/// Year and day of each sample. A log may advance its date late, early or not at all; a missing date stays missing.
+/// Year and day of each sample. A log may advance its date late, early or not at all. A missing date remains missing.
 fn moved_on(year: Option<&[f64]>, doy: &[f64], days: &[i64]) -> Result<(Vec<f64>, Vec<f64>), Fault> {
     let year_of = |i: usize| year.and_then(|y| y.get(i)).copied();
     let known = |i: usize| doy[i].is_finite() && year_of(i).is_none_or(f64::is_finite);

@@ -228,8 +228,8 @@ fn refuse_runaway(scene: &SynthLineContext, truth: &TrueTrajectory, errors: &[St
         .help("shorten the flight, set `align = \"line\"`, choose a better `grade` or raise `error_limit_m`"))
 }
 
-/// INS = truth - error. For any error, latitude and longitude are valid and the
-/// attitude is a rotation: an error beyond a pole continues on the other side of it.
+/// INS = truth - error. For any error, latitude and longitude are valid, and the attitude is a rotation. A position
+/// beyond a pole continues on the other side of the pole.
 fn columns(truth: &TrueTrajectory, errors: &[StateVector], extras: &MechanisationErrors) -> [Vec<f64>; 12] {
     let mut columns: [Vec<f64>; 12] = Default::default();
     for (i, e) in errors.iter().enumerate() {

@@ -2,7 +2,7 @@
 //!
 //! A synth spec (TOML) describes a map, the INS, the aircraft's sensors and the flights. Every number depends on the
 //! spec alone. Each random draw has its own stream, derived by hashing the seed and the names of flight, line and
-//! sensor. The same spec therefore gives the same bytes, and adding a flight or a sensor does not change the others.
+//! sensor. The same spec therefore gives the same bytes, and an added flight or sensor does not change the others.
 //! Flights and lines are simulated in parallel, with few lines in memory.
 //!
 //! Heights are above the WGS-84 ellipsoid. A map height above sea level is treated as a height above the ellipsoid, in

@@ -244,7 +244,8 @@ pub fn unit_of_name(name: &str) -> Option<String> {
     unit_name::kept_unit(name)
 }
 
-/// [`unit_of_name`], or an unknown text that looks like a unit, so that it is an error wherever the unit matters.
+/// The unit of [`unit_of_name`], or an unknown string that looks like a unit. The unknown string causes an error
+/// wherever the unit matters.
 pub(super) fn any_unit_of_name(name: &str) -> Option<String> {
     unit_of_name(name).or_else(|| unit_name::unknown_unit(name))
 }

@@ -61,7 +61,7 @@ impl FlightBatch {
 /// Iterator over the rows of a file, in batches.
 pub type FlightBatches = Box<dyn Iterator<Item = Result<FlightBatch, ReadError>> + Send>;
 
-/// The output of a format before names and keys are assigned.
+/// Output of a format, before names and keys are assigned.
 pub struct RawFlight {
     /// The schema of every batch.
     pub schema: SchemaRef,
@@ -71,8 +71,8 @@ pub struct RawFlight {
     pub own: Option<Vec<String>>,
     /// Whether the values still contain numbers that mark missing values.
     pub fillers: bool,
-    /// Whether a column without a unit may be in any unit, even if its name is standard: `lat` of an autopilot is in
-    /// 1e-7 degrees.
+    /// Whether a column without a unit may be in any unit, even if its name is a standard name. For example, `lat` of
+    /// an autopilot is in 1e-7 degrees.
     pub unstated: bool,
     /// Notes for the user.
     pub notes: Vec<String>,

@@ -207,7 +207,7 @@ mod tests {
         let hez = "20050.00 30.00 44000.00 48400.00";
         let words = ["H and E are relative", "`field_n` and `field_e` are unknown", "# DECBAS <tenths"];
         unknown(read(VARIATION, "HEZF", hez).unwrap(), &words);
-        // H has no direction in definitive data either; a missing-value marker is not a baseline.
+        // In definitive data, H has no direction either. A missing-value marker is not a baseline.
         unknown(read(DEFINITIVE, "HEZF", hez).unwrap(), &words);
         unknown(read(&format!("{VARIATION} # DECBAS 99999 |\n"), "HEZF", hez).unwrap(), &words);
         let hdz = "20050.00 5.14 44000.00 48400.00";

@@ -302,7 +302,7 @@ pub(super) fn days_between(from: (i32, u32), to: (i32, u32)) -> i64 {
 /// # Errors
 /// Fails for samples that do not ascend in time or are at uneven times.
 pub(super) fn even(path: &Path, samples: &[ObservatorySample]) -> Result<(f64, Vec<[f64; 4]>), ReadError> {
-    /// Number of steps that every record may have: one month at 1 s.
+    /// Number of steps that any record may have: one month at intervals of 1 s.
     const FREE: f64 = 3e6;
     /// Maximum number of steps per sample in a longer record; steps without a sample are gaps.
     const MOST: f64 = 256.0;

@@ -122,7 +122,7 @@ fn declared(metadata: &ParquetMetaData) -> Option<u64> {
     groups.map(chunk).try_fold(0_u64, |sum, bytes| sum.checked_add(bytes?))
 }
 
-/// The schema with strings as views: a long text of a dictionary is then in memory only once.
+/// The schema with strings as views. A long string of a dictionary is then in memory only once.
 fn views(schema: &SchemaRef) -> SchemaRef {
     let view = |kind: &DataType| match kind {
         DataType::Utf8 | DataType::LargeUtf8 => DataType::Utf8View,

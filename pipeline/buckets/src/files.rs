@@ -95,7 +95,8 @@ impl BucketCache {
             let what = format!("{} was removed during reading", self.bucket.address().below(&about.key));
             Err(Fault::machine(what).help("run again"))
         });
-        // The note is removed before the copy is replaced, so that it never names the version of another copy.
+        // The note on the copy is removed before the copy is replaced, so that a note never names the version of
+        // another copy.
         let settled = fetched.and_then(|()| {
             match fs::remove_file(&note) {
                 Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(io_fault("remove", &note, &e)),
@@ -139,7 +140,7 @@ fn is_hidden(key: &str, folder: &str) -> bool {
 }
 
 /// Copies of the flights at an address: one object, objects that match a pattern, or objects of a folder whose names
-/// `fit`. Companions of the same name are copied too.
+/// `fit` accepts. Companions of the same name are copied too.
 ///
 /// # Errors
 /// Fails if no object matches, or the server cannot be reached or reports an error.

@@ -7,7 +7,7 @@ use super::ticks::{self, AxisTick};
 const WIDTH: f64 = 940.0;
 /// Width of a chart in a row of two, with letters of the same size.
 const HALF: f64 = 466.0;
-/// Least width of the labels of the vertical axis, and width of a digit.
+/// Minimum width of the labels of the vertical axis, and width of a digit.
 const LEFT: f64 = 64.0;
 const DIGIT: f64 = 6.6;
 const RIGHT: f64 = 14.0;

@@ -36,7 +36,7 @@ pub struct EarthTrack<'a> {
     pub alt_m: &'a [f64],
     /// Times, s since 1970 UTC, if the date is known: the track can then be played.
     pub time_unix_s: Option<&'a [f64]>,
-    /// Colour; `None` for the next one of a fixed order.
+    /// Colour; `None` for the next colour of a fixed order.
     pub colour: Option<[u8; 3]>,
 }
 

@@ -124,7 +124,7 @@ pub struct TrackLine<'a> {
     pub x: &'a [f64],
     /// Latitudes or northings, one per x.
     pub y: &'a [f64],
-    /// Colour; `None` for the next one of a fixed order.
+    /// Colour; `None` for the next colour of a fixed order.
     pub colour: Option<[u8; 3]>,
 }
 

@@ -173,7 +173,7 @@ mod tests {
     #[test]
     fn unit_equal_areas_have_equal_shares_of_the_colours() {
         let lat: Vec<f64> = (0..16).map(f64::from).collect();
-        // A long tail, as in anomalies: without equalisation most of the map would have one colour.
+        // The values have a long tail, as anomalies do. Without equalisation, most of the map would have one colour.
         let values: Vec<f64> = (0..256).map(|k| (f64::from(k) / 20.0).exp()).collect();
         let grid = GeographicGrid::new(&lat, &lat, &values).unwrap();
         let drawn = raster(&grid, &Bounds { lat: (-1.0, 17.0), lon: (-1.0, 17.0) }).unwrap().unwrap();

@@ -30,7 +30,7 @@ pub fn tables(store: &Path) -> PolarsResult<Vec<String>> {
     Ok(found)
 }
 
-/// The names of the folders in a folder.
+/// Names of the folders in a folder.
 fn names(folder: &Path) -> PolarsResult<Vec<String>> {
     let is_folder = |path: &Path| fs::metadata(path).is_ok_and(|what| what.is_dir());
     let entries = fs::read_dir(folder)?.collect::<io::Result<Vec<_>>>()?;

@@ -1,5 +1,5 @@
-//! Connections to a port. An unauthenticated client is disconnected after ten seconds, or earlier by the next one if
-//! there are too many. Idle connections thus cannot lock others out.
+//! Connections to a port. An unauthenticated client is disconnected after ten seconds. If there are too many such
+//! clients, the next client disconnects one earlier. Idle connections thus cannot lock others out.
 
 use std::{
     collections::BTreeMap,

@@ -12,7 +12,7 @@ use schemas::{Fault, Role};
 
 /// Maximum number of raw rows for each pixel.
 const RAW_ROWS: usize = 2;
-/// Largest error of Float32, as a fraction of the range that holds 90 % of the values.
+/// Largest accepted error of Float32, as a fraction of the range that contains 90 % of the values.
 const COARSEST: f64 = 1e-5;
 
 /// A column with its description.
@@ -22,7 +22,7 @@ pub struct SeriesColumn {
     pub name: String,
     /// Unit.
     pub unit: String,
-    /// Role: see the metadata of a table's columns.
+    /// Role, as in the metadata of a table's columns.
     pub role: String,
     /// Description.
     pub description: String,

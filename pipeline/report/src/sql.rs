@@ -46,7 +46,7 @@ pub struct StoreQuery<'a> {
 
 /// Receiver of a query result, batch by batch.
 pub trait BatchSink: Send {
-    /// Receives the next batch; all batches have the same schema. Returns whether more are wanted.
+    /// Receives the next batch and returns whether to continue. All batches have the same schema.
     ///
     /// # Errors
     /// Fails if the batch cannot be written.

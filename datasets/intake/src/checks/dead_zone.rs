@@ -60,7 +60,8 @@ pub fn dead_zone(lost: &[bool], field: [&[f64]; 3]) -> Option<DeadZone> {
             row.iter_mut().zip(u).for_each(|(sum, b)| *sum += a * b / gone.len() as f64);
         }
     }
-    // The trace of `scatter` is 1. The axis of least scatter is the principal axis of the identity minus `scatter`.
+    // The trace of `scatter` is 1. The axis of the smallest scatter is the principal axis of the identity minus
+    // `scatter`.
     let mut across = scatter.map(|row| row.map(|x| -x));
     across.iter_mut().enumerate().for_each(|(i, row)| row[i] += 1.0);
     let [polar, equatorial] = [(DeadZoneShape::Polar, &scatter), (DeadZoneShape::Equatorial, &across)]
@@ -154,7 +155,7 @@ mod tests {
     fn unit_dead_zones_are_found_with_their_width() {
         let field = tumbling(30_000);
         let axis = [0.6, 0.0, 0.8];
-        // The dead zones of two instruments: 35 degrees along the axis; 10 degrees across it.
+        // Dead zones of two instruments: one of 35 degrees along the axis, and one of 10 degrees across it.
         let polar: Vec<bool> = (0..30_000).map(|k| cos(&field, axis, k) > 35.0_f64.to_radians().cos()).collect();
         let found = detect(&polar, &field).unwrap();
         assert_eq!(found.shape, DeadZoneShape::Polar);

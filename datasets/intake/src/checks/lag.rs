@@ -12,7 +12,8 @@ const SAMPLES: usize = 50_000;
 /// Minimum correlation. Magnetometers at different places share only part of the aircraft field, and the rest shifts
 /// the peak.
 const LEAST_CORRELATION: f64 = 0.9;
-/// Minimum height of another peak, relative to the highest, that makes the lag ambiguous, as for mains hum.
+/// Minimum height of a second peak, relative to the highest peak, that makes the lag ambiguous, for example with mains
+/// hum.
 const NEXT_PEAK: f64 = 0.8;
 /// Maximum standard error of the lag, samples.
 const KNOWN: f64 = 0.1;

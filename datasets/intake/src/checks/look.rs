@@ -1,4 +1,4 @@
-//! Limits beyond which a figure needs attention.
+//! Limits beyond which a quality figure needs attention.
 
 use schemas::{Role, flight};
 
@@ -30,7 +30,7 @@ const NOISY: f64 = 10.0;
 
 /// Maximum share of all samples near over-represented values.
 const PREFERRED: f64 = 0.1;
-/// Maximum lag in samples; A larger lag should be removed with `resample`.
+/// Maximum lag in samples. A larger lag should be removed with `resample`.
 const LATE: f64 = 0.5;
 
 /// Whether a figure should be checked before the column is used.

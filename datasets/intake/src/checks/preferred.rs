@@ -22,8 +22,8 @@ pub struct PreferredValues {
 /// narrower than a few bins and needs enough samples.
 const BINS: Range<u32> = 7..15;
 const LEAST_A_BIN: f64 = 4.0;
-/// Minimum ratio of a peak to the median of the bins around it. Number of bins on either side for this median. Minimum
-/// number of samples of a peak.
+/// Minimum ratio of a peak to the median of the bins around it. Number of bins on either side that determine this
+/// median. Minimum number of samples of a peak.
 const HIGHER: f64 = 4.0;
 const AROUND: usize = 12;
 const LEAST: f64 = 8.0;

@@ -55,7 +55,7 @@ pub struct ChannelCollector {
 }
 
 impl ChannelCollector {
-    /// Reads a table of a log; tables of one name are concatenated.
+    /// Reads a table of a log; tables with the same name are concatenated.
     ///
     /// # Errors
     /// Fails for a log that cannot be read.

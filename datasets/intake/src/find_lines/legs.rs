@@ -32,7 +32,7 @@ const CONTRAST: f64 = 3.0;
 /// Class of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MotionClass {
-    /// On the ground, hovering, or not known.
+    /// On the ground, in hover, or unknown.
     Slow,
     /// Straight flight.
     Straight,

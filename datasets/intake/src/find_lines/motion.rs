@@ -13,7 +13,8 @@ pub const RATE_HZ: f64 = 5.0;
 /// Number of samples of the polynomials whose slopes are the velocity and the turn rate.
 const VELOCITY_WINDOW: usize = 11;
 const TURN_WINDOW: usize = 15;
-/// Limits of the speed on the ground or in hover: a share of the flight's typical speed, and a minimum speed.
+/// Limits of the speed below which the aircraft is on the ground or hovers: a share of the flight's typical speed, and
+/// a minimum speed.
 const SLOW: f64 = 0.2;
 const LEAST_MPS: f64 = 1.0;
 /// Quantile of the speed that counts as typical. The percentile is high, because most of a log may be on the ground.

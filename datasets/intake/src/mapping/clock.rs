@@ -69,7 +69,7 @@ impl UtcInstant {
             return None;
         }
         let leap = leap_s.or_else(|| {
-            // The days of the table are in UTC, which is behind GPS time by the difference in the table.
+            // The days of the table are in UTC. UTC is behind GPS time by the difference in the table.
             let begun = |(day, leap): &&(i64, f64)| gps.seconds_since(*day) >= *leap;
             LEAP_S.iter().rev().find(begun).map(|(_, leap)| *leap)
         })?;

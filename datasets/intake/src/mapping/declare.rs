@@ -58,7 +58,7 @@ choice! {
 pub enum ConstantValue {
     /// A number.
     Number(f64),
-    /// A string; where a column is meant, its name.
+    /// A string; for a column, its name.
     Text(String),
 }
 

@@ -119,7 +119,7 @@ impl LogTopics<'_> {
     }
 }
 
-/// Whether two names are of one topic. A topic without a number is the first instance.
+/// Whether two names mean the same topic. A topic without a number is the first instance.
 fn same(a: &str, b: &str) -> bool {
     let plain = |name: &str| name.strip_suffix(":0").unwrap_or(name).to_owned();
     plain(a) == plain(b)

@@ -1,5 +1,5 @@
-//! Time at which the clock of a log was 0, from the mapping or from a topic with both clocks, such as the fixes of
-//! GNSS.
+//! Time at which the clock of a log was 0, from the mapping or from a topic with two clocks (the log's clock and UTC),
+//! such as GNSS fixes.
 
 use std::path::{Path, PathBuf};
 

@@ -246,7 +246,7 @@ fn table(
     text
 }
 
-/// A comment in lines of a readable length.
+/// Comment, broken into lines of a readable length.
 fn wrapped(words: &str) -> String {
     const WIDE: usize = 118;
     let (mut text, mut line) = (String::new(), "#".to_owned());

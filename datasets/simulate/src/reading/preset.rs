@@ -130,7 +130,7 @@ fn leave_out(table: &mut DeTable, name: &str) -> bool {
     found
 }
 
-/// The same values, all with the same position in the spec.
+/// Returns the same values, all with the same position in the spec.
 fn placed<'a>(table: DeTable<'a>, at: &Range<usize>) -> DeTable<'a> {
     let one = |(key, value): (Spanned<std::borrow::Cow<'a, str>>, Spanned<DeValue<'a>>)| {
         (Spanned::new(at.clone(), key.into_inner()), placed_value(value, at))

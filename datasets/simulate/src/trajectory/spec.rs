@@ -33,7 +33,7 @@ pub struct SynthLine {
     pub start_tt_s: f64,
     /// Height above the WGS-84 ellipsoid, in metres.
     pub alt_m: f64,
-    /// Airspeed, in m/s, equal to the speed over ground without wind; 1 to 1000, default 60.
+    /// Airspeed, in m/s; without wind, it equals the speed over ground. 1 to 1000, default 60.
     pub speed_mps: f64,
     /// Radius of turns and circles, in metres. If unset, the smallest that `bank_deg` of `dynamics` allows.
     pub radius_m: Option<f64>,

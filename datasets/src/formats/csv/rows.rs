@@ -86,7 +86,7 @@ enum CsvFaultKind {
 }
 
 impl CsvRowFault {
-    /// Whether reading cannot continue after it.
+    /// Whether the fault prevents further reading.
     pub(super) fn is_fatal(&self) -> bool {
         matches!(self.what, CsvFaultKind::OtherHeader)
     }

@@ -30,7 +30,7 @@ pub(super) struct CsvScan {
 struct CsvTruncation {
     value: String,
     line: u64,
-    /// Whether it is shorter than all other values of its column.
+    /// Whether this value is shorter than all other values of its column.
     short: bool,
 }
 

@@ -126,7 +126,8 @@ impl Read for CsvText {
 enum DecimalSign {
     Unknown,
     Point,
-    /// A comma, with the first such number, until one is not a thousand with a separator, such as `1,234`.
+    /// A comma in all numbers so far. All of these may be thousands with a separator, such as `1,234`; the first of
+    /// them is stored.
     Comma(Option<String>),
 }
 

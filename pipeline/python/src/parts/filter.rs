@@ -87,7 +87,7 @@ impl NavigationFilter for PythonFilter {
         self.needs_map
     }
 
-    /// The method of a filter in Python is unknown, so its start is not tested.
+    /// The method of a filter in Python is unknown, so its initial position is not tested.
     fn takes_wide_start(&self) -> bool {
         true
     }

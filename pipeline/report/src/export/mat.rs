@@ -1,8 +1,8 @@
 //! MATLAB MAT-files of level 5, uncompressed. [MathWorks, MAT-File Format, R2025a]
 //!
 //! Each column is a column vector of the same name. A column of strings is a vector of positions in a cell array
-//! `NAME_names`; 0 is a missing text. A time is in seconds since 1970-01-01 UTC, as `datetime` of MATLAB reads it. The
-//! cell array `columns` has one row for each vector: its variable, the name of the column, the unit and the
+//! `NAME_names`; 0 is a missing string. A time is in seconds since 1970-01-01 UTC, as `datetime` of MATLAB reads it.
+//! The cell array `columns` has one row for each vector: its variable, the name of the column, the unit and the
 //! description.
 
 use std::{

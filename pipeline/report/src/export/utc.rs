@@ -32,7 +32,7 @@ struct LastRow {
     keys: [String; 2],
     /// Time, s.
     tt: f64,
-    /// Midnight from which the time counts, s since 1970; NaN if unknown.
+    /// Midnight from which the time counts, in seconds since 1970; NaN if unknown.
     midnight: f64,
 }
 
@@ -68,7 +68,7 @@ impl UtcColumn {
         RecordBatch::try_new_with_options(schema, columns, &options).map_err(|e| Fault::bug(e.to_string()))
     }
 
-    /// Midnight from which the time of a row counts, in s since 1970; NaN if it is unknown.
+    /// Midnight from which the time of a row counts, in seconds since 1970; NaN if unknown.
     fn midnight(&mut self, keys: [&str; 2], (tt, year, doy): (f64, f64, f64)) -> Result<f64, Fault> {
         let same = self.last.as_ref().filter(|last| last.keys == keys && tt >= last.tt);
         let known = same.map(|last| last.midnight).filter(|midnight| midnight.is_finite());
@@ -138,7 +138,7 @@ mod tests {
             [("1", 86_399.0, 2024, 366), ("1", 86_401.0, 2025, 1), ("2", 1.0, 2025, 1), ("2", f64::NAN, 2025, 1)];
         let [a, b, c, d] = times(&midnight).try_into().unwrap();
         assert_eq!((b, c, d), (a.map(|a| a + 2 * second), b, None));
-        // A date that does not advance at midnight.
+        // Case: the date does not advance at midnight.
         let constant = times(&[("1", 86_399.0, 2024, 366), ("1", 86_401.0, 2024, 366)]);
         assert_eq!(constant[1], constant[0].map(|a| a + 2 * second));
     }

@@ -30,7 +30,7 @@ pub struct MoreScores {
     pub metric: Metric,
     /// Its value at each row.
     pub values: Vec<Option<f64>>,
-    /// Whether the value of each row is of lines in sample only.
+    /// For each row, whether its value comes only from in-sample lines.
     pub in_sample: Vec<bool>,
 }
 
@@ -141,7 +141,7 @@ pub mod tests {
         assert_eq!(board.headline(), Some(1));
         assert_eq!(board.ranked(1), [1, 3, 0]);
         assert_eq!(board.ranked(0), [2, 1, 0, 3]);
-        // The expected value is 2: 2.5 is nearer to it than 9 and 0.2.
+        // The expected value is 2, and 2.5 is nearer to 2 than 9 and 0.2 are.
         assert_eq!(board.ranked(2), [1, 0, 3]);
         assert_eq!(board.point(1), "mag = mag_2_uc, lambda = 0.025");
     }

@@ -352,7 +352,7 @@ mod tests {
         assert_eq!(affordable(&board, 100, 100 * (3 * NUMBER + 14) - 1), Some(vec![1]));
         assert_eq!((affordable(&board, 100, 100), affordable(&board, 0, 1000)), (None, None));
         assert_eq!(rows(&board, 100_000), [0, 1, 2, 3]);
-        // Of two points the block keeps the best.
+        // The block keeps the better of two points.
         let kept = rows(&board, 500);
         assert_eq!(kept, [1, 3]);
         let words = omitted(&board, &kept, None).join("; ");

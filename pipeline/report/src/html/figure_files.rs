@@ -127,7 +127,7 @@ fn words(label: &str) -> String {
     if name.is_empty() { "figure".to_owned() } else { name }
 }
 
-/// A figure as a document of its own.
+/// A figure as a separate document.
 fn document(page: &str, (opening, inner): (&str, &str), legend: &[LegendEntry], sheet: &StyleSheet<'_>) -> String {
     let figure = format!("{opening}>{inner}");
     let definitions: String = references(&figure)
@@ -135,7 +135,7 @@ fn document(page: &str, (opening, inner): (&str, &str), legend: &[LegendEntry], 
         .filter(|id| !figure.contains(&format!("id=\"{id}\"")))
         .filter_map(|id| definition(page, id))
         .collect();
-    // The size of a figure on the page is a matter of the page.
+    // The size of a figure is set by the page, so it is removed.
     let style = attribute(opening, "style").map(|style| format!(" style=\"{style}\"")).unwrap_or_default();
     let opening = opening.replacen(&style, "", 1);
     let view = attribute(&opening, "viewBox").unwrap_or_default();
@@ -229,7 +229,7 @@ impl<'a> StyleSheet<'a> {
         };
         let mut text = String::new();
         for (selector, declarations) in self.rules.iter().filter(|(selector, _)| applies(selector)) {
-            // The width of a figure is that of its column on the page.
+            // On the page, the width of a figure is that of its column.
             let kept: Vec<&str> = declarations
                 .split(';')
                 .map(str::trim)

@@ -59,7 +59,7 @@ fn read(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<
     Ok(Some(CompensationSignal { tt, before, after, truth: truth.map(|t| t.0), means }))
 }
 
-/// Subtracts the mean from the values, and returns the mean.
+/// Subtracts the mean from the values and returns it.
 fn centre(x: &mut [f64]) -> f64 {
     let mean = statistics::mean(x).value;
     x.iter_mut().for_each(|x| *x -= mean);
@@ -270,7 +270,7 @@ mod tests {
         slow.before.iter_mut().zip(&drift).for_each(|(x, d)| *x += d);
         let drawn = within(&slow, BAND).unwrap();
         let highest = drawn.lines[0].points.iter().map(|p| p.1.abs()).fold(0.0, f64::max);
-        // A drift of 1200 nT is gone and the 50 nT at 0.5 Hz remain; at the ends the filter overshoots slightly.
+        // The filter removes a drift of 1200 nT and keeps the 50 nT at 0.5 Hz. It overshoots slightly at the ends.
         assert!((49.0..70.0).contains(&highest), "{highest}");
     }
 }

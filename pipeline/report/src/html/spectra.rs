@@ -45,7 +45,7 @@ pub fn plots(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Re
 
 const CLASSES: [&str; MOST] = ["s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7"];
 
-/// The table of flights that `r` was made from.
+/// Table of flights from which `r` was computed.
 fn flights(source: &ReportSource, r: TableRef) -> Option<TableRef> {
     let plan = source.graph.plan;
     let mut at = r;

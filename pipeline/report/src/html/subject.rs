@@ -196,8 +196,8 @@ pub fn word(canonical: &str) -> Option<String> {
     Some(inner.to_owned())
 }
 
-/// The lines to show: by the score of the best point the median line first, then the best and the worst; without scores
-/// the longest.
+/// Lines to show. With scores: the median line by the score of the best point, then the best and the worst line.
+/// Without scores: the longest line.
 ///
 /// # Errors
 /// Fails if the store is damaged.
@@ -237,7 +237,8 @@ pub fn place(source: &ReportSource, subject: &ReportSubject, line: LineId) -> St
     words.into_iter().filter(|w| !w.is_empty()).collect::<Vec<_>>().join(", ")
 }
 
-/// Flight, line, its own score at this point and the reason of its choice; `best` is the point that chose the lines.
+/// Flight, line, score of the line at this point, and the reason for its choice. `best` is the point by which the lines
+/// were chosen.
 ///
 /// # Errors
 /// Fails if the store is damaged.

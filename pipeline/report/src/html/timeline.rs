@@ -86,7 +86,8 @@ impl Timeline<'_> {
     }
 }
 
-/// Figures that are drawn, with the class in the style sheet and the name; the narrowest last.
+/// Quality figures that are drawn, each with its class in the style sheet and its name. The narrowest marks are drawn
+/// last.
 const KINDS: [(QualityFigure, &str, &str); 4] = [
     (QualityFigure::Saturation, "saturated", "saturated"),
     (QualityFigure::Stuck, "stuck", "stuck"),

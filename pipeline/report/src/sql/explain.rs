@@ -45,7 +45,7 @@ pub fn fault(e: &DataFusionError, session: &SqlSession, query: &str) -> Fault {
     }
 }
 
-/// The first table of the query that the store does not have.
+/// First table in the query that is missing from the store.
 fn missing(session: &SqlSession, query: &str) -> Option<Fault> {
     let (known, state) = (session.known(), session.context().state());
     let statement = state.sql_to_statement(query, &state.config().options().sql_parser.dialect).ok()?;

@@ -1,7 +1,7 @@
 //! Comparison of the scores of two runs, from the versions of the tables that the store keeps.
 //!
-//! Two values are comparable if they are of the same rows: the same held-out lines, with the same data and numbers of
-//! samples, scored by the same stage. Otherwise the reason is given with the values.
+//! Two values are comparable if they come from the same rows: the same held-out lines, with the same data and numbers
+//! of samples, scored by the same stage. Otherwise, the answer contains the reason.
 
 use std::{
     collections::{BTreeSet, HashMap},
@@ -295,7 +295,7 @@ impl<'a> RunComparison<'a> {
         RunComparison { table, names, runs, axes, shared, only, changed, scoring }
     }
 
-    /// Reason why two values are not of the same rows; `None` for equal rows.
+    /// Reason why two values do not come from the same rows; `None` for equal rows.
     fn reason(&self, at: [usize; 2], metric: &str) -> Option<String> {
         if let Some(scoring) = &self.scoring {
             return Some(scoring.clone());

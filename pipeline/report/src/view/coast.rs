@@ -7,7 +7,7 @@ use super::{StoreView, ViewFault};
 use crate::coast::{GeographicRegion, flat_coastlines};
 
 impl StoreView {
-    /// The coastlines in a region as JSON: lists of longitude and latitude by turns, deg.
+    /// Coastlines in a region as JSON: lists of alternating longitudes and latitudes, in degrees.
     ///
     /// # Errors
     /// Fails for a region without extent, or for one of more than a full turn.

@@ -14,7 +14,7 @@ use super::{StoreView, ViewFault, ViewPoint};
 /// Default and maximum number of columns and rows of a raster.
 const PIXELS: usize = 800;
 const MOST_PIXELS: usize = 2000;
-/// Least and largest number of steps of a profile.
+/// Minimum and maximum number of steps of a profile.
 const LEAST_SAMPLES: usize = 100;
 const MOST_SAMPLES: usize = 4000;
 
@@ -64,7 +64,7 @@ pub struct DrawnProfile {
 }
 
 impl DrawnProfile {
-    /// The profile between two positions (latitude, longitude), deg, with two samples per cell.
+    /// Profile between two positions (latitude and longitude in degrees), with two samples per cell.
     pub fn new(grid: &GeographicGrid, from: (f64, f64), to: (f64, f64)) -> DrawnProfile {
         let cells = |a: f64, b: f64, step: f64| ((b - a) / step).abs();
         let cells = cells(from.0, to.0, grid.lat().step_deg()).max(cells(from.1, to.1, grid.lon().step_deg()));

@@ -82,7 +82,7 @@ pub fn word(array: &dyn Array, row: usize) -> String {
     }
 }
 
-/// Whether two spellings are of the same text or number.
+/// Whether two spellings mean the same string or number.
 fn is_same(own: &str, given: &str) -> bool {
     let number = |text: &str| text.parse::<f64>().ok();
     own == given || number(own).is_some_and(|own| number(given) == Some(own))
@@ -177,8 +177,8 @@ impl ViewTable {
         index.runs.get(unit).map_or_else(|| self.provider.unit_rows(unit), |run| run.2)
     }
 
-    /// The values of the column `name` in some units, one after another. A missing value is NaN, a truth is 1 or 0, and
-    /// `name[i]` is an element of a list.
+    /// The values of the column `name` in some units, one after another. A missing value is NaN, a Boolean is 1 or 0,
+    /// and `name[i]` is an element of a list.
     ///
     /// # Errors
     /// Fails for an unknown column or one without numbers. Also fails if the store is damaged.

@@ -288,7 +288,7 @@ impl InitText<'_> {
     }
 }
 
-/// A string inside quotes of an SQL condition of a stage, in which `$` begins the name of an axis.
+/// Escapes a string for use inside quotes in an SQL condition of a stage, in which `$` begins the name of an axis.
 fn sql(text: &str) -> String {
     text.replace('\'', "''").replace('$', "$$")
 }

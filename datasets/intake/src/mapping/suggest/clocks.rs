@@ -1,4 +1,4 @@
-//! Recognition of the time column, its origin, and the epoch of a log.
+//! Recognises the time column, its origin, and the epoch of a log.
 
 use datasets::formats::name_of_head;
 use numerics::regression::statistics::median;

@@ -1,4 +1,4 @@
-//! Recognition of columns by their names, units and values.
+//! Recognises columns by their names, units and values.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 

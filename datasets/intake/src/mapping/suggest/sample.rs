@@ -30,7 +30,7 @@ impl ColumnSample {
         self.values.iter().copied().filter(|x| x.is_finite())
     }
 
-    /// The least and the largest value.
+    /// The smallest and the largest value.
     pub fn range(&self) -> Option<(f64, f64)> {
         let ends = self.known().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
         (ends.0 <= ends.1).then_some(ends)
