@@ -205,8 +205,8 @@ fn reader(format: FlightFormat, raw: RawFlight) -> FlightReader {
 /// Reads a map and resamples it to a regular grid of latitude and longitude.
 ///
 /// # Errors
-/// Fails for a file that is missing, empty, damaged or in no known format, a grid that is not regular, and a
-/// height or coordinate system that neither the file nor the options give.
+/// Fails for a file that is missing, empty, damaged or in no known format, a grid that is not regular, or a height or
+/// coordinate system that neither the file nor the options give.
 pub fn read_map(path: &Path, options: &MapOptions) -> Result<MapTable, ReadError> {
     read_grid(path, options)?.to_geographic()
 }

@@ -139,7 +139,7 @@ pub struct BenchScore {
 /// predictions have columns.
 ///
 /// # Errors
-/// Fails for unknown or missing columns, unknown samples, duplicates, missing values, and values in another unit.
+/// Fails for unknown or missing columns, unknown samples, duplicates, missing values, or values in another unit.
 pub fn score(flights: &[BenchLine], predictions: &Predictions, wanted: &[String]) -> Result<Vec<BenchScore>, Fault> {
     let tasks = chosen(predictions, wanted)?;
     let lines: Vec<&BenchLine> = flights.iter().filter(|f| TEST_LINES.contains(&f.line.as_str())).collect();

@@ -9,7 +9,8 @@
 //! SHA256SUMS                                      checksums of all other files
 //! ```
 //!
-//! The same run gives the same bytes: the set does not depend on clock, host or paths of the machine.
+//! The same run gives the same bytes, because the set does not depend on the time, the host or the paths of the
+//! machine.
 
 mod aggregate;
 mod citation;
@@ -151,7 +152,7 @@ pub fn release(graph: &PlanGraph, store: &Store, request: &ReleaseRequest) -> Re
         });
     }
     protect::describe(&lineage, &mut tables);
-    // Checked again in the written files: a column that is missing from the plan is never published.
+    // The written files are checked again, so that a column that is missing from the plan is never published.
     let names = |t: &ReleaseTable| (t.name.clone(), t.columns.iter().map(|c| c.name.clone()).collect());
     let named: Vec<(String, Vec<String>)> = tables.iter().map(names).collect();
     let restricted = protect::find(&lineage, &named);

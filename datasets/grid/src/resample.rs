@@ -33,8 +33,7 @@ impl AnomalyGrid {
     /// map that are outside the map, or within two nodes of an unknown node, are NaN.
     ///
     /// # Errors
-    /// Fails for a map of fewer than 4 x 4 nodes, a map around a pole, and coordinates that are invalid in their
-    /// system.
+    /// Fails for a map of fewer than 4 x 4 nodes, a map around a pole, or coordinates that are invalid in their system.
     pub fn to_geographic(&self) -> Result<MapTable, ReadError> {
         if self.crs.is_wgs84_at(self.middle().1, self.middle().0) {
             return MapTable::from_grid(self);

@@ -131,7 +131,7 @@ pub fn no_metres(path: &Path, crs: &Crs) -> ReadError {
 /// The projection of points in degrees: the requested one, else their UTM zone.
 ///
 /// # Errors
-/// Fails for an unknown system, a system in degrees, and points without a UTM zone.
+/// Fails for an unknown system, a system in degrees, or points without a UTM zone.
 pub fn plane(path: &Path, to_epsg: Option<u16>, lat: &[f64], lon: &[f64]) -> Result<Crs, ReadError> {
     let crs = match to_epsg {
         Some(code) => Crs::from_epsg(path, code)?,

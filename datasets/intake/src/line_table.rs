@@ -66,7 +66,7 @@ impl LineTable {
     ///
     /// # Errors
     /// Fails for a file that cannot be read or lacks one of the four columns, missing or decreasing times, duplicate
-    /// lines, and lines of a flight whose times overlap.
+    /// lines, or lines of a flight whose times overlap.
     pub fn read(path: &Path) -> Result<LineTable, Fault> {
         let label = path.display().to_string();
         let wrong = |e: ReadError| Fault::from(e);

@@ -61,7 +61,7 @@ impl NetcdfEncoding {
     /// never written have NetCDF's default fill value.
     ///
     /// # Errors
-    /// Fails for an attribute that is not a number, and a valid range without exactly two numbers.
+    /// Fails for an attribute that is not a number, or a valid range without exactly two numbers.
     pub(super) fn from_attributes(
         path: &Path,
         variable: &str,

@@ -120,7 +120,7 @@ const LINES: &[&str] = &[
 /// Points without a position are skipped and counted in the notes; points without a value are kept as NaN.
 ///
 /// # Errors
-/// Fails for a file that cannot be read, missing or non-numeric columns, units that do not convert, and coordinates in
+/// Fails for a file that cannot be read, missing or non-numeric columns, units that do not convert, or coordinates in
 /// an unknown system.
 pub fn read_points(path: &Path, options: &PointOptions) -> Result<SurveyPointSet, ReadError> {
     let table = load(path, options.format.as_deref())?;

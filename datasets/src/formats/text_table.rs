@@ -40,7 +40,7 @@ enum TextTableLine<'t, 'w> {
 /// Reads a whole table.
 ///
 /// # Errors
-/// Fails for a file that cannot be read or has no rows, and rows of unequal length.
+/// Fails for a file that cannot be read or has no rows, or rows of unequal length.
 pub(super) fn read(path: &Path) -> Result<TextTable, ReadError> {
     let bytes = text_end::read(path)?;
     if bytes.contains(&0) {

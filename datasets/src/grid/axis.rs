@@ -52,7 +52,7 @@ impl FileAxis {
     /// The axis of coordinates.
     ///
     /// # Errors
-    /// Fails for fewer than two coordinates, duplicates, and uneven spacing.
+    /// Fails for fewer than two coordinates, duplicates, or uneven spacing.
     pub(crate) fn from_coordinates(path: &Path, name: &str, coordinates: &[f64]) -> Result<FileAxis, ReadError> {
         let first = coordinates.first().copied().unwrap_or(0.0);
         let last = coordinates.last().copied().unwrap_or(0.0);

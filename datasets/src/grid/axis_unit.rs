@@ -141,7 +141,7 @@ impl AxisUnit {
     /// The factor that converts coordinates to the unit of a system.
     ///
     /// # Errors
-    /// Fails for lengths in a system of degrees, degrees in a projected system, and feet in a system of metres (or the
+    /// Fails for lengths in a system of degrees, degrees in a projected system, or feet in a system of metres (or the
     /// reverse) if the file itself gives both.
     pub(crate) fn to_system(
         &self,

@@ -48,7 +48,7 @@ pub trait TableWriter: Send {
     /// Writes rows.
     ///
     /// # Errors
-    /// Fails for values that the format cannot store, and on errors of writing.
+    /// Fails for values that the format cannot store, or on errors of writing.
     fn write(&mut self, batch: &RecordBatch) -> Result<(), Fault>;
 
     /// Ends the file; `schema` is for a table without rows.

@@ -96,7 +96,7 @@ impl Predictions {
     /// Row of each sample of each line; `None` if it is not predicted.
     ///
     /// # Errors
-    /// Fails for rows of a line that is not scored, rows at an unknown time, and duplicate rows.
+    /// Fails for rows of a line that is not scored, rows at an unknown time, or duplicate rows.
     pub fn places(&self, lines: &[&BenchLine]) -> Result<Vec<Vec<Option<usize>>>, Fault> {
         let tick = |tt_s: f64| (tt_s * TICKS_PER_S).round() as i64;
         // Maps flight and line to the line and its samples by time.

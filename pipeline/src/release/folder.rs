@@ -9,7 +9,7 @@ use schemas::Fault;
 
 use super::{checksums, set::FORMAT, words::DICTIONARY};
 
-/// Folder in progress; removed unless it is settled.
+/// Folder in progress, which is removed unless it gets its final name.
 pub struct FolderDraft {
     path: PathBuf,
     to: PathBuf,
@@ -90,7 +90,7 @@ impl FolderDraft {
     /// # Errors
     /// Fails if `to` holds files that must be kept, or the file system reports an error.
     pub fn begin(to: &Path, replace: bool) -> Result<FolderDraft, Fault> {
-        // Equality with an existing set can be checked only when this one is complete.
+        // Whether the set equals an existing set can be checked only when it is complete.
         allowed(to, true)?;
         let name = to.file_name().filter(|n| !n.is_empty());
         let name = name.ok_or_else(|| Fault::new(format!("{} is not a valid name of a folder", to.display())))?;
@@ -98,7 +98,7 @@ impl FolderDraft {
         fs::create_dir_all(above).map_err(|e| cannot("make", above, &e))?;
         let path = above.join(format!(".{}.{}.new", name.to_string_lossy(), std::process::id()));
         match fs::create_dir(&path) {
-            // A killed process with the same number has left it behind.
+            // The folder was left by a killed process with the same number.
             Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
                 fs::remove_dir_all(&path)
                     .and_then(|()| fs::create_dir(&path))

@@ -116,7 +116,7 @@ pub struct ReleaseTable {
     pub axes: Vec<String>,
     /// Columns by which the rows of each file ascend.
     pub sorted_by: Vec<String>,
-    /// Names of the folders' keys: columns that readers of hive partitions add.
+    /// Names of the keys in folder names, which readers of hive partitions add as columns.
     pub partitions: Vec<String>,
     /// Number of rows.
     pub rows: u64,
@@ -234,7 +234,7 @@ pub struct RestrictedReleaseColumn {
     pub table: String,
     /// Its column.
     pub column: String,
-    /// Columns from this one to the restricted one, as `table.column`.
+    /// Columns on the way from this column to the restricted column, as `table.column`.
     pub through: Vec<String>,
     /// Rule by which a table among them is not an aggregate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -265,7 +265,7 @@ pub struct ReleaseLockfile {
     pub format: String,
     /// The version of magline.
     pub magline: String,
-    /// Processor and identifier of its floating-point results; empty in sets of versions that did not record it.
+    /// Processor, and identifier of its floating-point results; empty in sets of versions that did not record them.
     #[serde(default)]
     pub arithmetic: String,
     /// The pipeline.

@@ -50,7 +50,7 @@ pub struct QueryRequest {
     pub parameters: Option<String>,
     /// Versions of the tables; `None` for the current ones.
     pub pins: Option<VersionPins>,
-    /// Whether rows are requested, and not only columns.
+    /// Whether the rows are requested in addition to the columns.
     pub rows: bool,
 }
 
@@ -190,7 +190,7 @@ pub fn answer() -> Result<(), Fault> {
     // The output is not line-buffered.
     let mut out = File::from(stdout().as_fd().try_clone_to_owned().map_err(lost)?);
     let mut send = |piece: QueryChunk| piece.write(&mut out).map_err(lost);
-    // A string whose length exceeds its offsets causes a panic of DataFusion.
+    // A string that is too long for DataFusion's offsets causes a panic of DataFusion.
     let too_long = |_| {
         let what = format!("{}, or its texts exceed 2 GiB", memory::exceeded(question.memory));
         Err(Fault::new(what).help("select fewer rows or shorter texts"))

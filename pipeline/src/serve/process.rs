@@ -1,4 +1,5 @@
-//! Queries as processes: a query that exceeds its time or memory is ended by the kernel without effect on others.
+//! Runs each query in a separate process. A query that exceeds its time or memory is ended without an effect on other
+//! queries.
 
 use std::{
     collections::BTreeMap,
@@ -204,7 +205,8 @@ impl QueryProcessPool {
         let mut child = command.spawn().map_err(machine)?;
         self.running().insert(number, QueryProcess { process: child.id(), bytes: 0, ended: None });
         let read = self.read(&mut child, question, spool, head_sender);
-        // From here on no signal is sent to it: its number may belong to another process after the wait.
+        // From here on, no signal is sent to the process, because after the wait its number may belong to another
+        // process.
         let ended = self.running().remove(&number).and_then(|running| running.ended);
         let _ = child.kill();
         let status = child.wait();

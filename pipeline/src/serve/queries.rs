@@ -28,7 +28,7 @@ use super::{
     process::{QueryInput, QueryProcessPool},
 };
 
-/// Maximum number of unused plans, and of prepared statements; beyond it, the oldest are dropped.
+/// Maximum number of unused plans, and of prepared statements. Beyond this number, the oldest are dropped.
 const WAITING: u64 = 1024;
 const PREPARED: u64 = 4096;
 /// Time after which an unused plan is dropped.
@@ -68,8 +68,8 @@ struct ServedTables {
 }
 
 impl ServedTables {
-    /// Versions to which the links of the pipelines point. After a removal, a pipeline starts with the same number
-    /// again, so a number alone does not identify a version.
+    /// Versions to which the links of the pipelines point. After a removal, the versions of a pipeline are numbered
+    /// from 1 again, so a number alone does not identify a version.
     fn links(&self) -> Vec<PipelineLink> {
         let tables = self.store.join("tables");
         let entries = std::fs::read_dir(&tables).into_iter().flatten().flatten();

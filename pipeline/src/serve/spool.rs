@@ -104,7 +104,7 @@ impl SpoolWriter {
     /// Ends the answer at once, without the waiting chunks.
     pub fn cut(&self, why: Status) {
         let mut state = self.0.state();
-        // A client that has received all chunks also receives the original end.
+        // A client that has received all chunks also receives the end that the process reported.
         if !state.pieces.is_empty() || state.end.is_none() {
             *state = SpoolState { end: Some(Err(why)), gone: state.gone, ..SpoolState::default() };
         }

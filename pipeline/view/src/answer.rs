@@ -18,7 +18,7 @@ const ARROW: &str = "application/vnd.apache.arrow.stream";
 /// Media type of the page.
 const HTML: &str = "text/html; charset=utf-8";
 
-/// Text of a block that several answers share.
+/// Text of a block, which several answers share.
 struct SharedText(std::sync::Arc<String>);
 
 impl AsRef<[u8]> for SharedText {

@@ -1,7 +1,7 @@
 //! `magline view`: a page of a store, and the data that it asks for, over HTTP on the loopback interface.
 //!
-//! Every address contains a random token, and the server answers only requests for its own host name. It reads and
-//! writes nothing else than the store's copy of an object store and temporary files of downloads.
+//! Every address contains a random token, and the server answers only requests for its own host name. It writes only
+//! the copy of an object store and temporary files of downloads.
 
 mod answer;
 mod body;

@@ -26,7 +26,7 @@ pub enum ViewRequest {
     Run,
     /// Map at a point, and its maximum width.
     Map(String, ViewPoint, Option<usize>),
-    /// Map at a point along a line between two positions (latitude, longitude), deg.
+    /// Map at a sweep point, along a line between two positions (latitude and longitude in degrees).
     Profile(String, ViewPoint, [(f64, f64); 2]),
     /// Spectra of columns of a line.
     Spectrum(SeriesRequest),

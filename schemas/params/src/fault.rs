@@ -22,7 +22,7 @@ pub enum FaultOwner {
 }
 
 impl FaultOwner {
-    /// Whether the same computation fails with the same fault on every machine and in every version.
+    /// Whether the same computation has the same fault on every machine and in every version.
     pub fn is_lasting(self) -> bool {
         match self {
             FaultOwner::Spec | FaultOwner::Data => true,
@@ -64,7 +64,7 @@ pub struct Fault {
     pub owner: FaultOwner,
 }
 
-/// Serialised form of a fault: an object with the keys that have a value. The position in the spec is left out.
+/// Serialised form of a fault: an object with the keys that have a value. The position in the spec is omitted.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FaultRecord {

@@ -66,7 +66,7 @@ pub trait Params: Sized {
     /// Adds every parameter in canonical spelling.
     fn spell(&self, out: &mut Vec<(&'static str, String)>);
 
-    /// Checks that every value of a group that was not read obeys its rule.
+    /// Checks that every value obeys its rule, for a group that was not read from a spec.
     ///
     /// # Errors
     /// The first violation.
@@ -142,7 +142,7 @@ impl<'a> ParamReader<'a> {
         self.faults.push(fault.at(given.at.clone()));
     }
 
-    /// Reads a value without keys of its own.
+    /// Reads a value that has no keys.
     pub fn plain<T: ParamValue>(&mut self, param: Param<T>) -> Option<T> {
         let Param { name, rule, doc, absent } = param;
         let Some(given) = self.given(name) else {

@@ -67,7 +67,7 @@ impl SpecSection {
 /// Converts a parsed value.
 ///
 /// # Errors
-/// Fails for values that a spec does not permit: dates, NaN, and integers beyond 64 bits.
+/// Fails for values that a spec does not permit: dates, NaN, or integers beyond 64 bits.
 pub fn literal(value: &Spanned<DeValue>) -> Result<Literal, Vec<Fault>> {
     let wrong = |what: String| vec![Fault::new(what).at(value.span())];
     match value.get_ref() {

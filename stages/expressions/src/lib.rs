@@ -75,7 +75,7 @@ fn fields<'a>(columns: impl Iterator<Item = &'a schemas::Column>) -> Vec<Field> 
 /// the nested text. `subject` is the name of the expression in faults.
 ///
 /// # Errors
-/// Fails for invalid SQL, unknown columns, excessive nesting, and anything but a function of one row.
+/// Fails for invalid SQL, unknown columns, excessive nesting, or anything but a function of one row.
 pub fn parse(sql: &str, shape: &TableShape, subject: &str) -> Result<Expr, Fault> {
     let wrong = |e: DataFusionError| wrong(&e, shape, subject);
     let schema = known_schema(shape).map_err(wrong)?;

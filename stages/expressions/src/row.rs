@@ -18,7 +18,7 @@ const DEEPEST: usize = 500;
 /// Rejects expressions that are not a function of one row.
 ///
 /// # Errors
-/// Fails for clocks, random numbers, functions of several rows or tables, and variables.
+/// Fails for clocks, random numbers, functions of several rows or tables, or variables.
 pub fn check(expr: &Expr, subject: &str) -> Result<(), Fault> {
     let mut found = None;
     let visited = expr.apply(|e| {

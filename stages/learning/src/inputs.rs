@@ -87,7 +87,7 @@ impl InputScaling {
     /// Scaling by mean and standard deviation (n − 1) of rows of `width` columns, row-major.
     ///
     /// # Errors
-    /// Fails for an incomplete row, fewer than two rows, values that are not finite, and constant columns.
+    /// Fails for an incomplete row, fewer than two rows, values that are not finite, or constant columns.
     pub fn standardised(x: &[f64], width: usize) -> Result<Self, InputScalingError> {
         if width == 0 || !x.len().is_multiple_of(width) {
             return Err(InputScalingError::Shape { given: x.len(), width });

@@ -292,7 +292,7 @@ impl Forest {
 ///
 /// # Errors
 /// Fails for values that are not finite, settings out of range, patience without validation, too few rows for two
-/// leaves, a first tree without a split, and a loss that overflows.
+/// leaves, a first tree without a split, or a loss that overflows.
 pub fn boost(
     x: &[f64],
     width: usize,

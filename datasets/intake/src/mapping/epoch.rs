@@ -37,7 +37,7 @@ pub fn other_file(epoch: &LogEpochKeys, log: &Path) -> Option<PathBuf> {
 /// Instant at which the clock of `log` was 0.
 ///
 /// # Errors
-/// Fails for an epoch that the mapping lacks, and a topic without a valid time.
+/// Fails for an epoch that the mapping lacks, or a topic without a valid time.
 pub fn find(
     mapping: &Mapping,
     decl: &TableDecl,

@@ -126,8 +126,8 @@ impl Read for CsvText {
 enum DecimalSign {
     Unknown,
     Point,
-    /// A comma in all numbers so far. All of these may be thousands with a separator, such as `1,234`; the first of
-    /// them is stored.
+    /// A comma. Holds the first number with a comma, as long as all such numbers may be thousands with a separator,
+    /// such as `1,234`.
     Comma(Option<String>),
 }
 

@@ -121,8 +121,8 @@ impl LogExport<'_> {
     /// Reads the log and writes it.
     ///
     /// # Errors
-    /// Fails for a log that cannot be read, a mapping that does not fit, existing files of other data, and errors of
-    /// the file system. Faults of single lines are in [`ExportLine::faults`].
+    /// Fails for a log that cannot be read, a mapping that does not fit, existing files of other data, or errors of the
+    /// file system. Faults of single lines are in [`ExportLine::faults`].
     pub fn run(&self) -> Result<ExportOutcome, Fault> {
         let place = |f: Fault| if is_shown(&f) { f } else { f.in_file(&self.input.display().to_string()) };
         self.read().map_err(place)

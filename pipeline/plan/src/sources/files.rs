@@ -63,7 +63,7 @@ fn objects(address: &ObjectAddress, any_name: bool) -> Result<Vec<PathBuf>, Faul
 /// The file that a spec names: a file in `folder`, or the copy of an object.
 ///
 /// # Errors
-/// Fails for an unknown address, a missing object, and a server that cannot be reached or rejects the request.
+/// Fails for an unknown address, a missing object, or a server that cannot be reached or rejects the request.
 pub fn file(path: &str, folder: &Path) -> Result<PathBuf, Fault> {
     match place(path)? {
         StorageLocation::Path(path) => Ok(folder.join(path)),

@@ -35,7 +35,7 @@ impl ModelTable {
     /// Reads the table once to check that it holds one model.
     ///
     /// # Errors
-    /// Fails for unknown options, files that are not the table of a `fit`, and several models in one table.
+    /// Fails for unknown options, files that are not the table of a `fit`, or several models in one table.
     pub fn open(decl: &SourceDecl, path: &Path) -> Result<ModelTable, Vec<Fault>> {
         let (condition, at, features) = options(decl)?;
         let rows = read(path, &condition).map_err(|fault| vec![fault.at(at)])?;

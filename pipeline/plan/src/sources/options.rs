@@ -70,7 +70,7 @@ pub const WHOLE: &str = "0";
 /// The options of a table of flights, with its mapping table and its table of lines. Paths start from `folder`.
 ///
 /// # Errors
-/// Fails for unknown options, wrong types, and all faults of the mapping.
+/// Fails for unknown options, wrong types, or faults of the mapping.
 pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<FileOptions, Vec<Fault>> {
     let (mut options, MappingOptions { mapping, table, lines }) = options::<FlightOptions, MappingOptions>(decl)?;
     let option_of = |key: &str| decl.options.get(key);

@@ -33,7 +33,7 @@ pub struct GeoPackageWriter {
     line: Option<Track>,
 }
 
-/// Rows of a line, if there is a sweep at one of its points.
+/// Track of a line; in a sweep, of a line at one point.
 struct Track {
     /// Values of the key columns.
     keys: Vec<Value>,

@@ -135,7 +135,7 @@ fn document(page: &str, (opening, inner): (&str, &str), legend: &[LegendEntry], 
         .filter(|id| !figure.contains(&format!("id=\"{id}\"")))
         .filter_map(|id| definition(page, id))
         .collect();
-    // The size of a figure is set by the page, so it is removed.
+    // The size of the figure applies only to the page, so it is removed.
     let style = attribute(opening, "style").map(|style| format!(" style=\"{style}\"")).unwrap_or_default();
     let opening = opening.replacen(&style, "", 1);
     let view = attribute(&opening, "viewBox").unwrap_or_default();

@@ -38,7 +38,7 @@ pub struct PermutationImportance {
 /// In each repeat all groups are permuted in the same way, so that they are comparable. Groups may share columns.
 ///
 /// # Errors
-/// Fails for values that are not finite, invalid groups or settings, and fewer than two blocks. Also fails if the model
+/// Fails for values that are not finite, invalid groups or settings, or fewer than two blocks. Also fails if the model
 /// fails or returns anything but one finite number per row.
 pub fn permutation<E: Send>(
     model: &PredictionFunction<'_, E>,

@@ -24,7 +24,7 @@ use crate::{
 /// Cost: 2 `samples` (groups − 1) predictions for each row and background row.
 ///
 /// # Errors
-/// Fails for values that are not finite, a column that is not in exactly one group, and fewer than two samples. Also
+/// Fails for values that are not finite, a column that is not in exactly one group, or fewer than two samples. Also
 /// fails if the model fails or returns anything but one finite number per row.
 pub fn shapley_sampled<E: Send>(
     model: &PredictionFunction<'_, E>,
@@ -137,7 +137,7 @@ impl<E> ShapleySampler<'_, E> {
 /// Lee 2017, corollary 1]. Groups may overlap, and columns may be in no group.
 ///
 /// # Errors
-/// Fails for values that are not finite, the wrong number of values, and invalid groups.
+/// Fails for values that are not finite, the wrong number of values, or invalid groups.
 pub fn shapley_linear(
     coefficients: &[f64],
     rows: &[f64],

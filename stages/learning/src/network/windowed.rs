@@ -282,7 +282,7 @@ impl WindowedNetworkShape {
     ///
     /// # Errors
     /// Fails in the cases of [`NetworkShape::check`]. Also fails for a window or units of 0, a window of `tcn` that is
-    /// not a power of two, and a dense network whose inputs do not match the features.
+    /// not a power of two, or a dense network whose inputs do not match the features.
     pub fn check(&self) -> Result<(), TrainingError> {
         let heads = self.heads > 0 && self.units.is_multiple_of(self.heads);
         let whole = self.memory != MemoryLayers::Window || self.units == self.inputs * self.window;

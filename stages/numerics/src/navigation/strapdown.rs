@@ -19,7 +19,7 @@ pub type StrapdownColumns = [Vec<f64>; 3];
 /// Derivative of evenly or unevenly sampled values: [`slopes`] of checked values and times.
 ///
 /// # Errors
-/// Fails for columns of different lengths, fewer than two samples, and times that do not increase.
+/// Fails for columns of different lengths, fewer than two samples, or times that do not increase.
 pub fn derivative(tt_s: &[f64], values: &[f64]) -> Result<Vec<f64>, SeriesError> {
     check_length("value", values, tt_s)?;
     if tt_s.len() < 2 {

@@ -211,7 +211,7 @@ impl FilterStream {
     /// is rejected and counted; `None` uses every measurement.
     ///
     /// # Errors
-    /// Fails for invalid errors, an offset window, a gap that is not above 0, and a gate that is not above 0.
+    /// Fails for invalid errors, an offset window, a gap that is not above 0, or a gate that is not above 0.
     pub fn ekf(setup: &StreamSetup, gate_nis: Option<f64>) -> Result<Self, ParameterError> {
         setup.check()?;
         let (errors, second_order) = (setup.errors, setup.second_order);

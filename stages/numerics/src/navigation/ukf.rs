@@ -86,7 +86,7 @@ impl UkfParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for an α or a gate that is not a finite number above 0, a κ that is not a finite number above −3, and a β
+    /// Fails for an α or a gate that is not a finite number above 0, a κ that is not a finite number above −3, or a β
     /// below −α² κ/3.
     pub fn check(&self) -> Result<(), ParameterError> {
         obeys(&self.alpha, "alpha", Rule::Positive).map_err(ParameterError)?;

@@ -142,7 +142,7 @@ impl ZeroPhaseFilter {
     ///
     /// # Errors
     /// Fails for a sample rate that is not a finite number above 0, an order outside 1 to 12, a corner that is not
-    /// above 0 Hz and below the Nyquist frequency, and a lower corner that is not below the upper one. Fails with
+    /// above 0 Hz and below the Nyquist frequency, or a lower corner that is not below the upper one. Fails with
     /// [`FilterError::Unstable`] for corners whose filter cannot be represented in double precision.
     pub fn new(band: FilterBand, rate_hz: f64, order: usize) -> Result<Self, FilterError> {
         let (gain, sections) = butterworth::design(band, rate_hz, order)?;

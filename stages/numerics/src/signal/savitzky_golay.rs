@@ -92,7 +92,7 @@ impl SavitzkyGolay {
         let one = |i: usize| {
             let first = i.saturating_sub(self.half).min(last);
             let weights = self.weights.get(i - first)?;
-            // Relative to the sample itself, to preserve small changes of a large value.
+            // Values are relative to the sample itself, to preserve small changes of a large value.
             let sum: f64 = weights.iter().zip(&x[first..first + window]).map(|(w, other)| w * (other - x[i])).sum();
             Some(if self.derivative == 0 { x[i] + sum } else { sum })
         };

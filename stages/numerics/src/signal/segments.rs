@@ -184,11 +184,11 @@ impl RowMask {
 pub struct GapFilterReport {
     /// The number of runs that were filtered.
     pub runs: usize,
-    /// The number of rows in them.
+    /// The number of rows in the filtered runs.
     pub rows: usize,
     /// The number of runs that were too short for the filter and became NaN.
     pub short_runs: usize,
-    /// The number of rows in those.
+    /// The number of rows in these runs.
     pub short_rows: usize,
     /// The number of rows outside all runs: not finite, or not selected.
     pub missing_rows: usize,
@@ -234,7 +234,7 @@ pub fn filter_column(
 }
 
 /// Filters each run of a row-major matrix separately, in place. Whole rows are NaN outside the runs and in runs that
-/// are too short. `runs` as for [`filter_column`].
+/// are too short. `runs` is as in [`filter_column`].
 ///
 /// # Errors
 /// Fails with [`FilterError::Shape`] for no columns or values that are not a whole number of rows, or with

@@ -114,8 +114,8 @@ fn shrunk_covariance(deviations: &[Vec<f64>], terms: usize) -> Vec<f64> {
 /// so the estimate is too large on average. `tt_s` is the time of each calibration. [Gnadt 2022, section 5.5]
 ///
 /// # Errors
-/// Fails for fewer than two calibrations, times that do not ascend, and vectors of different lengths or with values
-/// that are not finite.
+/// Fails for fewer than two calibrations, times that do not ascend, or vectors of different lengths or with values that
+/// are not finite.
 pub fn walk_density(calibrations: &[&[f64]], tt_s: &[f64]) -> Result<Vec<f64>, ParameterError> {
     let terms = calibrations.first().map_or(0, |first| first.len());
     let lasts = tt_s.windows(2).all(|pair| pair[1] > pair[0] && (pair[1] - pair[0]).is_finite());

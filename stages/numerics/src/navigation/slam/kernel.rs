@@ -49,7 +49,7 @@ impl AnomalyKernel {
     /// Rejects an invalid kernel.
     ///
     /// # Errors
-    /// Fails for a standard deviation of the process or a length not above 0, and a negative or missing noise.
+    /// Fails for a standard deviation of the process or a length not above 0, or a negative or missing noise.
     pub fn check(&self) -> Result<(), ParameterError> {
         require("sigma_se_nt", self.sigma_se_nt, Rule::Positive)?;
         require("length_m", self.length_m, Rule::Positive)?;
