@@ -9,7 +9,7 @@ use crate::support::{Bench, batch, magline, numbers, read, repository, stderr, s
 
 /// Start of the flight, s past midnight UTC.
 const START_S: f64 = 36_000.0;
-/// Lag of the vector magnetometer in these logs, s.
+/// Lag of the vector magnetometer in these logs, in seconds.
 const LAG_S: f64 = 0.06;
 
 fn field(t: f64) -> f64 {

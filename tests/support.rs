@@ -181,7 +181,7 @@ input = ["clean", "track"]
 truth = "mag_1_c"
 "#;
 
-/// Anomaly of the small map, nT.
+/// Anomaly of the small map, in nT.
 pub fn anomaly(lat: f64, lon: f64) -> f64 {
     120.0 * (220.0 * (lat - 45.0)).sin() + 90.0 * (180.0 * (lon - 10.0) + 50.0 * (lat - 45.0)).cos()
 }

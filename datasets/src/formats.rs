@@ -211,7 +211,7 @@ pub fn read_map(path: &Path, options: &MapOptions) -> Result<MapTable, ReadError
     read_grid(path, options)?.to_geographic()
 }
 
-/// Reads a map on its native grid, for any coordinates: rows from the south, columns from the west, nT.
+/// Reads a map on its native grid, for any coordinates: rows from the south, columns from the west, in nT.
 ///
 /// # Errors
 /// Fails in the cases of [`read_map`].

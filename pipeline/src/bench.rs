@@ -32,7 +32,7 @@ pub const TEST_LINES: [&str; 2] = ["3.02", "3.03"];
 pub enum BenchMetric {
     /// Standard deviation of prediction minus truth, nT, because compensation does not determine the bias.
     StdError,
-    /// Distance root mean square of two columns, latitude and longitude, m.
+    /// Distance root mean square of two columns, latitude and longitude, in metres.
     Drms,
 }
 
@@ -276,7 +276,7 @@ fn in_radians(
     pairs: &[(usize, usize)],
     predictions: &Predictions,
 ) -> Result<(), Fault> {
-    /// Longer than any track of the benchmark, m.
+    /// Longer than any track of the benchmark, in metres.
     const FAR_M: f64 = 200_000.0;
     let degrees: Vec<Vec<f64>> = columns.iter().map(|c| c.iter().map(|x| x.to_degrees()).collect()).collect();
     let degrees: Vec<&[f64]> = degrees.iter().map(Vec::as_slice).collect();

@@ -43,7 +43,7 @@ pub struct ServerSettings {
     pub token: Option<Token>,
     /// Certificate chain and key, PEM.
     pub tls: Option<(Vec<u8>, Vec<u8>)>,
-    /// Maximum memory of all queries together, bytes.
+    /// Maximum memory of all queries together, in bytes.
     pub memory: usize,
     /// Folder for spilled data.
     pub spill: PathBuf,
@@ -59,7 +59,7 @@ const CONNECTION_THREADS: usize = 2;
 const GRACE: Duration = Duration::from_secs(3);
 /// Time after which a silent client counts as disconnected.
 const ALIVE: Duration = Duration::from_secs(30);
-/// Maximum size of a message from a client: a query, or the values of its parameters, bytes. Answers are sent in
+/// Maximum size of a message from a client: a query, or the values of its parameters, in bytes. Answers are sent in
 /// messages of about 2 MB.
 const MESSAGE: usize = 4 << 20;
 /// Simultaneous requests on one connection; others wait.

@@ -216,7 +216,7 @@ impl fmt::Display for Column {
 pub struct TableShape {
     /// The columns in the table's order.
     pub columns: ColumnList,
-    /// Sample rate, Hz, if an upstream stage made the sampling even.
+    /// Sample rate, in Hz, if an upstream stage made the sampling even.
     pub rate_hz: Option<f64>,
 }
 

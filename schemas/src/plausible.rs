@@ -159,7 +159,7 @@ const CRUST: PlausibleRange = PlausibleRange {
     outlier: OutlierTreatment::Fault,
 };
 
-/// Limits of the values of a map or a survey, nT: those of a total field if most values are total fields, otherwise
+/// Limits of the values of a map or a survey, in nT: those of a total field if most values are total fields, otherwise
 /// those of an anomaly.
 pub fn survey(values: impl Iterator<Item = f64>) -> PlausibleRange {
     let (mut known, mut total) = (0_usize, 0_usize);

@@ -24,7 +24,7 @@ enum PhysicalDimension {
 
 use PhysicalDimension as D;
 
-/// The US survey foot, m. [NIST Special Publication 811, appendix B.6]
+/// The US survey foot, in metres. [NIST Special Publication 811, appendix B.6]
 const US_FOOT: f64 = 1200.0 / 3937.0;
 
 /// All units, each with its spellings, its dimension and its size in base units. The usual spelling is first. Spellings

@@ -40,7 +40,7 @@ columns = ["mag_4_uc"]
     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
 }
 
-/// Filter for two corner frequencies, Hz. 0 removes a corner. `None` if both are 0.
+/// Filter for two corner frequencies, in Hz. 0 removes a corner. `None` if both are 0.
 ///
 /// # Errors
 /// Returns the errors of [`ZeroPhaseFilter::new`].

@@ -40,7 +40,7 @@ fn not_numbers(name: &str) -> Fault {
     Fault::data("does not hold numbers").in_column(name)
 }
 
-/// Sample rate of evenly spaced times (s), Hz.
+/// Sample rate of evenly spaced times (s), in Hz.
 ///
 /// # Errors
 /// Returns the errors of [`sample_rate`], for the column `tt`.
@@ -49,8 +49,8 @@ pub fn even_rate_hz(tt_s: &[f64]) -> Result<f64, Fault> {
         .map_err(|e| data(e).in_column("tt").help("add a `resample` stage before this one"))
 }
 
-/// Rate at which the entries of a list column are differences per sample, Hz. It is `rate_hz` of the column's metadata,
-/// or the sample rate of the line.
+/// Rate at which the entries of a list column are differences per sample, in Hz. It is `rate_hz` of the column's
+/// metadata, or the sample rate of the line.
 ///
 /// # Errors
 /// Fails if the metadata have no `rate_hz` and the samples are not evenly spaced.

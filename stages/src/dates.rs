@@ -68,7 +68,7 @@ pub fn first_midnight(batch: &RecordBatch) -> Result<Option<i64>, Fault> {
     Ok(Some(day - (tt[row] / DAY_S).floor() as i64))
 }
 
-/// Offset of the times of `other` to the midnight of `first`, s. 0 if one table has no date.
+/// Offset of the times of `other` to the midnight of `first`, in seconds. 0 if one table has no date.
 ///
 /// # Errors
 /// Returns the errors of [`first_midnight`].

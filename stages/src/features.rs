@@ -79,7 +79,7 @@ features = ["mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"]
     allow_truth: bool, unit "", default false;
 }
 
-/// Corner frequency, Hz, and order of `lpf_...`, as in MagNav.jl.
+/// Corner frequency, in Hz, and order of `lpf_...`, as in MagNav.jl.
 const LOW_PASS: (f64, usize) = (0.2, 4);
 const ATTITUDE: [&str; 3] = ["ins_roll", "ins_pitch", "ins_yaw"];
 const CORE: [&str; 3] = ["igrf_x", "igrf_y", "igrf_z"];

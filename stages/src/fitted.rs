@@ -24,7 +24,7 @@ pub enum FittedModelForm {
 pub struct FittedModel {
     /// Kind of the model.
     pub body: FittedModelForm,
-    /// Rate at which its terms were differences per sample, Hz. `None` if the table does not contain the rate.
+    /// Rate at which its terms were differences per sample, in Hz. `None` if the table does not contain the rate.
     pub rate_hz: Option<f64>,
 }
 
@@ -89,7 +89,7 @@ impl FittedModel {
         Some((of(false).map(|(_, v)| *v).collect(), of(true).map(|(_, v)| v).sum()))
     }
 
-    /// Predicted field for rows of [`FittedModel::columns`], nT. Rows are row-major and finite.
+    /// Predicted field for rows of [`FittedModel::columns`], in nT. Rows are row-major and finite.
     ///
     /// # Errors
     /// Fails if a model written in Python fails.
@@ -127,7 +127,7 @@ impl TermSource<'_> {
 struct ModelInputColumns<'a> {
     batch: &'a RecordBatch,
     lists: Vec<ListColumn<'a>>,
-    /// Rate of the model, Hz.
+    /// Rate of the model, in Hz.
     rate_hz: Option<f64>,
 }
 
@@ -162,12 +162,12 @@ impl<'a> ModelInputColumns<'a> {
     }
 }
 
-/// Rate of the lines of a fit, from its table, Hz. `None` if the table does not contain the rate.
+/// Rate of the lines of a fit, from its table, in Hz. `None` if the table does not contain the rate.
 pub fn rate_of(table: &RecordBatch) -> Option<f64> {
     floats(table, RATE).ok()?.first().copied().filter(|rate_hz| *rate_hz > 0.0)
 }
 
-/// Predicted field of each sample, nT.
+/// Predicted field of each sample, in nT.
 fn predict(sources: &ModelInputColumns, body: &FittedModelForm, rows: usize) -> Result<FieldPrediction, Fault> {
     match body {
         FittedModelForm::Linear { terms, values } => {

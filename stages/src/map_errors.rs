@@ -160,7 +160,8 @@ impl MapErrors {
     }
 }
 
-/// Error of each level, nT. Below the map it is the amplified noise and the field that damping removes; elsewhere it is
+/// Error of each level, in nT. Below the map it is the amplified noise and the field that damping removes; elsewhere it
+/// is
 /// 0. The unknown field beyond the edges of the map is ignored.
 fn level_errors(power: &RadialPower, noise_nt: Option<f64>, (own_m, levels_m): (f64, &[f64])) -> Vec<(f64, f64)> {
     let error_nt = |level_m: f64| match own_m - level_m {

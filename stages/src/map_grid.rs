@@ -121,7 +121,7 @@ level_m   = 300.0
 pub struct SurveyMap {
     /// The map.
     pub map: AnomalyGrid,
-    /// Expected error of each node, nT, if lines were omitted in turn.
+    /// Expected error of each node, in nT, if lines were omitted in turn.
     pub error: Option<AnomalyGrid>,
     /// Report of the gridding.
     pub report: GriddingReport,

@@ -158,7 +158,7 @@ fn projected(own: &NativeGrid, rows: &EvenAxis, columns: &EvenAxis) -> Result<Gr
     })
 }
 
-/// Heights of the levels above the map, m.
+/// Heights of the levels above the map, in metres.
 fn above(table: &RecordBatch, levels_m: &[f64]) -> Result<Vec<f64>, Fault> {
     let alt = floats(table, "alt")?;
     let level = alt.first().copied().unwrap_or(f64::NAN);

@@ -81,7 +81,7 @@ choice! {
 }
 
 impl Resample {
-    /// Lag of a column of the input `i`, s.
+    /// Lag of a column of the input `i`, in seconds.
     fn lag_of(&self, i: usize, name: &str) -> f64 {
         let of_vector = || {
             let (vector, _) = schemas::flight::vector_part(name)?;

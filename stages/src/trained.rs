@@ -54,9 +54,9 @@ fn is_of_training(name: &str) -> bool {
 /// Prediction of a model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FieldPrediction {
-    /// Predicted field of each row, nT.
+    /// Predicted field of each row, in nT.
     pub field_nt: Vec<f64>,
-    /// Standard deviation of the prediction, nT. `None` if the model does not provide one.
+    /// Standard deviation of the prediction, in nT. `None` if the model does not provide one.
     pub sigma_nt: Option<Vec<f64>>,
 }
 
@@ -65,7 +65,7 @@ pub struct FieldPrediction {
 pub enum NetworkLayers<'a> {
     /// Layers of a network of single samples.
     Dense(&'a NetworkShape),
-    /// Layers of a network over a window of samples, and their rate, Hz.
+    /// Layers of a network over a window of samples, and their rate, in Hz.
     Windowed(&'a WindowedNetworkShape, f64),
 }
 
@@ -84,7 +84,7 @@ pub struct NetworkParts<'a> {
     pub layers: NetworkLayers<'a>,
     /// Parameters of each member.
     pub members: &'a [Vec<f64>],
-    /// Scale of the target, nT.
+    /// Scale of the target, in nT.
     pub scale_nt: f64,
 }
 

@@ -126,7 +126,7 @@ fn quoted(text: &str) -> String {
 }
 
 impl LineDetection {
-    /// Length of the track along a line, m; `None` without positions.
+    /// Length of the track along a line, in metres; `None` without positions.
     pub fn length_m(&self, line: &DetectedLine) -> Option<f64> {
         let north = self.motion.north_m.get(line.rows.clone())?;
         let east = self.motion.east_m.get(line.rows.clone())?;
@@ -135,7 +135,7 @@ impl LineDetection {
         (length > 0.0).then_some(length)
     }
 
-    /// The mean height of a line, m.
+    /// The mean height of a line, in metres.
     pub fn height_m(&self, line: &DetectedLine) -> Option<f64> {
         let all = self.motion.alt_m.get(line.rows.clone())?;
         let known: Vec<f64> = all.iter().copied().filter(|x| x.is_finite()).collect();

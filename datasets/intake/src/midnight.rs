@@ -12,8 +12,8 @@ use schemas::Fault;
 
 const DAY_S: f64 = 86_400.0;
 
-/// Maximum distance from midnight at which a backward step to the next day may begin and end, s. Any other backward
-/// step of a time stamp is an error of the log.
+/// Maximum distance from midnight at which a backward step to the next day may begin and end, in seconds. Any other
+/// backward step of a time stamp is an error of the log.
 const NEAR_S: f64 = 3_600.0;
 
 /// Line of the flight table across midnight, with `tt` increasing past 86,400 s. The columns `year` and `doy` hold the

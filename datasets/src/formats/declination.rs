@@ -13,7 +13,7 @@ use crate::ReadError;
 
 /// A converted sample, and the angles used in its conversion.
 pub(super) struct DeclinationSample {
-    /// North, east and down, nT.
+    /// North, east and down, in nT.
     pub(super) ned_nt: [f64; 3],
     /// The declination that was added to the declination of the sample, or the direction of H.
     pub(super) baseline_rad: f64,
@@ -27,16 +27,16 @@ pub(super) struct DeclinationSample {
     pub(super) date: (i32, u32),
 }
 
-/// Horizontal intensity below which the declination is too uncertain for a comparison, nT.
+/// Horizontal intensity below which the declination is too uncertain for a comparison, in nT.
 const LEAST_HORIZONTAL_NT: f64 = 2000.0;
-/// Component normal to the IGRF's meridian above which a wrong unit or baseline is assumed, nT. The crustal anomaly is
-/// smaller at most stations.
+/// Component normal to the IGRF's meridian above which a wrong unit or baseline is assumed, in nT. The crustal anomaly
+/// is smaller at most stations.
 const ACROSS_NT: f64 = 250.0;
-/// Component normal to the IGRF's meridian above which a note is made even without an explanation, nT.
+/// Component normal to the IGRF's meridian above which a note is made even without an explanation, in nT.
 const REMARKABLE_NT: f64 = 1000.0;
 /// Maximum fraction of that component that may remain if an explanation is valid.
 const EXPLAINED: f64 = 0.25;
-/// Difference of inclinations that a local anomaly cannot cause, degrees.
+/// Difference of inclinations that a local anomaly cannot cause, in degrees.
 const DIP_DEG: f64 = 10.0;
 
 /// The text after `DECBAS` in a comment of a header.
@@ -158,7 +158,7 @@ fn disoriented(record: &mut ObservatoryRecord) {
     }
 }
 
-/// North, east and down of the IGRF at a station, nT; `None` if position or date is unknown or outside the model.
+/// North, east and down of the IGRF at a station, in nT; `None` if position or date is unknown or outside the model.
 fn igrf(record: &ObservatoryRecord, (year, doy): (i32, u32)) -> Option<[f64; 3]> {
     if !(record.lat_deg.abs() <= 90.0 && record.lon_deg.abs() <= 360.0) {
         return None;

@@ -29,7 +29,7 @@ use super::{
     redact::redacted,
 };
 
-/// Size of a part, bytes: longer objects are read and written in parts.
+/// Size of a part, in bytes: longer objects are read and written in parts.
 const PART: u64 = 16 << 20;
 /// Maximum number of concurrent requests.
 const AT_ONCE: usize = 16;
@@ -49,7 +49,7 @@ pub struct ObjectVersion(UpdateVersion);
 pub struct ObjectEntry {
     /// Name below the address.
     pub key: String,
-    /// Size, bytes.
+    /// Size, in bytes.
     pub size: u64,
     /// Version, if the server reports a version.
     pub tag: Option<String>,

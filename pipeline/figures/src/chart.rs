@@ -78,7 +78,7 @@ pub struct LineChart {
     pub stretch: Option<(String, f64, f64)>,
     /// Highlighted points: name and coordinates.
     pub marks: Vec<(String, f64, f64)>,
-    /// Height of the picture, px.
+    /// Height of the picture, in pixels.
     pub height: f64,
     /// Whether the chart has half the width, for a row of two.
     pub half: bool,

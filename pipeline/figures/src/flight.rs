@@ -46,9 +46,9 @@ pub struct FlightPicture<'a> {
     pub time: &'a [f64],
     /// Label of the time axis.
     pub time_label: &'a str,
-    /// Position east of a reference point, m, one per time; NaN breaks the track. Empty without positions.
+    /// Position east of a reference point, in metres, one per time; NaN breaks the track. Empty without positions.
     pub east_m: &'a [f64],
-    /// Position north of the reference point, m, one per time.
+    /// Position north of the reference point, in metres, one per time.
     pub north_m: &'a [f64],
     /// Kind of each sample, an index of [`FlightPicture::kinds`].
     pub kind: &'a [usize],

@@ -18,9 +18,9 @@ pub struct EarthArea {
     pub about: String,
     /// Latitudes of the corners, degrees, counterclockwise; the first is not repeated.
     pub lat_deg: Vec<f64>,
-    /// Longitudes of the corners, degrees.
+    /// Longitudes of the corners, in degrees.
     pub lon_deg: Vec<f64>,
-    /// Height, m, as in [`EarthTrack`].
+    /// Height, in metres, as in [`EarthTrack`].
     pub alt_m: f64,
     /// Its colour.
     pub colour: [u8; 3],

@@ -18,7 +18,7 @@ const NAMED: usize = 24;
 /// Entry of the legend.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LegendEntry {
-    /// Length on the paper and on the ground, m.
+    /// Length on the paper and on the ground, in metres.
     Scale(f64, f64),
     /// North arrow.
     North,

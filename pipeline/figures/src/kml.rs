@@ -27,12 +27,12 @@ use crate::png_file::{PixelFormat, encode};
 pub struct EarthTrack<'a> {
     /// Its name.
     pub name: &'a str,
-    /// Latitudes, degrees.
+    /// Latitudes, in degrees.
     pub lat_deg: &'a [f64],
-    /// Longitudes, degrees, of any turn.
+    /// Longitudes, in degrees, of any turn.
     pub lon_deg: &'a [f64],
-    /// Heights, m. KML interprets them as above mean sea level; heights above the ellipsoid are off by the geoid's
-    /// height.
+    /// Heights, in metres. KML interprets them as above mean sea level; heights above the ellipsoid are off by the
+    /// geoid's height.
     pub alt_m: &'a [f64],
     /// Times, s since 1970 UTC, if the date is known: the track can then be played.
     pub time_unix_s: Option<&'a [f64]>,
@@ -76,7 +76,7 @@ impl Kml {
 
 /// Maximum number of pixels per side of an overlay: the limit of common viewers.
 const MOST_PIXELS: f64 = 4096.0;
-/// Tolerance of a thinned track, m.
+/// Tolerance of a thinned track, in metres.
 const TOLERANCE_M: f64 = 1.0;
 
 /// Map as a ground overlay, its colour bar on the screen, and the tracks at their heights. The pictures are named

@@ -28,7 +28,7 @@ use crate::{
 /// Name, unit and values of a column.
 type TrackColumn<'py> = (String, String, Bound<'py, PyAny>);
 
-/// Coefficients of a calibration: terms, values, standard deviations, and the sample rate of the fit, Hz.
+/// Coefficients of a calibration: terms, values, standard deviations, and the sample rate of the fit, in Hz.
 type Calibration = (Vec<String>, Vec<f64>, Vec<f64>, Option<f64>);
 
 /// Filters a line with the stage `navigate`. `keys` are the parameters of the stage. `line` has the columns of the

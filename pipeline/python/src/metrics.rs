@@ -21,7 +21,7 @@ fn value(found: SampleStatistic) -> f64 {
     found.value
 }
 
-/// Distance root mean square, m.
+/// Distance root mean square, in metres.
 #[pyfunction]
 fn drms(north_m: Column<'_>, east_m: Column<'_>) -> PyResult<f64> {
     Ok(value(statistics::drms(north_m.as_slice()?, east_m.as_slice()?)))

@@ -12,13 +12,13 @@ const STEPS: f64 = 200.0;
 /// Region of longitude and latitude, in degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GeographicRegion {
-    /// Western longitude, deg.
+    /// Western longitude, in degrees.
     pub west: f64,
     /// Eastern longitude in degrees, not below the western longitude.
     pub east: f64,
-    /// Southern latitude, deg.
+    /// Southern latitude, in degrees.
     pub south: f64,
-    /// Northern latitude, deg.
+    /// Northern latitude, in degrees.
     pub north: f64,
 }
 

@@ -103,9 +103,9 @@ impl DerivedColumn {
 /// The rows of a series, and the resolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SeriesWindow {
-    /// First time, s; -∞ for the whole line.
+    /// First time, in seconds; -∞ for the whole line.
     pub from: f64,
-    /// Last time, s; ∞ for the whole line.
+    /// Last time, in seconds; ∞ for the whole line.
     pub to: f64,
     /// Number of intervals.
     pub pixels: usize,
@@ -131,9 +131,9 @@ pub struct Series {
     pub errors: Vec<f64>,
 }
 
-/// Series of `columns` over the times `tt`, s, within `window`. The nearest row on each side of the window is included.
-/// At most two rows for each pixel are returned unchanged. More rows are divided into intervals of equal time; an
-/// interval without a row is omitted.
+/// Series of `columns` over the times `tt`, in seconds, within `window`. The nearest row on each side of the window is
+/// included. At most two rows for each pixel are returned unchanged. More rows are divided into intervals of equal
+/// time; an interval without a row is omitted.
 ///
 /// # Errors
 /// Fails for columns of different lengths.

@@ -11,11 +11,11 @@ const LARGEST: u32 = 12;
 /// Amplitude spectral densities of columns with the same times.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AmplitudeSpectrum {
-    /// Sample rate, Hz.
+    /// Sample rate, in Hz.
     pub rate_hz: f64,
     /// Number of samples of a segment.
     pub segment: usize,
-    /// Frequencies above zero, Hz.
+    /// Frequencies above zero, in Hz.
     pub frequency_hz: Vec<f64>,
     /// The columns.
     pub columns: Vec<ColumnSpectrum>,

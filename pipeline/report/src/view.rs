@@ -36,7 +36,7 @@ use table::ViewTable;
 
 /// Time after which a pipeline is checked for a new version.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
-/// Size of the cache of columns, bytes.
+/// Size of the cache of columns, in bytes.
 const HELD_BYTES: usize = 128 << 20;
 
 /// Values of axes by their names, as text.

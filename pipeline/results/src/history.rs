@@ -27,7 +27,7 @@ pub struct RunRecord {
     pub tables: u64,
     /// Numbers of units that were computed, reused, failed and skipped.
     pub units: [usize; 4],
-    /// Its duration, s.
+    /// Its duration, in seconds.
     pub seconds: f64,
     /// The file in `runs/` with the inputs of the tables.
     pub snapshot: String,

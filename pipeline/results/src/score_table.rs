@@ -194,7 +194,7 @@ mod tests {
             values: vec![Some(7.0); 10],
             metrics,
         };
-        // The first point has only lines in sample, the second point has lines in sample and out of sample, and the
+        // The first point has only in-sample lines, the second point has in-sample lines and out of sample, and the
         // third point has one metric in sample.
         let mut one = vec![false; 10];
         one[5] = true;

@@ -28,7 +28,7 @@ pub struct Scores {
     pub in_sample: Vec<InSampleScores>,
 }
 
-/// Scores of a point on its lines in sample: seen by its model, noise, map or search.
+/// Scores of a point on its in-sample lines: seen by its model, noise, map or search.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct InSampleScores {
     /// Number of in-sample lines.
@@ -38,7 +38,7 @@ pub struct InSampleScores {
     pub held_out: usize,
     /// For each metric, whether its value comes only from in-sample lines.
     pub metrics: Vec<bool>,
-    /// The value of each metric over the lines in sample.
+    /// The value of each metric over the in-sample lines.
     pub values: Vec<Option<f64>>,
 }
 

@@ -39,7 +39,7 @@ use super::{
     task::Receipt,
 };
 
-/// Overhead of a task in a worker, s, as measured in `pipeline/CLUSTER.md`.
+/// Overhead of a task in a worker, in seconds, as measured in `pipeline/CLUSTER.md`.
 const TASK_S: f64 = 0.012;
 
 /// Cluster of a scheduler.

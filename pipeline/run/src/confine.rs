@@ -37,12 +37,12 @@ pub fn limit_memory(bytes: usize) -> Result<(), Fault> {
     setrlimit(Resource::RLIMIT_DATA, most, hard).map_err(refused)
 }
 
-/// Private memory of a process, without mapped files, bytes.
+/// Private memory of a process, without mapped files, in bytes.
 pub fn used(process: u32) -> Option<usize> {
     bytes_of(&process.to_string(), "RssAnon:")
 }
 
-/// Size of a process under its name in `/proc`, bytes; `None` if the system does not report it.
+/// Size of a process under its name in `/proc`, in bytes; `None` if the system does not report it.
 pub fn bytes_of(process: &str, key: &str) -> Option<usize> {
     let text = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix(key))?;

@@ -80,7 +80,7 @@ impl<'a> TableAssembler<'a> {
         Ok(TableAssembler { graph, table, schema, kind, passed, in_sample })
     }
 
-    /// Estimated memory of a unit before its computation, bytes.
+    /// Estimated memory of a unit before its computation, in bytes.
     pub fn bytes(&self, unit: PlanUnit) -> usize {
         /// Assumed number of rows of a model or of the scores of a line.
         const TIDY_ROWS: usize = 32;

@@ -22,7 +22,7 @@ pub struct TaskWave<'a> {
     pub table: usize,
     /// Tasks of the wave.
     pub tasks: &'a [Task],
-    /// Expected time of a unit, s; 0 if unknown.
+    /// Expected time of a unit, in seconds; 0 if unknown.
     #[cfg_attr(not(feature = "cluster"), allow(dead_code))]
     pub unit_s: f64,
     /// Callback for the outcome of each unit.
@@ -43,7 +43,7 @@ impl TaskWave<'_> {
 /// Capacity of an engine, for the choice of task sizes.
 #[derive(Clone, Copy, Debug)]
 pub struct EngineCapacity {
-    /// Overhead of a task, s.
+    /// Overhead of a task, in seconds.
     pub task_s: f64,
     /// Number of simultaneous tasks; 0 if unknown.
     pub at_once: usize,

@@ -9,7 +9,7 @@ use schemas::{Fault, TableShape, casting::cast, keys::HashKey};
 
 use super::work::UnitWorker;
 
-/// Maximum size of the cached columns of a group, bytes.
+/// Maximum size of the cached columns of a group, in bytes.
 const HELD_BYTES: usize = 256 << 20;
 
 /// Cache of columns that the points of a line share.

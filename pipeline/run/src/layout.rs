@@ -13,7 +13,7 @@ use store::{PackCatalogue, PackedUnit};
 
 use super::cut::TableAssembler;
 
-/// Size of a chunk in memory, bytes.
+/// Size of a chunk in memory, in bytes.
 const CHUNK_BYTES: usize = 8 << 20;
 /// Number of points of one line up to which a chunk may exceed its size, so that its points share the computations of
 /// the line.

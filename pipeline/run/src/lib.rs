@@ -75,7 +75,7 @@ pub struct RunSummary {
     pub trials: Vec<SearchTrialScore>,
     /// Choices made automatically.
     pub notes: Vec<String>,
-    /// Duration of each table, s, in the order of `tables`.
+    /// Duration of each table, in seconds, in the order of `tables`.
     pub seconds: Vec<f64>,
     /// Hash of the computation and its data: equal for the same spec and inputs.
     pub run: String,
@@ -87,7 +87,7 @@ pub struct RunSummary {
     pub left: Vec<String>,
     /// Outcomes of the recomputation of stored tables.
     pub compared: Vec<TableComparison>,
-    /// Size of the earlier results that `gc` would remove, bytes.
+    /// Size of the earlier results that `gc` would remove, in bytes.
     pub unused: u64,
 }
 

@@ -21,7 +21,8 @@ pub struct TaskList {
     pub given_up: usize,
 }
 
-/// Overhead of a task in a process that computes only this task, s, as measured in `pipeline/benches/README.md`.
+/// Overhead of a task in a process that computes only this task, in seconds, as measured in
+/// `pipeline/benches/README.md`.
 const TASK_S: f64 = 0.1;
 
 /// Lists the units that can be computed from the results in `store`, in tasks of at most `most` units. The default size

@@ -133,7 +133,7 @@ struct ComputedTables<'a> {
     tables: Vec<(String, OutcomeCounts)>,
     /// Packs of each table of the plan.
     packs: Vec<Vec<HashKey>>,
-    /// Number of computed units of each table of the plan, and the duration, s.
+    /// Number of computed units of each table of the plan, and the duration, in seconds.
     seconds: Vec<(usize, f64)>,
     states: UnitStates<'a>,
     failures: Vec<Failure>,

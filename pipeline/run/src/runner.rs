@@ -39,7 +39,7 @@ pub(super) struct PlanRunner<'a> {
     pub(super) states: UnitStates<'a>,
     /// Failures, each with its unit.
     pub(super) failures: Vec<(Option<PlanUnit>, Failure)>,
-    /// Number of computed units of each table, and the duration, s.
+    /// Number of computed units of each table, and the duration, in seconds.
     pub(super) seconds: Vec<(usize, f64)>,
 }
 

@@ -170,7 +170,7 @@ impl<'a> PlanRunner<'a> {
         sheet.layout.chunks.iter().filter_map(of_chunk).collect()
     }
 
-    /// Expected time of a unit of the table, s.
+    /// Expected time of a unit of the table, in seconds.
     pub(super) fn unit_s(&self, sheet: &TableProgress) -> f64 {
         let rates = self.rates.get_or_init(|| UnitTimeModel::new(self.store));
         rates.unit_s(self.graph, self.store, sheet.table)

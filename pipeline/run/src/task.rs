@@ -82,7 +82,7 @@ pub struct Receipt {
     /// Whether the worker ended after this task, because a unit exceeded its time limit.
     #[serde(default, skip_serializing_if = "is_false")]
     pub ended: bool,
-    /// Wall time, s.
+    /// Wall time, in seconds.
     pub seconds: f64,
     /// Host and process of the worker.
     pub worker: String,

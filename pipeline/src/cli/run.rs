@@ -95,7 +95,7 @@ pub fn run(catalogue: &[StageEntry], args: &RunArgs, compact: bool) -> Result<()
     done
 }
 
-/// Minimum size of unreferenced results for a note, bytes.
+/// Minimum size of unreferenced results for a note, in bytes.
 const WORTH_A_NOTE: u64 = 1 << 20;
 
 /// The note on results that `gc` would remove.

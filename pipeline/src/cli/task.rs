@@ -22,7 +22,7 @@ use super::{
     threads,
 };
 
-/// Maximum length of a task on standard input, bytes.
+/// Maximum length of a task on standard input, in bytes.
 const LONGEST: u64 = 64 << 20;
 
 /// The arguments of `tasks`.

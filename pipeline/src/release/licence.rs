@@ -85,7 +85,7 @@ pub fn from_facts(facts: &PublishFacts) -> Result<Licence, Fault> {
     }
 }
 
-/// Maximum size of the text of a licence, bytes.
+/// Maximum size of the text of a licence, in bytes.
 const LONGEST: u64 = 1 << 20;
 
 /// Text of the licence in `file`, from the spec's folder `folder`. Because the text is published, the file must be

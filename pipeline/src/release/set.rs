@@ -221,7 +221,7 @@ pub struct DataFile {
     pub line: Option<String>,
     /// Number of rows.
     pub rows: u64,
-    /// Size, bytes.
+    /// Size, in bytes.
     pub bytes: u64,
     /// Its SHA-256.
     pub sha256: String,
@@ -293,7 +293,7 @@ pub struct ReleaseInput {
     pub table: String,
     /// Path from the spec's folder, or the file name of an absolute path.
     pub file: String,
-    /// Size, bytes.
+    /// Size, in bytes.
     pub bytes: u64,
     /// Its SHA-256.
     pub sha256: String,

@@ -97,10 +97,10 @@ fn parsed<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     serde_json::from_str(text).map_err(|e| format!("it is unreadable: {e}"))
 }
 
-/// Maximum size of a file whose size no document lists, bytes.
+/// Maximum size of a file whose size no document lists, in bytes.
 const DOCUMENT: u64 = 256 << 20;
 
-/// Size of each file in the documents, bytes.
+/// Size of each file in the documents, in bytes.
 type DocumentedSizes = BTreeMap<String, u64>;
 
 fn sizes(dictionary: Option<&DataDictionary>, lock: Option<&ReleaseLockfile>) -> DocumentedSizes {

@@ -30,7 +30,7 @@ use crate::deep;
 /// Maximum number of threads that compute a query, and of threads that wait for its files.
 const MOST_THREADS: usize = 8;
 const FILE_THREADS: usize = 4;
-/// Memory of a query that its operators do not count, such as batches in transit, bytes.
+/// Memory of a query that its operators do not count, such as batches in transit, in bytes.
 pub const UNCOUNTED_BYTES: usize = 96 << 20;
 
 /// Request to a process.
@@ -40,9 +40,9 @@ pub struct QueryRequest {
     pub store: PathBuf,
     /// Folder for spilled data.
     pub spill: PathBuf,
-    /// Memory for its operators, bytes.
+    /// Memory for its operators, in bytes.
     pub memory: usize,
-    /// Memory limit set by the kernel, bytes.
+    /// Memory limit set by the kernel, in bytes.
     pub most: usize,
     /// Text of the query.
     pub query: String,
@@ -91,7 +91,7 @@ const ROWS: u8 = b'r';
 const END: u8 = b'e';
 const FAILED: u8 = b'f';
 
-/// Maximum size of a message, bytes.
+/// Maximum size of a message, in bytes.
 const LONGEST: usize = 1 << 31;
 
 impl QueryChunk {

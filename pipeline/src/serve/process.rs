@@ -34,7 +34,7 @@ use super::{
 
 /// Interval of checks of the memory of a query.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
-/// Memory of a process without a query: its program and threads, bytes.
+/// Memory of a process without a query: its program and threads, in bytes.
 const OWN: usize = 64 << 20;
 /// Maximum number of waiting queries; further ones are rejected at once.
 const MOST_WAITING: usize = 256;

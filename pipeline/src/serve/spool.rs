@@ -15,7 +15,7 @@ use tonic::Status;
 
 /// Number of chunks in memory.
 const READY: usize = 2;
-/// Maximum size of the waiting chunks in the file, bytes; beyond it, the query waits for its client.
+/// Maximum size of the waiting chunks in the file, in bytes; beyond it, the query waits for its client.
 const MOST: u64 = 256 << 20;
 
 /// Queued chunk, in memory or in the file.
@@ -28,7 +28,7 @@ enum SpoolPiece {
 struct SpoolState {
     pieces: VecDeque<SpoolPiece>,
     file: Option<File>,
-    /// Write position in the file, bytes.
+    /// Write position in the file, in bytes.
     written: u64,
     end: Option<Result<(), Status>>,
     /// Whether the client has disconnected.

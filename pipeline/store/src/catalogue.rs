@@ -44,7 +44,7 @@ pub struct PackedUnit {
 pub struct StorePack {
     /// Name of the pack.
     pub id: HashKey,
-    /// Size, bytes.
+    /// Size, in bytes.
     pub size: u64,
     /// Time of writing, ns since 1970. Packs are immutable.
     pub modified_ns: u64,

@@ -100,7 +100,7 @@ const PARTS: [&str; 13] = [
 
 /// Rows of a row group, unless one unit or wide rows require fewer.
 pub const GROUP_ROWS: usize = 100_000;
-/// Size of a row group in memory, bytes.
+/// Size of a row group in memory, in bytes.
 const GROUP_BYTES: usize = 32 << 20;
 
 /// Store that this process may write to.
@@ -433,7 +433,7 @@ fn note(unit: usize, new: &NewUnit) -> Option<UnitNote> {
     any.then_some(UnitNote { unit, failed, left_out, warnings })
 }
 
-/// Approximate size of a row in memory, bytes.
+/// Approximate size of a row in memory, in bytes.
 pub fn row_bytes(schema: &SchemaRef) -> usize {
     let one = |kind: &DataType| match kind {
         DataType::FixedSizeList(_, n) => 8 * usize::try_from(*n).unwrap_or(0),

@@ -22,7 +22,7 @@ use super::{
     sealed::{SealedFile, StoreFileFault},
 };
 
-/// Size of the cache of decoded columns, bytes.
+/// Size of the cache of decoded columns, in bytes.
 const HELD_BYTES: usize = 16 << 20;
 /// Number of cached footers.
 const HELD_FOOTERS: usize = 64;

@@ -34,9 +34,9 @@ use schemas::{Fault, paths};
 
 /// Mark of a seal.
 const MARK: &[u8; 8] = b"MAGLSEAL";
-/// Size of a seal, bytes: mark, checksum of the data, checksum of the footer.
+/// Size of a seal, in bytes: mark, checksum of the data, checksum of the footer.
 const SEAL: usize = 16;
-/// Size of the footer length and Parquet's own mark, bytes.
+/// Size of the footer length and Parquet's own mark, in bytes.
 const TAIL: usize = 8;
 /// Metadata key of the checksums of the column chunks.
 const CRC: &str = "magline.crc";

@@ -24,7 +24,7 @@ pub struct StoreTableEntry {
     pub rows: u64,
     /// Number of files.
     pub files: usize,
-    /// Size, bytes.
+    /// Size, in bytes.
     pub bytes: u64,
     /// Number of the pipeline's version.
     pub version: u64,
@@ -84,7 +84,7 @@ pub struct GcOptions {
 pub struct GcReport {
     /// Number of packs.
     pub packs: usize,
-    /// Size of the packs, bytes.
+    /// Size of the packs, in bytes.
     pub bytes: u64,
     /// Versions, as `pipeline/number`.
     pub versions: Vec<String>,
@@ -191,8 +191,8 @@ pub fn collect(store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
     Ok(done)
 }
 
-/// Size of the results that `gc` would remove now, bytes. 0 while another run may use them, and for a copy of an object
-/// store, which would require many requests.
+/// Size of the results that `gc` would remove now, in bytes. 0 while another run may use them, and for a copy of an
+/// object store, which would require many requests.
 pub fn unused(store: &Store) -> u64 {
     if store.is_copy() {
         return 0;

@@ -4,7 +4,7 @@ use report::view::{GeographicRegion, SeriesRequest, ViewPoint};
 use schemas::Fault;
 use url::form_urlencoded;
 
-/// Maximum length of a name in a request, bytes.
+/// Maximum length of a name in a request, in bytes.
 const LONGEST: usize = 1000;
 
 /// Request that a worker answers.
@@ -110,7 +110,7 @@ impl ViewQuery {
         found.ok_or_else(|| Fault::new(format!("`{key}` is not an angle, in deg")))
     }
 
-    /// Latitude and longitude, deg.
+    /// Latitude and longitude, in degrees.
     fn position(&self, key: &str) -> Result<(f64, f64), Fault> {
         let text = self.need(key)?;
         let pair = text.split_once(',').and_then(|(lat, lon)| Some((lat.parse().ok()?, lon.parse().ok()?)));

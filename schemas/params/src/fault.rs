@@ -227,7 +227,7 @@ impl fmt::Display for Fault {
 
 impl std::error::Error for Fault {}
 
-/// Maximum length of a misspelt name, bytes. For a longer text, time and memory of the search would be excessive.
+/// Maximum length of a misspelt name, in bytes. For a longer text, time and memory of the search would be excessive.
 const LONGEST_GUESS: usize = 200;
 
 /// The element of `known` that was probably meant by `given`; `None` for a `given` of more than 200 bytes.

@@ -6,12 +6,12 @@ use std::{
     path::Path,
 };
 
-/// Maximum length of the name of a pipeline, table, axis or stage, bytes. The name becomes a folder, and a file name
+/// Maximum length of the name of a pipeline, table, axis or stage, in bytes. The name becomes a folder, and a file name
 /// with a suffix.
 pub const LONGEST_NAME: usize = 100;
-/// Maximum length of a file or folder name in common file systems, bytes.
+/// Maximum length of a file or folder name in common file systems, in bytes.
 pub const LONGEST_PART: usize = 255;
-/// Maximum length of a path in common operating systems, bytes.
+/// Maximum length of a path in common operating systems, in bytes.
 pub const LONGEST_PATH: usize = 4096;
 
 /// Reserved device names on Windows, with any suffix and in any case.

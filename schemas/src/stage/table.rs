@@ -188,7 +188,7 @@ pub struct StageSchema {
     pub passes: PassThroughColumns,
     /// The columns it reads, per input (all inputs, in the declared order).
     pub reads: Vec<Vec<String>>,
-    /// Sample rate of the result, Hz, if the stage makes the sampling even.
+    /// Sample rate of the result, in Hz, if the stage makes the sampling even.
     pub rate_hz: Option<f64>,
     /// For a fit: the columns that a line needs for the model to be applied.
     pub features: Vec<String>,

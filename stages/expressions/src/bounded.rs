@@ -13,7 +13,7 @@ use schemas::Fault;
 
 /// Number of rows that are evaluated together if values are strings.
 pub const ROWS: usize = 4096;
-/// Maximum length of a string in an expression, bytes.
+/// Maximum length of a string in an expression, in bytes.
 const LONGEST: usize = 1000;
 /// Maximum number of concatenations in an expression.
 const JOINED: usize = 20;

@@ -30,7 +30,7 @@ use osborne::{Line, core_field, grid, temporal_nt};
 
 const SAMPLES: u32 = 2400;
 const DT_S: f64 = 1.0;
-/// White noise, nT.
+/// White noise, in nT.
 const SIGMA_NT: f64 = 2.0;
 /// Samples at which consistency is tested: far enough apart to be nearly independent.
 const EPOCHS: [usize; 7] = [120, 500, 880, 1260, 1640, 2020, 2399];

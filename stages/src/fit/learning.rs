@@ -53,7 +53,7 @@ impl FitAggregator {
         places.iter().map(|place| answers.remove(place).unwrap_or_else(lost)).collect()
     }
 
-    /// Rate at which the inputs of a point are differences per sample, Hz.
+    /// Rate at which the inputs of a point are differences per sample, in Hz.
     fn rate_of_start(&self, problem: &FitProblem, place: usize) -> Result<f64, Fault> {
         let Ok(Some(start)) = &self.starts[place] else { return Ok(problem.rate_hz) };
         let parts = start.model.parts();

@@ -23,7 +23,7 @@ use crate::columns::data;
 /// Directions whose excitation is below this fraction of the strongest are listed.
 const WEAK: f64 = 1e-4;
 
-/// Range of the total field on earth, nT.
+/// Range of the total field on earth, in nT.
 const TOTAL_NT: std::ops::Range<f64> = 20_000.0..80_000.0;
 
 /// All lines of one matrix and target.
@@ -35,7 +35,7 @@ pub struct FitProblem<'a> {
     rates: Vec<&'a [TermRate]>,
     /// Factors that convert the terms of each share to `rate_hz`. `None` if all are 1.
     factors: Vec<Option<Vec<f64>>>,
-    /// Rate at which terms are differences per sample, Hz: the rate of the first line.
+    /// Rate at which terms are differences per sample, in Hz: the rate of the first line.
     pub(super) rate_hz: f64,
     /// Flight of each share.
     flights: Vec<String>,

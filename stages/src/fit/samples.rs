@@ -26,7 +26,7 @@ pub struct LineSamples<'a> {
     pub y: &'a [f64],
     /// Runs of consecutive samples.
     pub runs: &'a [Range<usize>],
-    /// Sample rate, Hz.
+    /// Sample rate, in Hz.
     pub rate_hz: f64,
 }
 
@@ -82,7 +82,7 @@ impl FitSamples<'_> {
         lines.flat_map(|line| line.runs.iter().map(Range::len)).collect()
     }
 
-    /// Sample rate of all lines, Hz.
+    /// Sample rate of all lines, in Hz.
     ///
     /// # Errors
     /// Fails if the rates differ by more than 1 %.

@@ -57,7 +57,7 @@ pub struct FitSolution {
     pub approximation_bound_nt: f64,
     /// Lines whose rows were used.
     pub lines: String,
-    /// Rate at which terms are differences per sample, Hz.
+    /// Rate at which terms are differences per sample, in Hz.
     pub rate_hz: f64,
     /// Warning about the fit.
     pub warning: String,

@@ -18,7 +18,7 @@ use crate::{
 
 /// Number of steps between neighbours kept per line, evenly spaced.
 const STEPS: usize = 1000;
-/// Range of a target that is a total field, nT. Core field and diurnal variation of such a target are not noise.
+/// Range of a target that is a total field, in nT. Core field and diurnal variation of such a target are not noise.
 const TOTAL_NT: Range<f64> = 15_000.0..80_000.0;
 
 /// Columns, if the line has them, that are subtracted before the noise is estimated: the core field, or the inputs to

@@ -13,7 +13,7 @@ use schemas::Fault;
 use super::{CoreFieldSource, MapGrid};
 use crate::columns::data;
 
-/// Length of one degree of latitude, m.
+/// Length of one degree of latitude, in metres.
 const DEGREE_M: f64 = 111_195.0;
 
 /// The points in the form that gridding requires.

@@ -272,8 +272,8 @@ fn from_model(
     Ok((network.map_err(data)?, weights))
 }
 
-/// Measurement minus the field at the GNSS position, nT, one value per sample. NaN if the measurement or the position
-/// is missing.
+/// Measurement minus the field at the GNSS position, in nT, one value per sample. NaN if the measurement or the
+/// position is missing.
 fn aircraft_field(line: &NavigationLine, fixes: &PositionFixes, rows: usize) -> Vec<f64> {
     let (ins, mut field) = (line.ins, line.predicted());
     let of = |row: usize| {

@@ -63,8 +63,8 @@ const MOST_KEPT: usize = 8;
 const MOST_LEVELS: f64 = 24.0;
 
 impl MapHeightLevels {
-    /// Levels for a line between two heights, m. There are no levels if the map's own height is close enough, and there
-    /// is one level for level flight.
+    /// Levels for a line between two heights, in metres. There are no levels if the map's own height is close enough,
+    /// and there is one level for level flight.
     fn levels_m(&self, low_m: f64, high_m: f64) -> Option<Vec<f64>> {
         let Self { own_m, cell_m, reach_m } = *self;
         let (near, lowest_m) = (SAME_HEIGHT * cell_m, own_m - DOWNWARD * cell_m);

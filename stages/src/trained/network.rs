@@ -53,7 +53,7 @@ pub struct OneLayerNetwork<'a> {
     /// The weights of the output, and its bias.
     pub v: &'a [f64],
     pub last: f64,
-    /// Mean and scale of the target, nT.
+    /// Mean and scale of the target, in nT.
     pub target: (f64, f64),
 }
 
@@ -66,7 +66,7 @@ pub struct NetworkEnsemble {
     shape: NetworkShape,
     /// The parameters of each member.
     members: Vec<Vec<f64>>,
-    /// Mean and scale of the target, nT.
+    /// Mean and scale of the target, in nT.
     target: (f64, f64),
 }
 
@@ -126,7 +126,7 @@ impl NetworkEnsemble {
     }
 
     /// The network as the bytes of an ONNX file. The input `x` has rows of [`NetworkEnsemble::inputs`]; `a`, if there
-    /// are linear terms, rows of [`NetworkEnsemble::linear`]; both unscaled. The output `y` is the field, nT.
+    /// are linear terms, rows of [`NetworkEnsemble::linear`]; both unscaled. The output `y` is the field, in nT.
     ///
     /// # Errors
     /// Fails if it is the mean of several networks.

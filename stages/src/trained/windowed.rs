@@ -29,9 +29,9 @@ pub struct WindowedNetwork {
     scaling: InputScaling,
     core: WindowedNetworkShape,
     members: Vec<Vec<f64>>,
-    /// Mean and scale of the target, nT.
+    /// Mean and scale of the target, in nT.
     target: (f64, f64),
-    /// Sample rate, Hz.
+    /// Sample rate, in Hz.
     rate_hz: f64,
 }
 

@@ -19,7 +19,7 @@ pub enum DeadZoneShape {
 pub struct DeadZone {
     /// Its shape.
     pub shape: DeadZoneShape,
-    /// The angle from the middle to the edge of the zone, degrees.
+    /// The angle from the middle to the edge of the zone, in degrees.
     pub half_width_deg: f64,
     /// The number of lost samples in the zone.
     pub samples: usize,
@@ -34,7 +34,7 @@ const OCCASIONS: usize = 3;
 /// inside.
 const INSIDE: f64 = 0.5;
 const OUTSIDE: f64 = 0.1;
-/// Maximum half widths, polar and equatorial, degrees; no commercial instrument has wider zones.
+/// Maximum half widths, polar and equatorial, in degrees; no commercial instrument has wider zones.
 const WIDEST_DEG: [f64; 2] = [60.0, 30.0];
 
 /// The dead zone of a magnetometer with the lost samples `lost`, from the components of the field in the body frame

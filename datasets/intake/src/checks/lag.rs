@@ -15,7 +15,7 @@ const LEAST_CORRELATION: f64 = 0.9;
 /// Minimum height of a second peak, relative to the highest peak, that makes the lag ambiguous, for example with mains
 /// hum.
 const NEXT_PEAK: f64 = 0.8;
-/// Maximum standard error of the lag, samples.
+/// Maximum standard error of the lag, in samples.
 const KNOWN: f64 = 0.1;
 
 /// The lag of `signal` against `reference`, both at the times `tt`, from the cross-correlation of their differences

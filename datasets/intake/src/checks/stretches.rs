@@ -2,8 +2,8 @@
 
 use super::{QualityFigure, dropouts, noise, quantisation, sampling, saturation, spikes, stuck};
 
-/// First and last times of the parts of a column that a figure concerns, s; empty for a figure of the whole column.
-/// Infinities, readings of 0 and impossible values count as missing.
+/// First and last times of the parts of a column that a figure concerns, in seconds; empty for a figure of the whole
+/// column. Infinities, readings of 0 and impossible values count as missing.
 pub fn stretches(figure: QualityFigure, values: &[f64], tt: &[f64]) -> Vec<(f64, f64)> {
     let rows = match figure {
         QualityFigure::Dropouts => dropouts::stretches(values),

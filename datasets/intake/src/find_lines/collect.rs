@@ -8,7 +8,7 @@ use schemas::{Fault, canonical::FlightConversion};
 use super::{AttitudeChannel, FlightChannels, LineDetection, PositionChannel};
 use crate::{line_table::LineTable, log_reader::LogReader, midnight::MidnightUnwrapper};
 
-/// Minimum time between used samples, s: lines are found at a few samples per second.
+/// Minimum time between used samples, in seconds: lines are found at a few samples per second.
 const STEP_S: f64 = 0.095;
 /// Columns of positions, in order of preference.
 const POSITIONS: [[&str; 3]; 2] = [["lat", "lon", "alt"], ["ins_lat", "ins_lon", "ins_alt"]];

@@ -25,11 +25,11 @@ const USUAL: f64 = 0.95;
 pub struct PositionChannel {
     /// Times, s past midnight UTC.
     pub tt_s: Vec<f64>,
-    /// Latitudes, degrees.
+    /// Latitudes, in degrees.
     pub lat_deg: Vec<f64>,
-    /// Longitudes, degrees.
+    /// Longitudes, in degrees.
     pub lon_deg: Vec<f64>,
-    /// Heights, m; NaN if unknown.
+    /// Heights, in metres; NaN if unknown.
     pub alt_m: Vec<f64>,
 }
 
@@ -38,7 +38,7 @@ pub struct PositionChannel {
 pub struct AttitudeChannel {
     /// Times, s past midnight UTC.
     pub tt_s: Vec<f64>,
-    /// Roll, pitch and yaw, degrees.
+    /// Roll, pitch and yaw, in degrees.
     pub angles_deg: [Vec<f64>; 3],
 }
 
@@ -56,17 +56,17 @@ pub struct FlightChannels {
 pub struct FlightMotion {
     /// Times, multiples of the step, s past midnight UTC.
     pub tt_s: Vec<f64>,
-    /// North of the first position, m.
+    /// North of the first position, in metres.
     pub north_m: Vec<f64>,
-    /// East of the first position, m.
+    /// East of the first position, in metres.
     pub east_m: Vec<f64>,
-    /// Height, m.
+    /// Height, in metres.
     pub alt_m: Vec<f64>,
-    /// Speed over ground, m/s.
+    /// Speed over ground, in m/s.
     pub speed_mps: Vec<f64>,
     /// Course, or heading without positions, degrees, unwrapped within a run.
     pub course_deg: Vec<f64>,
-    /// Rate of change of the course, degrees per second.
+    /// Rate of change of the course, in degrees per second.
     pub turn_dps: Vec<f64>,
     /// Roll, pitch and yaw, degrees, unwrapped.
     pub angles_deg: [Vec<f64>; 3],
@@ -164,8 +164,8 @@ fn even_times(all: &[&[f64]]) -> Option<Vec<f64>> {
     Some((0..=(to - from) as usize).map(|k| (from + k as f64) / RATE_HZ).collect())
 }
 
-/// Times, coordinates north and east of the first position, m, and heights, m. Positions that a receiver repeats until
-/// its next fix are omitted.
+/// Times, coordinates north and east of the first position, in metres, and heights, in metres. Positions that a
+/// receiver repeats until its next fix are omitted.
 fn on_the_plane(position: &PositionChannel) -> (Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>) {
     let (mut tt, mut north, mut east, mut alt) = (vec![], vec![], vec![], vec![]);
     let mut last: Option<(f64, f64)> = None;

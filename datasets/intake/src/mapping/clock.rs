@@ -19,7 +19,8 @@ const UNIX_DAY: i64 = 719_163;
 /// 1980-01-06, from which GPS weeks are counted, in days since 1970-01-01.
 const GPS_DAY: i64 = 3_657;
 
-/// Values of GPS time minus UTC, s, and the first day of each value, in days since 1970-01-01 (IERS bulletin C).
+/// Values of GPS time minus UTC, in seconds, and the first day of each value, in days since 1970-01-01 (IERS bulletin
+/// C).
 const LEAP_S: &[(i64, f64)] = &[
     (GPS_DAY, 0.0),
     (4_199, 1.0),   // 1981-07-01

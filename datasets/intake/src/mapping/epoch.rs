@@ -25,8 +25,8 @@ pub struct LogEpoch {
     pub note: String,
 }
 
-/// Maximum change of the difference between two clocks from one row to another, s. A larger change means that a clock
-/// was adjusted.
+/// Maximum change of the difference between two clocks from one row to another, in seconds. A larger change means that
+/// a clock was adjusted.
 const SET_S: f64 = 5.0;
 
 /// Path of the file next to `log` that holds both clocks, if the epoch names a file.

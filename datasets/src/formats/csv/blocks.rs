@@ -7,10 +7,10 @@ use super::{
     cells::{CsvCells, ends_record, last_end},
 };
 
-/// Approximate size of a block, bytes.
+/// Approximate size of a block, in bytes.
 pub(super) const BLOCK: usize = 1 << 21;
 
-/// Maximum length of a record, bytes. A longer record has an open quote or is not part of a table.
+/// Maximum length of a record, in bytes. A longer record has an open quote or is not part of a table.
 const LONGEST: usize = 1 << 28;
 
 const MARK: &[u8] = "\u{feff}".as_bytes();

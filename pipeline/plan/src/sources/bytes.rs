@@ -54,8 +54,8 @@ pub(super) struct FileFact {
     pub(super) found: String,
 }
 
-/// Minimum time between change and reading of a trusted file, ns. File-system clocks may stand still for up to 2 s, so
-/// a later change could have the same change time.
+/// Minimum time between change and reading of a trusted file, in nanoseconds. File-system clocks may stand still for up
+/// to 2 s, so a later change could have the same change time.
 const RACY_NS: i64 = 2_000_000_000;
 
 impl FileStamp {

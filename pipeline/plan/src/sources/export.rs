@@ -81,7 +81,7 @@ pub struct ExportLine {
     pub line: String,
     /// Its samples.
     pub rows: usize,
-    /// Its first and last time, s.
+    /// Its first and last time, in seconds.
     pub tt: (f64, f64),
     /// The year and day of the year of its first sample, if known.
     pub date: Option<(i64, i64)>,

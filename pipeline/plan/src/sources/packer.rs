@@ -6,7 +6,7 @@ use arrow_array::RecordBatch;
 use schemas::{Fault, keys::HashKey};
 use store::Store;
 
-/// Size of a pack in memory, bytes.
+/// Size of a pack in memory, in bytes.
 const PACK_BYTES: usize = 4 << 20;
 
 /// Lines that are not written yet.

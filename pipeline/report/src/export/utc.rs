@@ -30,7 +30,7 @@ pub(super) struct UtcColumn {
 struct LastRow {
     /// Flight and line.
     keys: [String; 2],
-    /// Time, s.
+    /// Time, in seconds.
     tt: f64,
     /// Midnight from which the time counts, in seconds since 1970; NaN if unknown.
     midnight: f64,

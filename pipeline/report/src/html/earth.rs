@@ -42,7 +42,7 @@ pub struct TrackSelection<'a> {
 struct KmlTrack {
     name: String,
     line_tracks: LineTracks,
-    /// Heights of truth, INS and estimate, m.
+    /// Heights of truth, INS and estimate, in metres.
     alt: [Vec<f64>; 3],
 }
 

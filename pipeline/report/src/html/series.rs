@@ -29,7 +29,7 @@ use crate::series::{DerivedColumn, SeriesColumn, SeriesPrecision, SeriesWindow, 
 
 /// Minimum margin around the tracks in which coastlines are embedded, in degrees.
 const COAST_MARGIN: f64 = 0.2;
-/// Maximum size of the coastlines, bytes.
+/// Maximum size of the coastlines, in bytes.
 const COAST_BYTES: usize = 120_000;
 /// Number of intervals of a block.
 const INTERVALS: usize = 2000;

@@ -66,7 +66,7 @@ fn centre(x: &mut [f64]) -> f64 {
     mean
 }
 
-/// Time since the first sample, min.
+/// Time since the first sample, in minutes.
 pub fn minutes(tt: &[f64]) -> Vec<f64> {
     let start = tt.first().copied().unwrap_or(0.0);
     tt.iter().map(|t| (t - start) / 60.0).collect()

@@ -16,7 +16,7 @@ pub struct DegreeTrack {
     pub lon: Vec<f64>,
 }
 
-/// Offsets north and east, m.
+/// Offsets north and east, in metres.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackOffsets {
     /// North.
@@ -27,7 +27,7 @@ pub struct TrackOffsets {
 
 /// Tracks and filter outputs of one line.
 pub struct LineTracks {
-    /// Times, s.
+    /// Times, in seconds.
     pub tt: Vec<f64>,
     /// The true track, if known.
     pub truth: Option<DegreeTrack>,
@@ -37,7 +37,7 @@ pub struct LineTracks {
     pub estimate: DegreeTrack,
     /// Standard deviations north and east, in m, and the covariance of both errors, in m².
     pub sigma: Option<[Vec<f64>; 3]>,
-    /// Innovations, nT.
+    /// Innovations, in nT.
     pub residual: Option<Vec<f64>>,
     /// Squared innovations divided by their predicted variances.
     pub nis: Option<Vec<f64>>,

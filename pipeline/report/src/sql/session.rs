@@ -130,7 +130,7 @@ impl SqlSession {
         &self.store
     }
 
-    /// Memory limit of the queries, bytes.
+    /// Memory limit of the queries, in bytes.
     pub fn memory(&self) -> usize {
         self.memory
     }

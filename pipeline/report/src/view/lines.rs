@@ -38,9 +38,9 @@ pub struct SeriesRequest {
     pub columns: Vec<String>,
     /// The sweep point.
     pub point: ViewPoint,
-    /// First time, s.
+    /// First time, in seconds.
     pub from: Option<f64>,
-    /// Last time, s.
+    /// Last time, in seconds.
     pub to: Option<f64>,
     /// Number of intervals.
     pub pixels: Option<usize>,

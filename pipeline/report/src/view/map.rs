@@ -53,11 +53,11 @@ impl MapRaster {
 /// Values of a map along a line.
 #[derive(Debug, Default, PartialEq)]
 pub struct DrawnProfile {
-    /// Distance from the first end, m.
+    /// Distance from the first end, in metres.
     pub distance_m: Vec<f64>,
-    /// Latitude, deg.
+    /// Latitude, in degrees.
     pub lat: Vec<f64>,
-    /// Longitude, deg.
+    /// Longitude, in degrees.
     pub lon: Vec<f64>,
     /// Value, bilinear between the nodes; `None` off the map and at unknown nodes.
     pub value: Vec<Option<f64>>,

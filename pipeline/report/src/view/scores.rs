@@ -22,7 +22,7 @@ use super::{
 };
 use crate::html::{LineScores, MoreScores, ScoreBoard, score_block, score_rows};
 
-/// Size of an answer, bytes.
+/// Size of an answer, in bytes.
 const BUDGET: usize = 120_000_000;
 /// Maximum number of rows of a table of scores whose lines are read.
 const MOST_ROWS: usize = 4_000_000;
@@ -44,7 +44,7 @@ pub(super) struct PooledCell {
     pub n: usize,
     /// Number of lines of the value.
     pub lines: usize,
-    /// Whether the value is of lines in sample.
+    /// Whether the value is of in-sample lines.
     pub in_sample: bool,
     value_in_sample: Option<f64>,
     lines_in_sample: usize,

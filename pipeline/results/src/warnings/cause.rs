@@ -20,11 +20,11 @@ use crate::text::number;
 /// Parameters of a navigation that explain its errors.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NavigationSettings {
-    /// The measurement sigma, nT; `None` if the parameter is estimated from the data.
+    /// The measurement sigma, in nT; `None` if the parameter is estimated from the data.
     pub sigma_nt: Option<f64>,
     /// Whether the noise was estimated by the likelihood of the innovations.
     pub found: bool,
-    /// Time over which a bias is estimated, s.
+    /// Time over which a bias is estimated, in seconds.
     pub offset_window_s: f64,
     /// Whether the map is continued to the flight heights.
     pub levels: bool,

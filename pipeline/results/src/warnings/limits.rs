@@ -50,7 +50,7 @@ pub const CONSISTENT_NEES: f64 = 4.0;
 /// Maximum difference between two dates of the core field, in years: it changes by up to 100 nT per year.
 pub const DATE_A: f64 = 0.25;
 
-/// Error of a map at the wrong height above which it is flagged, nT. It is half the assumed measurement noise, which
+/// Error of a map at the wrong height above which it is flagged, in nT. It is half the assumed measurement noise, which
 /// makes the total error a tenth larger than the filter assumes. It is at most 5 nT, the error of a good map.
 pub fn map_height_nt(sigma_nt: Option<f64>) -> f64 {
     sigma_nt.map_or(5.0, |sigma| (0.5 * sigma).min(5.0))

@@ -32,7 +32,7 @@ use crate::task::VERSION;
 
 /// Maximum time of a request.
 const ANSWER: Duration = Duration::from_secs(5);
-/// Maximum size of an answer, bytes.
+/// Maximum size of an answer, in bytes.
 const MOST_BYTES: usize = 64 << 20;
 
 /// Prefix of the name of each scheduler and worker, followed by its version.

@@ -62,7 +62,7 @@ use super::{
     units::TaskPlanCodec,
 };
 
-/// Maximum size of a message, bytes.
+/// Maximum size of a message, in bytes.
 pub const MESSAGE: usize = 16 << 20;
 /// Maximum waiting time for a scheduler at the start.
 const PATIENCE: Duration = Duration::from_secs(60);

@@ -42,7 +42,7 @@ pub struct TaskMessage {
     pub wave: String,
     /// Maximum number of retries of a unit whose worker was lost.
     pub retries: u64,
-    /// Maximum time of a unit, s; 0 for no limit.
+    /// Maximum time of a unit, in seconds; 0 for no limit.
     pub unit_timeout_s: u64,
     /// Task, in JSON.
     pub task: String,

@@ -64,9 +64,9 @@ pub struct CostObservation {
     pub rows: f64,
     /// Bytes of its files; `None` unless all files are new.
     pub bytes: Option<f64>,
-    /// Processor time on a machine of speed 1, s.
+    /// Processor time on a machine of speed 1, in seconds.
     pub seconds: f64,
-    /// Peak memory of the process during the computation, bytes; `None` if the system does not report it.
+    /// Peak memory of the process during the computation, in bytes; `None` if the system does not report it.
     pub memory: Option<f64>,
 }
 
@@ -143,7 +143,7 @@ pub fn usual_bytes(name: &str) -> f64 {
     }
 }
 
-/// Default price in memory, bytes.
+/// Default price in memory, in bytes.
 pub fn usual_memory(name: &str) -> f64 {
     match last(name) {
         "program" => 60e6,
@@ -154,13 +154,13 @@ pub fn usual_memory(name: &str) -> f64 {
 
 /// Cost of work, from all records.
 pub struct CostModel {
-    /// Processor time on a machine of speed 1, s.
+    /// Processor time on a machine of speed 1, in seconds.
     pub seconds: UnitPrices,
     /// Rows.
     pub rows: UnitPrices,
     /// Bytes.
     pub bytes: UnitPrices,
-    /// Memory, bytes.
+    /// Memory, in bytes.
     pub memory: UnitPrices,
     /// Records of this store.
     pub own: usize,

@@ -13,7 +13,7 @@ use super::text::InitSource;
 
 /// Number of samples in the fast mean that a manoeuvre is measured against, in s.
 const MEAN_S: f64 = 10.0;
-/// Ground speed above which an aircraft flies, m/s.
+/// Ground speed above which an aircraft flies, in m/s.
 const FLYING_M_S: f64 = 3.0;
 /// Number of time steps from which the rate of a line is found.
 const STEPS: usize = 5_000;
@@ -25,7 +25,7 @@ pub struct LineFinding {
     pub first_tt: f64,
     pub last_tt: f64,
     pub rate_hz: Option<f64>,
-    /// Root mean square of the change of direction of the first vector magnetometer within [`MEAN_S`], degrees.
+    /// Root mean square of the change of direction of the first vector magnetometer within [`MEAN_S`], in degrees.
     pub swing_deg: Option<f64>,
     /// First and last time with a ground speed above [`FLYING_M_S`].
     pub flying: Option<(f64, f64)>,
@@ -192,7 +192,7 @@ impl TableFindings {
         self.columns.get(name).is_some_and(|c| c.known > 0)
     }
 
-    /// The lowest rate of its lines, Hz.
+    /// The lowest rate of its lines, in Hz.
     pub fn rate_hz(&self) -> Option<f64> {
         self.lines.values().filter_map(|l| l.rate_hz).reduce(f64::min)
     }

@@ -329,7 +329,7 @@ impl NetworkShape {
         })
     }
 
-    /// The derivatives of each prediction with respect to its scaled inputs, row by row; arguments as for
+    /// The derivatives of each prediction with respect to its scaled inputs, row by row; the arguments are those of
     /// [`predict`](Self::predict).
     pub fn gradient_of_inputs(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
         self.by_blocks(parameters, x, a, self.inputs, |network, buffers, x, a, out| {

@@ -14,7 +14,7 @@ pub use terms::{TermFamily, TermGroup, TermSelection};
 
 use terms::{COLUMNS, DERIVATIVE, EDDY, INDUCED};
 
-/// The scale of induced and eddy terms of the published tables, nT.
+/// The scale of induced and eddy terms of the published tables, in nT.
 pub const DEFAULT_SCALE_NT: f64 = 50_000.0;
 
 /// Error of a request for an A-matrix.
@@ -46,21 +46,21 @@ pub enum AMatrixError {
     /// The scale is not a positive number.
     #[error("the scale of the induced and eddy terms must be above 0 nT, but is {scale_nt} nT")]
     Scale {
-        /// The given scale, nT.
+        /// The given scale, in nT.
         scale_nt: f64,
     },
 }
 
-/// Components of a vector magnetometer in the body frame, nT, and the scalar that divides them.
+/// Components of a vector magnetometer in the body frame, in nT, and the scalar that divides them.
 #[derive(Debug, Clone, Copy)]
 pub struct BodyFieldColumns<'a> {
-    /// Component along the nose, nT.
+    /// Component along the nose, in nT.
     pub x: &'a [f64],
     /// Component to the right.
     pub y: &'a [f64],
     /// Component down.
     pub z: &'a [f64],
-    /// Scalar magnetometer of the modified model, nT; `None` uses the vector's magnitude.
+    /// Scalar magnetometer of the modified model, in nT; `None` uses the vector's magnitude.
     pub bt: Option<&'a [f64]>,
 }
 

@@ -49,7 +49,7 @@ pub enum RetentionError {
     /// The anomaly is constant.
     #[error("the anomaly is {value_nt} nT in all rows; the retention is undefined for a constant anomaly")]
     NoAnomaly {
-        /// Value of the anomaly, nT.
+        /// Value of the anomaly, in nT.
         value_nt: f64,
     },
 }

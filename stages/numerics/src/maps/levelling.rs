@@ -23,8 +23,8 @@ use std::collections::BTreeMap;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LevellingGauge {
     /// The group (ties or other lines) whose corrections have the smaller scatter keeps its median correction at zero.
-    /// If the lines are out of level, this is the group of ties, and vice versa. If both scatters are equal, it is the
-    /// group of lines.
+    /// If the lines are out of level, this is the group of ties, and the other way round. If both scatters are equal,
+    /// it is the group of lines.
     Steadiest,
     /// The mean of the tie lines' corrections is zero; without ties, the mean of all corrections.
     TiesMean,
@@ -74,9 +74,9 @@ impl Default for LevellingOptions {
 /// Statistics of the differences at crossovers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CrossoverMerit {
-    /// Root mean square of the differences, nT: the crossing error.
+    /// Root mean square of the differences, in nT: the crossing error.
     pub figure_of_merit_crossings: f64,
-    /// The median absolute difference, nT.
+    /// The median absolute difference, in nT.
     pub median_nt: f64,
     /// The number of crossovers.
     pub n: usize,
@@ -110,14 +110,14 @@ pub struct LineCorrection {
 /// Corrections of lines, and crossover statistics before and after them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LevellingResult {
-    /// The correction to subtract from each point's value, nT.
+    /// The correction to subtract from each point's value, in nT.
     pub correction_nt: Vec<f64>,
     /// Correction of each line, in the order of the lines.
     pub lines: Vec<LineCorrection>,
     /// Noise of the differences at crossovers of lines without level errors.
     pub noise: CrossoverNoise,
-    /// Scatter, beyond their standard errors, of the constants of lines, and of ties about their common constant, nT;
-    /// zero if the group is not corrected.
+    /// Scatter, beyond their standard errors, of the constants of lines, and of ties about their common constant, in
+    /// nT; zero if the group is not corrected.
     pub spread_nt: [f64; 2],
     /// Crossover statistics before levelling.
     pub before: CrossoverMerit,

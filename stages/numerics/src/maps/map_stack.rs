@@ -73,9 +73,9 @@ pub enum StackError {
     Heights {
         /// The level, from 0.
         level: usize,
-        /// Height of the previous level, m.
+        /// Height of the previous level, in metres.
         before_m: f64,
-        /// Height of this level, m.
+        /// Height of this level, in metres.
         alt_m: f64,
     },
     /// The nodes of a map differ from those of the first map.

@@ -241,8 +241,8 @@ impl Aids<'_> {
     ///
     /// # Errors
     /// Fails for standard deviations of white noise that are not above 0, standard deviations of slow errors below 0,
-    /// lengths and correlation times that are not above 0, a baseline without length, or columns of another length than
-    /// the line.
+    /// lengths and correlation times that are not above 0, a baseline without length, or columns whose length differs
+    /// from that of the line.
     pub fn check(&self, rows: usize) -> Result<(), NavigationError> {
         let require = |name: &str, value: f64, rule: Rule| obeys(&value, name, rule).map_err(ParameterError);
         let length = |column: &'static str, found: usize| match found == rows {

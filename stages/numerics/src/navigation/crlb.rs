@@ -42,8 +42,8 @@ impl<'a> TruePath<'a> {
     /// Output of an INS along the path, without position error.
     ///
     /// # Errors
-    /// Fails for columns of another length than the line's, values that are not finite, or latitudes at or beyond a
-    /// pole. Errors use the column names of a flight table.
+    /// Fails for columns whose length differs from that of the line, values that are not finite, or latitudes at or
+    /// beyond a pole. Errors use the column names of a flight table.
     pub fn along(&self, ins: &InsSeries<'a>) -> Result<InsSeries<'a>, SeriesError> {
         let [vn_mps, ve_mps, vd_mps] = self.velocity_ned_mps.unwrap_or([ins.vn_mps, ins.ve_mps, ins.vd_mps]);
         let position = [("lat", self.lat_deg), ("lon", self.lon_deg), ("alt", self.alt_m)];

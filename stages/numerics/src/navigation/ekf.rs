@@ -45,8 +45,8 @@ pub(crate) use streamed::StreamedEkf;
 ///
 /// # Errors
 /// Returns the errors of [`EkfParameters::check`] and [`InsSeries::check`]. Also fails with [`SeriesError::Length`] for
-/// a measurement of another length than the INS, or with [`NavigationError::Diverged`] if a state or variance is not
-/// finite or a variance is negative.
+/// a measurement whose length differs from that of the INS, or with [`NavigationError::Diverged`] if a state or
+/// variance is not finite or a variance is negative.
 pub fn run(
     parameters: &EkfParameters,
     ins: &InsSeries<'_>,

@@ -149,7 +149,7 @@ impl OsborneFlight {
         [north * missed(lat_deg, output.lat_deg[row]), east * missed(self.truth.columns[2][row], output.lon_deg[row])]
     }
 
-    /// NEES of the position: a chi-square of 2 degrees.
+    /// NEES of the position: chi-square with 2 degrees of freedom.
     pub(crate) fn nees(&self, output: &NavigationOutput, row: usize) -> f64 {
         let error = Vector2::from(self.error_m(output, row));
         let (north, east, both) = (output.sd_n_m[row], output.sd_e_m[row], output.cov_ne_m2[row]);

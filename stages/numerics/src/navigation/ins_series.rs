@@ -68,7 +68,7 @@ pub enum SeriesError {
         /// Number of samples needed.
         needed: usize,
     },
-    /// A column has another length than the time column.
+    /// A column differs in length from the time column.
     #[error("column `{column}` has {rows} rows, but `tt` has {expected}")]
     Length {
         /// Column name.
@@ -179,7 +179,7 @@ impl<'a> InsSeries<'a> {
     }
 }
 
-/// Rejects a column of another length than expected or with a value that is not finite.
+/// Rejects a column whose length is unexpected or that has a value that is not finite.
 pub(super) fn check_column(column: &'static str, values: &[f64], expected: usize) -> Result<(), SeriesError> {
     if values.len() != expected {
         return Err(SeriesError::Length { column, rows: values.len(), expected });

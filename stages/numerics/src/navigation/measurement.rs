@@ -13,7 +13,7 @@ pub(crate) struct Measurements<'a> {
 }
 
 impl Measurements<'_> {
-    /// Rejects columns of another length than the line's.
+    /// Rejects columns whose length differs from that of the line.
     ///
     /// # Errors
     /// Fails with [`SeriesError::Length`] with the column's name.

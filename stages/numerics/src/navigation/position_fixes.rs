@@ -40,7 +40,8 @@ impl PositionFixes {
     /// Rejects invalid fixes.
     ///
     /// # Errors
-    /// Fails for standard deviations that are not finite and above 0, or for columns of another length than the line.
+    /// Fails for standard deviations that are not finite and above 0, or for columns whose length differs from that of
+    /// the line.
     pub fn check(&self, rows: usize) -> Result<(), NavigationError> {
         require("horizontal_sigma_m", self.horizontal_sigma_m, Rule::Positive)?;
         require("vertical_sigma_m", self.vertical_sigma_m, Rule::Positive)?;

@@ -227,8 +227,8 @@ impl FilterStream {
     /// `keep_states` and `keep_covariance` have no effect.
     ///
     /// # Errors
-    /// Returns the errors of [`FilterStream::ekf`] and [`AdaptiveParameters::check`]. Also fails without magnetometer,
-    /// or for bounds that are not finite numbers above 0 in ascending order.
+    /// Returns the errors of [`FilterStream::ekf`] and [`AdaptiveParameters::check`]. Also fails without a
+    /// magnetometer, or for bounds that are not finite numbers above 0 in ascending order.
     pub fn adaptive(
         setup: &StreamSetup,
         parameters: &AdaptiveParameters,
@@ -247,7 +247,7 @@ impl FilterStream {
     /// begin with `keep_` have no effect.
     ///
     /// # Errors
-    /// Returns the errors of [`FilterStream::ekf`]. Also fails without magnetometer, or for invalid priors and
+    /// Returns the errors of [`FilterStream::ekf`]. Also fails without a magnetometer, or for invalid priors and
     /// densities.
     pub fn online(
         setup: &StreamSetup,

@@ -28,7 +28,7 @@ use realfft::{RealFftPlanner, num_complex::Complex};
 
 /// Number of bands per octave.
 const BANDS: f64 = 8.0;
-/// Lower edge of the lowest band, Hz; slower waves form one band.
+/// Lower edge of the lowest band, in Hz; slower waves form one band.
 const LOWEST_HZ: f64 = 1e-3;
 /// Minimum degrees of freedom of a band after the fit.
 const LEAST_FREEDOM: f64 = 16.0;

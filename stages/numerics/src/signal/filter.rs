@@ -25,7 +25,7 @@ pub enum FilterError {
     /// The sample rate is not a positive number.
     #[error("the sample rate must be above 0 Hz, but is {rate_hz} Hz")]
     Rate {
-        /// The given rate, Hz.
+        /// The given rate, in Hz.
         rate_hz: f64,
     },
     /// The order is outside 1 to 12.
@@ -40,7 +40,7 @@ pub enum FilterError {
          omit the corner for a filter without that edge"
     )]
     CornerNotPositive {
-        /// The given corner, Hz.
+        /// The given corner, in Hz.
         corner_hz: f64,
     },
     /// A corner is at or above the Nyquist frequency.
@@ -49,19 +49,19 @@ pub enum FilterError {
          rate of {rate_hz} Hz"
     )]
     CornerAboveNyquist {
-        /// The given corner, Hz.
+        /// The given corner, in Hz.
         corner_hz: f64,
-        /// The Nyquist frequency: half of the sample rate, Hz.
+        /// The Nyquist frequency: half of the sample rate, in Hz.
         nyquist_hz: f64,
-        /// The sample rate, Hz.
+        /// The sample rate, in Hz.
         rate_hz: f64,
     },
     /// The lower corner is not below the upper one.
     #[error("the lower corner of {low_hz} Hz is not below the upper corner of {high_hz} Hz")]
     CornersCrossed {
-        /// The lower corner, Hz.
+        /// The lower corner, in Hz.
         low_hz: f64,
-        /// The upper corner, Hz.
+        /// The upper corner, in Hz.
         high_hz: f64,
     },
     /// Both the lower and the upper corner are missing.
@@ -77,7 +77,7 @@ pub enum FilterError {
         order: usize,
         /// The band, as text.
         band: String,
-        /// The sample rate, Hz.
+        /// The sample rate, in Hz.
         rate_hz: f64,
     },
     /// The series is not longer than the padding.

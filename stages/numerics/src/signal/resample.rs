@@ -47,13 +47,13 @@ pub enum ResampleError {
     /// The rate is not a positive number.
     #[error("the new sample rate must be above 0 Hz, but is {rate_hz} Hz")]
     Rate {
-        /// The given rate, Hz.
+        /// The given rate, in Hz.
         rate_hz: f64,
     },
     /// The longest gap is negative or not a number.
     #[error("the longest gap to interpolate must be at least 0 s, but is {max_gap_s} s")]
     Gap {
-        /// The given gap, s.
+        /// The given gap, in seconds.
         max_gap_s: f64,
     },
     /// Times are not finite or do not increase.
@@ -65,11 +65,11 @@ pub enum ResampleError {
          {MOST_ROWS}; check that the time is in seconds and has no outliers"
     )]
     TooLong {
-        /// The first time, s.
+        /// The first time, in seconds.
         first_s: f64,
-        /// The last time, s.
+        /// The last time, in seconds.
         last_s: f64,
-        /// The rate, Hz.
+        /// The rate, in Hz.
         rate_hz: f64,
         /// The number of rows it would have.
         rows: f64,
@@ -80,9 +80,9 @@ pub enum ResampleError {
          from midnight"
     )]
     TooCoarse {
-        /// The largest time, s.
+        /// The largest time, in seconds.
         tt: f64,
-        /// The rate, Hz.
+        /// The rate, in Hz.
         rate_hz: f64,
     },
     /// A column and the time column have different lengths.
@@ -156,7 +156,7 @@ impl<'a> ResamplePlan<'a> {
         Self { tt, grid, places, max_gap_s, snap_s }
     }
 
-    /// The times of the grid, s.
+    /// The times of the grid, in seconds.
     pub fn grid(&self) -> &[f64] {
         &self.grid
     }
@@ -246,12 +246,13 @@ fn largest(tt: &[f64]) -> f64 {
     tt.iter().fold(0.0f64, |largest, tt| largest.max(tt.abs()))
 }
 
-/// Bound of the rounding error of times up to `largest`, s.
+/// Bound of the rounding error of times up to `largest`, in seconds.
 fn rounding(largest: f64) -> f64 {
     4.0 * f64::EPSILON * largest
 }
 
-/// Bound of the rounding error of times up to `largest`, s. Fails if this error is not small compared with the step.
+/// Bound of the rounding error of times up to `largest`, in seconds. Fails if this error is not small compared with the
+/// step.
 fn resolution(largest: f64, rate_hz: f64) -> Result<f64, ResampleError> {
     let rounding = rounding(largest);
     if rounding * rate_hz > 1e-3 {

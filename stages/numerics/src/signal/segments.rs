@@ -28,9 +28,9 @@ pub enum TimeError {
     NotIncreasing {
         /// The row, from 0.
         row: usize,
-        /// Its time, s.
+        /// Its time, in seconds.
         tt: f64,
-        /// Time of the previous row, s.
+        /// Time of the previous row, in seconds.
         before: f64,
     },
     /// A step differs from the median step but is not a gap.
@@ -41,11 +41,11 @@ pub enum TimeError {
     Uneven {
         /// The row, from 0.
         row: usize,
-        /// Its time, s.
+        /// Its time, in seconds.
         tt: f64,
-        /// Time since the previous row, s.
+        /// Time since the previous row, in seconds.
         step_s: f64,
-        /// The median step, s.
+        /// The median step, in seconds.
         usual_s: f64,
     },
     /// A column and the time column have different lengths.

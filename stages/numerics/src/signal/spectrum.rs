@@ -31,7 +31,7 @@ pub enum SpectrumError {
     /// The sample rate is not a positive number.
     #[error("the sample rate must be above 0 Hz, but is {rate_hz} Hz")]
     Rate {
-        /// The given rate, Hz.
+        /// The given rate, in Hz.
         rate_hz: f64,
     },
     /// A segment of fewer than two samples.
@@ -53,7 +53,7 @@ pub enum SpectrumError {
 /// A one-sided power spectral density.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PowerSpectrum {
-    /// Frequencies from 0 to half of the sample rate, Hz.
+    /// Frequencies from 0 to half of the sample rate, in Hz.
     pub frequency_hz: Vec<f64>,
     /// Power density at each frequency, in the squared unit of the samples per Hz.
     pub density: Vec<f64>,

@@ -99,7 +99,7 @@ pub struct TrainingSetup<'a> {
     inputs: &'a NetworkInputs,
     terms: TermScaling,
     linear_at: Vec<usize>,
-    /// Mean and scale of the target, nT.
+    /// Mean and scale of the target, in nT.
     target: (f64, f64),
     /// Warning about inputs that are far from the training data of the warm start.
     far: String,
@@ -184,7 +184,7 @@ impl<'a> TrainingSetup<'a> {
         self.task.model.vector.map(|_| self.terms.clone())
     }
 
-    /// Scale of the target, nT.
+    /// Scale of the target, in nT.
     pub fn scale_nt(&self) -> f64 {
         self.target.1
     }

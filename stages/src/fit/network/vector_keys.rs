@@ -23,7 +23,7 @@ params! {
     curriculum_sigma: f64, unit "1", default 1.0, rule Rule::Positive;
 }
 
-/// Magnitudes of the earth's field, with a margin for the aircraft's field, nT.
+/// Magnitudes of the earth's field, with a margin for the aircraft's field, in nT.
 const PLAUSIBLE_NT: std::ops::Range<f64> = 15_000.0..90_000.0;
 
 impl VectorModelKeys {

@@ -73,7 +73,7 @@ impl<'a> WarmStart<'a> {
         self.head().hidden.clone()
     }
 
-    /// Scale of the initial network's target, nT.
+    /// Scale of the initial network's target, in nT.
     pub fn scale_nt(&self) -> f64 {
         self.parts.scale_nt
     }

@@ -27,7 +27,7 @@ pub struct FilterInput<'a> {
     /// Measured field in nT at each sample, minus the diurnal variation if `remove_diurnal` is set; NaN if missing. It
     /// contains the core field if and only if `core` is given. With several magnetometers, the value is their mean.
     pub measured_nt: Vec<f64>,
-    /// Standard deviation of the white noise of each element of `measured_nt`, nT.
+    /// Standard deviation of the white noise of each element of `measured_nt`, in nT.
     pub sigma_nt: Vec<f64>,
     /// Each magnetometer, for a filter that processes them separately ([`NavigationFilter::each_magnetometer`]); else
     /// empty.

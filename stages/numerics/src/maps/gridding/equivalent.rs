@@ -39,13 +39,13 @@ const THIN: f64 = 0.25;
 /// Field values in nT and their derivatives in nT/m at positions.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FieldGradients {
-    /// The field, nT.
+    /// The field, in nT.
     pub value_nt: Vec<f64>,
-    /// Derivative of the field towards east, nT/m.
+    /// Derivative of the field towards east, in nT/m.
     pub by_east: Vec<f64>,
-    /// Derivative of the field towards north, nT/m.
+    /// Derivative of the field towards north, in nT/m.
     pub by_north: Vec<f64>,
-    /// Derivative of the field upward, nT/m.
+    /// Derivative of the field upward, in nT/m.
     pub by_up: Vec<f64>,
 }
 
@@ -205,7 +205,7 @@ impl EquivalentSources {
         self.layers.iter().map(|layer| layer.strength.len()).sum()
     }
 
-    /// The height of the highest source, metres.
+    /// The height of the highest source, in metres.
     pub fn top_m(&self) -> f64 {
         let tops = self.layers.iter().map(|layer| range(&layer.clusters.points.up)[1]);
         tops.fold(f64::NEG_INFINITY, f64::max)

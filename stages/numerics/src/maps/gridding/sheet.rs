@@ -21,8 +21,8 @@ pub struct RelaxationOptions {
 pub struct RelaxationReport {
     /// Passes over the grid.
     pub passes: usize,
-    /// Expected change of a node in all further passes, nT, from the convergence rate. The change exceeds the tolerance
-    /// if the maximum number of passes was reached.
+    /// Expected change of a node in all further passes, in nT, from the convergence rate. The change exceeds the
+    /// tolerance if the maximum number of passes was reached.
     pub left_nt: f64,
 }
 

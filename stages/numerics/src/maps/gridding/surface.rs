@@ -34,9 +34,9 @@ pub struct FittedSurface {
     pub surface: SurveySurface,
     /// The axes of its grid, east and north.
     pub axes: [EvenAxis; 2],
-    /// The median distance between lines, metres.
+    /// The median distance between lines, in metres.
     pub line_spacing_m: f64,
-    /// The side of the blocks, metres.
+    /// The side of the blocks, in metres.
     pub block_m: f64,
     /// The blocks.
     pub blocks: SurveyBlocks,
@@ -159,7 +159,7 @@ impl FittedSurface {
     }
 
     /// The grid. For equivalent sources also its level in metres and the largest error of the far-field summation at a
-    /// hundred nodes, nT.
+    /// hundred nodes, in nT.
     ///
     /// # Errors
     /// With equivalent sources, returns the errors of [`EquivalentSources::predict`] at the nodes.

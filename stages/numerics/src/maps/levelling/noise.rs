@@ -3,7 +3,7 @@
 use super::Crossover;
 use crate::regression::statistics::median;
 
-/// The resolution of differences, nT.
+/// The resolution of differences, in nT.
 const RESOLUTION_NT: f64 = 0.01;
 /// Reciprocal of the mean absolute value of a normal error with standard deviation 1.
 const MEAN_SIZE: f64 = 1.253_314_137_315_5;
@@ -14,10 +14,10 @@ const FAR: f64 = 4.0;
 /// position error, which a gradient converts into a difference.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CrossoverNoise {
-    /// Standard deviation of a difference where the field is flat, nT.
+    /// Standard deviation of a difference where the field is flat, in nT.
     pub sigma_nt: f64,
-    /// Distance that represents errors of position, height and timing, m. The standard deviation of a difference
-    /// increases by this distance times the horizontal gradient.
+    /// Distance that represents errors of position, height and timing, in metres. The standard deviation of a
+    /// difference increases by this distance times the horizontal gradient.
     pub position_m: f64,
 }
 
@@ -51,7 +51,7 @@ impl CrossoverNoise {
         Self { sigma_nt: (scale * sigma_nt).max(RESOLUTION_NT), position_m: scale * position_m }
     }
 
-    /// The standard deviation of the difference at a crossing, nT. The gradient term includes the effect of a height
+    /// The standard deviation of the difference at a crossing, in nT. The gradient term includes the effect of a height
     /// difference in the vertical gradient, because the vertical gradient is on average as large as the horizontal
     /// gradient.
     pub fn difference_sigma_nt(&self, crossover: &Crossover) -> f64 {

@@ -209,7 +209,7 @@ impl<'a> LineNodeBuilder<'a> {
         Self { map_error: states.map_error, aided: aids.is_any(), ..self }
     }
 
-    /// Time of the next node, s; `None` after the last node.
+    /// Time of the next node, in seconds; `None` after the last node.
     pub fn next_s(&self) -> Option<f64> {
         self.line.ins.tt_s.get(self.next).copied()
     }

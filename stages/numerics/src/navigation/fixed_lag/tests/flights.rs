@@ -192,7 +192,7 @@ impl Flight {
         (sum / x.len() as f64).sqrt()
     }
 
-    /// NEES of the position: a chi-square of 2 degrees.
+    /// NEES of the position: chi-square with 2 degrees of freedom.
     pub fn nees(&self, output: &FixedLagOutput, row: usize) -> f64 {
         let (x, p) = (&output.navigation.x[row], &output.navigation.p[row]);
         let e = [self.errors[row][LAT] - x[LAT], self.errors[row][LON] - x[LON]];
