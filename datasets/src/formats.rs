@@ -138,7 +138,7 @@ pub fn open_flight(path: &Path, options: &FlightOptions) -> Result<FlightReader,
     open_flight_with(path, options, &ReadHints::default())
 }
 
-/// [`open_flight`] with hints.
+/// Same as [`open_flight`], with hints.
 ///
 /// # Errors
 /// Fails in the cases of [`open_flight`].

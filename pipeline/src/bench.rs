@@ -37,7 +37,7 @@ pub enum BenchMetric {
 }
 
 impl BenchMetric {
-    /// Its name in the table of results.
+    /// Name in the table of results.
     pub fn name(self) -> &'static str {
         match self {
             BenchMetric::StdError => "std_error",
@@ -45,7 +45,7 @@ impl BenchMetric {
         }
     }
 
-    /// Its unit.
+    /// Unit.
     pub fn unit(self) -> &'static str {
         match self {
             BenchMetric::StdError => "nT",

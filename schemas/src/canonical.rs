@@ -78,7 +78,7 @@ impl FlightConversion {
         self.cells(batch, false)
     }
 
-    /// [`FlightConversion::apply`] without the removal of zeros of scalar magnetometers, for callers that count them.
+    /// Same as [`FlightConversion::apply`], but keeps zeros of scalar magnetometers, for callers that count them.
     ///
     /// # Errors
     /// Fails for a value that does not fit the type of its column.

@@ -122,7 +122,8 @@ pub trait LineStage: Stage {
     /// Fails for a line that cannot be computed; the other lines are still computed.
     fn run(&self, line: &LineInput, prepared: &Self::Prepared) -> LineOutput;
 
-    /// [`LineStage::run`] for several points of a sweep over one line, for a stage that shares work between them.
+    /// Same as [`LineStage::run`], for several points of a sweep over one line, for a stage that shares work between
+    /// them.
     ///
     /// All points belong to the same flight and line, in the order of the plan. Each has the columns that it declared,
     /// so columns may differ. Returns one result per point, in order, bit-identical to [`LineStage::run`]: a result
@@ -171,7 +172,7 @@ pub trait SurveyStage: Stage {
 pub struct SurveyPoint<'a, S: SurveyStage> {
     /// The stage with the parameters of the point.
     pub stage: &'a S,
-    /// Its inputs: whole models, maps and records. Tables of lines are empty batches, because [`SurveyAggregator::map`]
+    /// Inputs: whole models, maps and records. Tables of lines are empty batches, because [`SurveyAggregator::map`]
     /// reads them.
     pub inputs: &'a [RecordBatch],
 }

@@ -94,7 +94,7 @@ enum FeatureDefinition {
     Plain(String),
     Difference(String, DifferenceScheme),
     Lag(String, usize),
-    /// Its name, and the two columns.
+    /// Name, and the two columns.
     Between(String, [String; 2]),
     LowPass(String),
     Dcm(usize),

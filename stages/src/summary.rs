@@ -134,7 +134,7 @@ impl SummaryScore {
         Ok(Self { metric: declared.ok_or_else(undeclared)?, value, n, spread, in_sample: false })
     }
 
-    /// Its value and its weight.
+    /// Value and its weight.
     fn weighed(&self) -> WeightedScore<'_> {
         WeightedScore { value: self.value, n: self.n as f64, spread: &self.spread }
     }

@@ -70,17 +70,17 @@ impl Crs {
         self.code
     }
 
-    /// Its name in the EPSG register, such as `WGS 84 / UTM zone 54S`.
+    /// Name in the EPSG register, such as `WGS 84 / UTM zone 54S`.
     pub fn name(&self) -> &'static str {
         self.wkt.split('"').nth(1).unwrap_or_default()
     }
 
-    /// Its definition as well-known text (WKT 1).
+    /// Definition as well-known text (WKT 1).
     pub fn wkt(&self) -> &'static str {
         self.wkt
     }
 
-    /// Its PROJ definition.
+    /// PROJ definition.
     pub fn definition(&self) -> &'static str {
         self.definition
     }

@@ -142,7 +142,7 @@ pub struct QualityMeasure {
     pub check: QualityFigure,
     /// The figure.
     pub value: f64,
-    /// Its unit.
+    /// Unit.
     pub unit: String,
     /// Number of affected samples.
     pub count: u64,

@@ -31,9 +31,9 @@ pub const VERSION: &str = "found lines 2";
 pub struct LineDetection {
     /// Motion of the flight at even times.
     pub motion: FlightMotion,
-    /// Its segments.
+    /// Segments.
     pub parts: FlightSegments,
-    /// Its lines, in the order of their times.
+    /// Lines, in the order of their times.
     pub lines: Vec<DetectedLine>,
 }
 

@@ -44,7 +44,7 @@ const VERSION: &str = "mapping 2";
 /// A mapping.
 #[derive(Clone, Debug)]
 pub struct Mapping {
-    /// Its file, or the name of a built-in mapping with `.toml`.
+    /// File, or the name of a built-in mapping with `.toml`.
     pub label: String,
     text: String,
     document: MappingDocument,
@@ -91,7 +91,7 @@ impl Mapping {
         }
     }
 
-    /// Its text.
+    /// Text.
     pub fn text(&self) -> &str {
         &self.text
     }
@@ -128,7 +128,7 @@ impl Mapping {
         self.document.tables.iter().map(|t| t.name.as_str()).collect()
     }
 
-    /// Its table `name`; by default the only table.
+    /// Table `name`; by default the only table.
     ///
     /// # Errors
     /// Fails for an unknown table, or for several tables without `name`.
@@ -183,7 +183,7 @@ impl MappingTable {
         self.decl().map_or("", |d| &d.name)
     }
 
-    /// Its mapping.
+    /// Mapping.
     pub fn mapping(&self) -> &Arc<Mapping> {
         &self.mapping
     }

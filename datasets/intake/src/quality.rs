@@ -32,7 +32,7 @@ const CONSTANT_ROWS: usize = 10;
 
 /// Result of the examination of a line.
 pub struct LineExamination {
-    /// Its samples, with NaN for values that count as missing.
+    /// Samples, with NaN for values that count as missing.
     pub batch: RecordBatch,
     /// The findings, in the order of the columns.
     pub findings: Vec<Finding>,

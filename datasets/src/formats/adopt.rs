@@ -12,7 +12,7 @@ use crate::ReadError;
 /// The column of the flight table that a column of the file becomes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct FlightColumnTarget {
-    /// Its name in the flight table.
+    /// Name in the flight table.
     pub(super) name: String,
     /// The unit that its values have; empty for the canonical unit.
     pub(super) unit: String,

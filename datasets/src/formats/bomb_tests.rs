@@ -200,7 +200,7 @@ fn packed(attributes: &[(&str, AttrValue)], stored: &[i16]) -> Vec<u8> {
     file.finish().unwrap()
 }
 
-/// Its values and notes.
+/// Values and notes.
 fn magnetometer(attributes: &[(&str, AttrValue)], stored: &[i16]) -> Result<(Vec<f64>, Vec<String>), String> {
     let case = Case::new();
     let path = case.file("packed.h5", &packed(attributes, stored));

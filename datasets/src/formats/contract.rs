@@ -180,7 +180,7 @@ pub struct FlightFormat {
     pub name: &'static str,
     /// Short description.
     pub about: &'static str,
-    /// Its file extensions.
+    /// File extensions.
     pub extensions: &'static [&'static str],
     /// Whether a file is of this format, by its start.
     pub recognise: fn(&FileHead) -> bool,
@@ -204,7 +204,7 @@ pub struct MapFormat {
     pub name: &'static str,
     /// Short description.
     pub about: &'static str,
-    /// Its file extensions.
+    /// File extensions.
     pub extensions: &'static [&'static str],
     pub(super) recognise: fn(&FileHead) -> bool,
     /// The companion files of a map, for a format that may have some.

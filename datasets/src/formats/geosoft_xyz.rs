@@ -101,7 +101,7 @@ fn words(text: &str) -> Vec<String> {
     }
 }
 
-/// [`words`] of a line with double quotes.
+/// Same as [`words`], for a line with double quotes.
 fn quoted_words(text: &str) -> Vec<String> {
     let parts: Vec<(bool, &str)> = text.split('"').enumerate().map(|(i, part)| (i % 2 == 0, part)).collect();
     let is_outside = |separator: &char| parts.iter().any(|(outside, part)| *outside && part.contains(*separator));

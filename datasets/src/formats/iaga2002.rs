@@ -39,11 +39,11 @@ const EVENNESS: f64 = 0.01;
 pub struct ObservatoryRecord {
     /// The code of the station.
     pub station: String,
-    /// Its geodetic latitude; NaN where the header has none.
+    /// Geodetic latitude; NaN where the header has none.
     pub lat_deg: f64,
-    /// Its longitude, eastward; NaN where the header has none.
+    /// Longitude, eastward; NaN where the header has none.
     pub lon_deg: f64,
-    /// Its height above the sea; NaN where the header has none.
+    /// Height above the sea; NaN where the header has none.
     pub msl_m: f64,
     /// The components in the file, such as `HDZF`.
     pub components: String,

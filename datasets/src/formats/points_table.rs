@@ -147,7 +147,7 @@ impl PointTable {
         known.iter().find_map(|name| self.column(name)).or_else(|| known.iter().find_map(with_unit))
     }
 
-    /// [`PointTable::named_or`] of a coordinate, whose name may end in a unit.
+    /// Same as [`PointTable::named_or`], for a coordinate, whose name may end in a unit.
     ///
     /// # Errors
     /// Fails for a named column that does not exist.

@@ -29,7 +29,7 @@ pub(super) enum RecordFieldType {
 }
 
 impl RecordFieldType {
-    /// Its length in bytes.
+    /// Length in bytes.
     pub(super) fn bytes(self) -> usize {
         match self {
             RecordFieldType::I8 | RecordFieldType::U8 => 1,

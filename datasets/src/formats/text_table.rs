@@ -185,7 +185,7 @@ impl TextTable {
         known.iter().find_map(|k| self.names.iter().position(|n| lower(n) == *k))
     }
 
-    /// [`TextTable::find`] of a coordinate, whose name may end in a unit.
+    /// Same as [`TextTable::find`], for a coordinate, whose name may end in a unit.
     pub(super) fn find_axis(&self, known: &[&str]) -> Option<usize> {
         let base = |n: &String| lower(split_unit(n).0);
         self.find(known).or_else(|| known.iter().find_map(|k| self.names.iter().position(|n| base(n) == *k)))

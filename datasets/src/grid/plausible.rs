@@ -23,7 +23,7 @@ pub(crate) fn number(value: f64) -> String {
 
 /// The unit of values before their conversion to nT or a unit of a derivative.
 pub(crate) struct ValueUnit<'a> {
-    /// Its name.
+    /// Name.
     pub(crate) name: &'a str,
     /// The factor that converts to `canonical`.
     pub(crate) factor: f64,

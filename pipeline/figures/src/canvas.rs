@@ -59,7 +59,7 @@ impl Canvas {
         (near(x, self.width) && near(y, self.height)).then_some((x, y))
     }
 
-    /// Whether a latitude and longitude is in the picture.
+    /// Whether a position (latitude and longitude) is in the picture.
     pub fn holds(&self, (lat, lon): (f64, f64)) -> bool {
         (0.0..self.width).contains(&self.x(lon)) && (0.0..self.height).contains(&self.y(lat))
     }

@@ -40,18 +40,18 @@ impl ChartAxis {
 /// Line through points; NaN interrupts it.
 #[derive(Clone, Debug)]
 pub struct ChartLine {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// Class in the style sheet, which gives the colour.
     pub class: &'static str,
-    /// Its points.
+    /// Points.
     pub points: Vec<(f64, f64)>,
 }
 
 /// Area between two curves.
 #[derive(Clone, Debug)]
 pub struct ChartBand {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// Abscissa, lower and upper ordinate.
     pub points: Vec<(f64, f64, f64)>,
@@ -60,9 +60,9 @@ pub struct ChartBand {
 /// A plot.
 #[derive(Clone, Debug, Default)]
 pub struct LineChart {
-    /// Its title.
+    /// Title.
     pub title: String,
-    /// Its caption.
+    /// Caption.
     pub caption: String,
     /// Horizontal axis.
     pub x: ChartAxis,

@@ -17,7 +17,7 @@ use super::{
 /// Part of a flight with a name.
 #[derive(Clone, Debug)]
 pub struct FlightPart {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// Kind, an index of [`FlightPicture::kinds`].
     pub kind: usize,

@@ -12,7 +12,7 @@ use super::{
 /// Area at one height, such as the error ellipse of a position.
 #[derive(Clone, Debug)]
 pub struct EarthArea {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// Text that a click shows.
     pub about: String,
@@ -22,18 +22,18 @@ pub struct EarthArea {
     pub lon_deg: Vec<f64>,
     /// Height, in metres, as in [`EarthTrack`].
     pub alt_m: f64,
-    /// Its colour.
+    /// Colour.
     pub colour: [u8; 3],
 }
 
 /// Tracks, areas and further folders under one name.
 #[derive(Clone, Debug, Default)]
 pub struct EarthFolder<'a> {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its tracks.
+    /// Tracks.
     pub tracks: Vec<EarthTrack<'a>>,
-    /// Its areas.
+    /// Areas.
     pub areas: Vec<EarthArea>,
     /// Subfolders.
     pub folders: Vec<EarthFolder<'a>>,

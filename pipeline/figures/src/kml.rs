@@ -25,7 +25,7 @@ use crate::png_file::{PixelFormat, encode};
 /// Track for Google Earth. NaN in any of its columns interrupts it.
 #[derive(Clone, Copy, Debug)]
 pub struct EarthTrack<'a> {
-    /// Its name.
+    /// Name.
     pub name: &'a str,
     /// Latitudes, in degrees.
     pub lat_deg: &'a [f64],

@@ -81,7 +81,7 @@ pub struct MapPicture<'a> {
 pub struct MapStyle {
     /// Width of the picture in pixels, 200 to 10,000. Above 800 pixels, the size of the letters grows with the width.
     pub width_px: usize,
-    /// Its colours.
+    /// Colours.
     pub palette: Palette,
     /// The mapping of values to colours.
     pub scale: ColourMapping,

@@ -5,7 +5,7 @@
 pub struct AxisTick {
     /// The value.
     pub at: f64,
-    /// Its label.
+    /// Label.
     pub label: String,
 }
 

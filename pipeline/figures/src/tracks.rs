@@ -20,9 +20,9 @@ pub const START: f64 = 4.2;
 
 /// Track drawn on the map.
 pub struct TrackDrawing {
-    /// Its marks.
+    /// Marks.
     pub marks: Vec<SceneMark>,
-    /// Its colour.
+    /// Colour.
     pub colour: [u8; 3],
     /// Text in the legend.
     pub name: String,

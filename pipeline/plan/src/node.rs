@@ -18,18 +18,17 @@ use crate::{
 
 /// One table: a stage at every point of the axes it depends on.
 pub struct TableNode {
-    /// Its name in the spec.
+    /// Name in the spec.
     pub name: String,
     /// The position of its declaration.
     pub at: SpecSpan,
-    /// Its declaration, as a position in the spec's stages.
+    /// Declaration, as a position in the spec's stages.
     pub decl: usize,
     /// The stage.
     pub entry: StageEntry,
     /// The axes that the table depends on, as positions in the spec.
     pub axes: Vec<usize>,
-    /// Its distinct inputs and outputs, in order of first appearance; points with equal inputs and outputs share an
-    /// entry.
+    /// Distinct inputs and outputs, in order of first appearance; points with equal inputs and outputs share an entry.
     pub variants: Vec<StageVariant>,
     /// Columns that pass through the stage and are also written to its published table.
     pub carry: Vec<String>,
@@ -49,11 +48,11 @@ pub struct TableNode {
 
 /// Inputs and outputs of a stage, common to some points of the sweep.
 pub struct StageVariant {
-    /// Its inputs and outputs.
+    /// Inputs and outputs.
     pub yields: Arc<StageSchema>,
     /// Schema of its table as seen by later stages.
     pub table: Arc<Table>,
-    /// Its predicate on rows, if it has a `where`.
+    /// Predicate on rows, if it has a `where`.
     pub predicate: Option<Arc<Predicate>>,
 }
 
@@ -66,9 +65,9 @@ impl StageVariant {
 
 /// Input of a stage: one name or a list of names.
 pub(super) struct InputSlot {
-    /// Its kind.
+    /// Kind.
     pub kind: InputKind,
-    /// Its target, which may depend on axes.
+    /// Target, which may depend on axes.
     pub targets: SweepValues<Arc<[InputTarget]>>,
 }
 
@@ -122,7 +121,7 @@ impl TableNode {
         self.slots.iter().flat_map(move |s| s.targets.at(i).iter().map(move |t| (s.kind, t.at(i))))
     }
 
-    /// Its input tables over all points, without duplicates; the table of a stage at its first point.
+    /// Input tables over all points, without duplicates; the table of a stage at its first point.
     pub fn sources(&self) -> Vec<TableRef> {
         let mut found = vec![];
         for target in self.slots.iter().flat_map(|s| s.targets.values()).flat_map(|t| t.iter()) {
@@ -214,12 +213,12 @@ impl<'p> StageInstance<'p> {
         self.node.grid.point(self.index, &self.plan.spec)
     }
 
-    /// Its inputs, in the order of the stage's inputs.
+    /// Inputs, in the order of the stage's inputs.
     pub fn inputs(&self) -> Vec<TableRef> {
         self.node.inputs(self.index).map(|(_, r)| r).collect()
     }
 
-    /// Its first input.
+    /// First input.
     pub fn first_input(&self) -> Option<TableRef> {
         self.node.inputs(self.index).next().map(|(_, r)| r)
     }
@@ -240,7 +239,7 @@ impl<'p> StageInstance<'p> {
         made.map_err(|faults| faults.into_iter().next().unwrap_or_else(|| Fault::bug("a stage that is refused")))
     }
 
-    /// Its parameters in canonical spelling.
+    /// Parameters in canonical spelling.
     pub fn params(&self) -> Vec<(&'static str, String)> {
         self.stage().map(|s| s.canonical()).unwrap_or_default()
     }

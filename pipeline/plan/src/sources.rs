@@ -41,7 +41,7 @@ const MODEL_VERSION: &str = "model 1";
 
 /// Table of flights with known columns, before its lines are read.
 pub struct Flights {
-    /// Its name in the spec.
+    /// Name in the spec.
     pub name: String,
     /// Columns of all files together.
     pub shape: TableShape,
@@ -165,7 +165,7 @@ impl Flights {
         Flights { name: name.to_owned(), shape, schema, notes: vec![], read_all: false, division: None, files: vec![] }
     }
 
-    /// Its files, and the inputs of its simulations.
+    /// Files, and the inputs of its simulations.
     ///
     /// # Errors
     /// Fails if the spec of a simulation cannot be read.
@@ -231,9 +231,9 @@ enum MapSourceContent {
 
 /// A map of the spec, or a model that was fitted elsewhere.
 pub struct MapSource {
-    /// Its name in the spec.
+    /// Name in the spec.
     pub name: String,
-    /// Its file or folder.
+    /// File or folder.
     pub path: PathBuf,
     /// Whether its bytes are read even if they appear unchanged.
     pub read_all: bool,

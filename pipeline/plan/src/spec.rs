@@ -69,15 +69,15 @@ pub struct Spec {
 /// A table read from files.
 #[derive(Clone, Debug)]
 pub struct SourceDecl {
-    /// Its name in the spec.
+    /// Name in the spec.
     pub name: String,
     /// Position of its declaration.
     pub at: SpecSpan,
-    /// Its path, with position.
+    /// Path, with position.
     pub path: (String, SpecSpan),
     /// Restrictions on publishing.
     pub protection: ProtectionKeys,
-    /// Its other keys.
+    /// Other keys.
     pub options: SpecEntries,
 }
 

@@ -325,7 +325,7 @@ impl VariantCollector {
         next
     }
 
-    /// The schema, shared with an equal one.
+    /// Returns the schema, or an equal schema that is already stored.
     fn schema(&mut self, yields: StageSchema) -> Arc<StageSchema> {
         let alike = self.schemas.entry(of_schema(&yields)).or_default();
         if let Some(known) = alike.iter().find(|known| ***known == yields) {

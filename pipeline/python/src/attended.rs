@@ -31,8 +31,8 @@ pub fn attended<T: Send + 'static>(
     attended_with(py, work, interrupt, || Ok(()))
 }
 
-/// [`attended`] that calls `look` on the calling thread at each check for signals. An exception of `look` counts as an
-/// interrupt.
+/// Same as [`attended`], but calls `look` on the calling thread at each check for signals. An exception of `look`
+/// counts as an interrupt.
 ///
 /// # Errors
 /// Fails in the cases of [`attended`], and with the exception of `look`.

@@ -15,7 +15,7 @@ use super::{record::Snapshot, run_changes::changes, text};
 /// One run of a pipeline.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunRecord {
-    /// Its number, from 1.
+    /// Number, from 1.
     pub number: u64,
     /// End time, UTC.
     pub time: String,
@@ -27,7 +27,7 @@ pub struct RunRecord {
     pub tables: u64,
     /// Numbers of units that were computed, reused, failed and skipped.
     pub units: [usize; 4],
-    /// Its duration, in seconds.
+    /// Duration, in seconds.
     pub seconds: f64,
     /// The file in `runs/` with the inputs of the tables.
     pub snapshot: String,

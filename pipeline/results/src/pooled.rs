@@ -30,7 +30,7 @@ pub const TABLE: &str = "scores_pooled";
 pub struct PooledMetric {
     /// The table of scores, as a position in the plan.
     pub table: usize,
-    /// Its point.
+    /// Point.
     pub instance: usize,
     /// The metric.
     pub metric: Metric,

@@ -20,7 +20,7 @@ use crate::{points::SnapshotPoints, pooled};
 /// A pipeline at its last run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Snapshot {
-    /// Its name.
+    /// Name.
     pub pipeline: String,
     /// The spec, as the user named it.
     pub spec: String,
@@ -29,16 +29,16 @@ pub struct Snapshot {
     pub made_by: Option<(String, String)>,
     /// The seed.
     pub seed: u64,
-    /// Its sources.
+    /// Sources.
     pub sources: Vec<SnapshotSource>,
-    /// Its tables.
+    /// Tables.
     pub tables: Vec<SnapshotTable>,
 }
 
 /// A table that was read from files.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SnapshotSource {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// `flights`, `map` or `model`.
     pub kind: String,
@@ -54,7 +54,7 @@ pub struct SnapshotSource {
 /// A table that a stage made.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SnapshotTable {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// The stage.
     pub stage: String,
@@ -64,13 +64,13 @@ pub struct SnapshotTable {
     pub tidy: bool,
     /// The axes that the table depends on.
     pub axes: Vec<String>,
-    /// Its input tables.
+    /// Input tables.
     pub inputs: Vec<String>,
-    /// Its restriction of rows.
+    /// Restriction of rows.
     pub predicate: Option<String>,
     /// The parameters at each point: the point's values, then the parameters.
     pub points: SnapshotPoints,
-    /// Its columns.
+    /// Columns.
     pub columns: Vec<SnapshotColumn>,
     /// The lines that the table contains.
     pub lines: usize,
@@ -81,13 +81,13 @@ pub struct SnapshotTable {
 /// A column and its inputs.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SnapshotColumn {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its type in a word.
+    /// Type in a word.
     pub kind: String,
-    /// Its unit.
+    /// Unit.
     pub unit: String,
-    /// Its description.
+    /// Description.
     pub doc: String,
     /// (table, column) of each column from which the column was computed; the column of the same name if it passed
     /// through.

@@ -194,8 +194,8 @@ mod tests {
             values: vec![Some(7.0); 10],
             metrics,
         };
-        // The first point has only in-sample lines, the second point has in-sample lines and out of sample, and the
-        // third point has one metric in sample.
+        // The first point has only in-sample lines, the second point has in-sample and held-out lines, and the third
+        // point has one metric in sample.
         let mut one = vec![false; 10];
         one[5] = true;
         some.in_sample = vec![of(9, 0, vec![true; 10]), of(1, 8, vec![false; 10]), of(1, 8, one)];

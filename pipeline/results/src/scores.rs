@@ -28,7 +28,7 @@ pub struct Scores {
     pub in_sample: Vec<InSampleScores>,
 }
 
-/// Scores of a point on its in-sample lines: seen by its model, noise, map or search.
+/// Scores of a point on its in-sample lines, which its model, noise, map or search used.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct InSampleScores {
     /// Number of in-sample lines.

@@ -26,9 +26,9 @@ use work::WorkEstimator;
 /// The cost of a table.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TableCost {
-    /// Its name.
+    /// Name.
     pub table: String,
-    /// Its stage.
+    /// Stage.
     pub stage: String,
     /// Whether its results are kept; otherwise the work is counted in the tables that need the results.
     pub kept: bool,
@@ -53,7 +53,7 @@ pub struct TableCost {
 /// The cost of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunCost {
-    /// Its tables, in the order of the plan.
+    /// Tables, in the order of the plan.
     pub tables: Vec<TableCost>,
     /// Processor time outside the tables: keys, scores, publishing, in seconds.
     pub overhead_s: f64,

@@ -138,7 +138,7 @@ pub fn run(
     run_locked(plan, store, &publisher, options, listener)
 }
 
-/// [`run`] by a process that has the lock of the pipeline.
+/// Same as [`run`], in a process that has the lock of the pipeline.
 fn run_locked(
     plan: &Plan,
     store: &Store,

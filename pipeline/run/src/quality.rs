@@ -18,7 +18,7 @@ fn rows<'a>(graph: &'a PlanGraph) -> Vec<QualityFindingRow<'a>> {
     lines.flat_map(|(table, record)| record.findings.iter().map(move |f| (table, record, f))).collect()
 }
 
-/// Number of findings, and of the lines with findings.
+/// Number of findings, and number of lines with findings.
 pub fn count(graph: &PlanGraph) -> (usize, usize) {
     let records = graph.records.iter().flat_map(|r| r.values());
     let of_lines: Vec<usize> = records.map(|r| r.findings.len()).filter(|n| *n > 0).collect();

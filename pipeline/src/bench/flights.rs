@@ -21,7 +21,7 @@ pub struct BenchLine {
     pub flight: String,
     /// The line.
     pub line: String,
-    /// Its samples, in the order of time.
+    /// Samples, in the order of time.
     pub rows: RecordBatch,
 }
 

@@ -89,7 +89,7 @@ pub struct Person {
 /// A licence.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Licence {
-    /// Its SPDX identifier, or another name.
+    /// SPDX identifier, or another name.
     pub name: String,
     /// Full title.
     pub title: String,
@@ -104,7 +104,7 @@ pub struct Licence {
 /// A table of a set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReleaseTable {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// `flight lines`, `scores`, `model` or `map`.
     pub kind: String,
@@ -120,9 +120,9 @@ pub struct ReleaseTable {
     pub partitions: Vec<String>,
     /// Number of rows.
     pub rows: u64,
-    /// Its columns.
+    /// Columns.
     pub columns: Vec<ReleaseColumn>,
-    /// Its files, in order.
+    /// Files, in order.
     pub files: Vec<DataFile>,
 }
 
@@ -173,12 +173,12 @@ impl fmt::Display for ColumnKind {
 /// A column of a table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReleaseColumn {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// The type of its values.
     #[serde(rename = "type")]
     pub kind: ColumnKind,
-    /// Its unit; empty for none.
+    /// Unit; empty for none.
     pub unit: String,
     /// `key`, `time`, `truth`, `sensor`, `aux` or `derived`.
     pub role: String,
@@ -211,7 +211,7 @@ pub struct ColumnValueStatistics {
 /// A file of a table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DataFile {
-    /// Its path in the set.
+    /// Path in the set.
     pub path: String,
     /// Flight, if the file holds one line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -223,7 +223,7 @@ pub struct DataFile {
     pub rows: u64,
     /// Size, in bytes.
     pub bytes: u64,
-    /// Its SHA-256.
+    /// SHA-256.
     pub sha256: String,
 }
 
@@ -232,7 +232,7 @@ pub struct DataFile {
 pub struct RestrictedReleaseColumn {
     /// The table of the set.
     pub table: String,
-    /// Its column.
+    /// Column.
     pub column: String,
     /// Columns on the way from this column to the restricted column, as `table.column`.
     pub through: Vec<String>,
@@ -295,7 +295,7 @@ pub struct ReleaseInput {
     pub file: String,
     /// Size, in bytes.
     pub bytes: u64,
-    /// Its SHA-256.
+    /// SHA-256.
     pub sha256: String,
     /// First 128 bits of its BLAKE3, which identify it in magline.
     pub blake3: String,

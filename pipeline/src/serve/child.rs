@@ -57,9 +57,9 @@ pub struct QueryRequest {
 /// Schema and notes of a query, before its rows.
 #[derive(Serialize, Deserialize)]
 pub struct QueryHeader {
-    /// Its columns: an IPC stream in base64.
+    /// Columns: an IPC stream in base64.
     pub columns: String,
-    /// Its open parameters, in the same form.
+    /// Open parameters, in the same form.
     pub parameters: String,
     /// Versions of the tables.
     pub pins: VersionPins,
@@ -149,7 +149,7 @@ pub fn unpacked(bytes: &[u8]) -> Result<(SchemaRef, Vec<RecordBatch>), ArrowErro
     Ok((reader.schema(), reader.collect::<Result<_, _>>()?))
 }
 
-/// [`packed`] as text.
+/// Same as [`packed`], as text.
 ///
 /// # Errors
 /// Returns the errors of [`packed`].

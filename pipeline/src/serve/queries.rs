@@ -37,9 +37,9 @@ const FORGOTTEN: Duration = Duration::from_secs(600);
 /// Query over one state of the store.
 pub struct PlannedQuery {
     asked: QueryInput,
-    /// Its columns.
+    /// Columns.
     pub schema: SchemaRef,
-    /// Its parameters without a value, in order of position. A parameter of unknown type has the type `Null`.
+    /// Parameters without a value, in order of position. A parameter of unknown type has the type `Null`.
     pub parameters: SchemaRef,
 }
 

@@ -284,7 +284,7 @@ impl Store {
     }
 }
 
-/// [`Store::drop_attempts`] in an object store.
+/// Same as [`Store::drop_attempts`], in an object store.
 fn drop_objects(
     remote: &RemoteStore,
     done: &dyn Fn(HashKey) -> bool,

@@ -185,8 +185,8 @@ impl Fault {
 }
 
 impl Fault {
-    /// [`Fault::nearest`] for the name of a part that may be written in Python: a stage, model, filter or metric. Unless
-    /// a known name is near, the remedy includes the option that loads such parts.
+    /// Same as [`Fault::nearest`], for the name of a part that may be written in Python: a stage, model, filter or
+    /// metric. Unless a known name is near, the remedy includes the option that loads such parts.
     pub fn nearest_part<S: AsRef<str>>(self, given: &str, known: &[S]) -> Self {
         let mut fault = self.nearest(given, known);
         if let Some(help) = fault.help.as_mut().filter(|_| nearest(given, known).is_none()) {
@@ -236,7 +236,7 @@ pub fn nearest<'a, S: AsRef<str>>(given: &str, known: &'a [S]) -> Option<&'a str
         return None;
     }
     let most = 1 + given.len() / 3;
-    // The distance is at least the difference of the lengths.
+    // The edit distance is at least the difference between the lengths.
     let near = |k: &&str| k.chars().count().abs_diff(given.chars().count()) <= most;
     let best = known.iter().map(AsRef::as_ref).filter(near).map(|k| (distance(given, k), k)).min()?;
     (best.0 <= most).then_some(best.1)

@@ -48,7 +48,7 @@ pub struct Param<'a, T> {
     pub name: &'static str,
     /// Condition on its value.
     pub rule: Rule,
-    /// Its documentation, shown as the remedy if the key is missing.
+    /// Documentation, shown as the remedy if the key is missing.
     pub doc: &'a [&'a str],
     /// The value if unset; `None` if required.
     pub absent: Option<T>,
@@ -60,7 +60,7 @@ pub trait Params: Sized {
     /// reader then holds them.
     fn read(reader: &mut ParamReader, base: Option<&Self>) -> Option<Self>;
 
-    /// Its parameters, for the reference.
+    /// Parameters, for the reference.
     fn docs(lists: &ChoiceRegistry) -> Vec<ParamDoc>;
 
     /// Adds every parameter in canonical spelling.
@@ -136,7 +136,7 @@ impl<'a> ParamReader<'a> {
         self.faults.push(Fault::new(format!("`{name}` cannot be `{word}`")).nearest(word, known).at(given.at.clone()));
     }
 
-    /// [`ParamReader::wrong_word`] for the name of a part that may be written in Python, such as a model.
+    /// Same as [`ParamReader::wrong_word`], for the name of a part that may be written in Python, such as a model.
     pub fn wrong_choice(&mut self, name: &str, word: &str, known: &[&str], given: &SpecEntry) {
         let fault = Fault::new(format!("`{name}` cannot be `{word}`")).nearest_part(word, known);
         self.faults.push(fault.at(given.at.clone()));

@@ -13,7 +13,7 @@ pub trait ChoiceKind: Send + Sync + 'static {
     /// The default choice; `None` if the key is required.
     const DEFAULT: Option<&'static str>;
 
-    /// Its name in a spec.
+    /// Name in a spec.
     fn name(&self) -> &'static str;
 
     /// Version, raised when the results change.
@@ -144,9 +144,9 @@ impl ChoiceRegistry {
 
 /// Selected choice, with its keys.
 pub struct ChoiceSelection<K: ChoiceKind> {
-    /// Its declaration.
+    /// Declaration.
     pub kind: &'static K,
-    /// Its keys.
+    /// Keys.
     pub keys: Arc<K::Keys>,
     spelt: Vec<(&'static str, String)>,
     kinds: Arc<ChoiceList<K>>,

@@ -12,7 +12,7 @@ use crate::{Fault, Literal};
 /// Value of one key of the spec, with the positions of key and value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpecEntry {
-    /// Its value.
+    /// Value.
     pub value: Literal,
     /// The bytes of the key.
     pub key_at: Range<usize>,
@@ -26,7 +26,7 @@ pub type SpecEntries = BTreeMap<String, SpecEntry>;
 /// A table of a spec.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SpecSection {
-    /// Its keys.
+    /// Keys.
     pub keys: SpecEntries,
     /// The bytes of the table.
     pub at: Range<usize>,

@@ -125,7 +125,7 @@ impl InputKind {
 pub struct InputDecl {
     /// The key, such as `input` or `map`.
     pub name: &'static str,
-    /// Its kind.
+    /// Kind.
     pub kind: InputKind,
     /// Whether it is optional.
     pub optional: bool,
@@ -150,7 +150,7 @@ pub enum Table {
 }
 
 impl Table {
-    /// Its columns.
+    /// Columns.
     pub fn shape(&self) -> &TableShape {
         match self {
             Table::Lines(s) | Table::Scores(s) | Table::Map(s) | Table::Model { shape: s, .. } => s,

@@ -188,7 +188,7 @@ impl Expression {
         Ok(Expression { physical, schema, subject: subject.to_owned(), columns, data_type, unit, terms })
     }
 
-    /// Its values, one for each row of `batch`, which must contain [`Expression::columns`].
+    /// Values, one for each row of `batch`, which must contain [`Expression::columns`].
     ///
     /// # Errors
     /// Fails for a column that is missing or of another type, or for values that it cannot be evaluated on.
@@ -207,7 +207,7 @@ impl Expression {
             .map_err(|e| Fault::data(format!("{} cannot be evaluated: {}", self.subject, e.find_root())))
     }
 
-    /// Its values as numbers; NaN for missing and infinite values.
+    /// Values as numbers; NaN for missing and infinite values.
     ///
     /// # Errors
     /// Fails in the cases of [`Expression::evaluate`]. Also fails for values that are not numbers.

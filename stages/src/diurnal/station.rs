@@ -71,7 +71,7 @@ impl Station {
         plan.column(&self.value_nt, method).map_err(data)
     }
 
-    /// Its first and last day.
+    /// First and last day.
     pub(super) fn span(&self) -> Option<(f64, f64)> {
         Some((*self.t_s.first()?, *self.t_s.last()?))
     }

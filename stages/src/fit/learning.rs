@@ -70,7 +70,7 @@ impl FitAggregator {
         }
     }
 
-    /// [`learnt`](Self::learnt) for points at the rate of the problem.
+    /// Same as [`learnt`](Self::learnt), for points at the rate of the problem.
     fn learnt_at(
         &self,
         problem: &FitProblem,

@@ -204,7 +204,7 @@ impl ChoiceKind for FilterDecl {
     }
 }
 
-/// [`NavigationFilter::navigate_points`] of the filters of type `F` among `points`.
+/// Calls [`NavigationFilter::navigate_points`] for the filters of type `F` among `points`.
 ///
 /// # Errors
 /// Each result fails in the cases of [`NavigationFilter::navigate`].

@@ -64,9 +64,9 @@ impl Navigate {
 }
 
 impl NoiseSources<'_> {
-    /// [`NoiseSources::find`] for a start over which the map is not linear. Particles locate the aircraft. The INS is
-    /// corrected by that position and velocity, and noise and outliers are estimated along the corrected INS. The
-    /// assumed noise is kept if the particles do not find a single position.
+    /// Same as [`NoiseSources::find`], for a start over which the map is not linear. Particles locate the aircraft. The
+    /// INS is corrected by that position and velocity, and noise and outliers are estimated along the corrected INS.
+    /// The assumed noise is kept if the particles do not find a single position.
     pub(super) fn find_from_wide_start(
         &self,
         flown: &mut FilterInput,

@@ -82,7 +82,7 @@ impl<'a> ScoreLine<'a> {
         floats(&self.line.inputs[place.table], name)
     }
 
-    /// [`ScoreLine::column`] of a source that may be absent.
+    /// Same as [`ScoreLine::column`], for a source that may be absent.
     ///
     /// # Errors
     /// Fails if its column does not hold numbers.
@@ -163,8 +163,8 @@ impl<'a> ScoreLine<'a> {
         self.anomaly_of(ScoreSource::Signal)
     }
 
-    /// True signal minus core field and diurnal variation, in nT. Without a core field, minus the linear trend of the
-    /// signal over time.
+    /// True signal minus core field and diurnal variation, in nT. Without a core field, the linear trend of the signal
+    /// over time is subtracted instead.
     ///
     /// # Errors
     /// Fails in the cases of [`ScoreLine::column`] for the truth. With a core field, also in the cases of

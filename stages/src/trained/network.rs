@@ -166,7 +166,7 @@ impl NetworkEnsemble {
         FieldPrediction { field_nt, sigma_nt }
     }
 
-    /// Its parts, if it is a single network with one hidden layer.
+    /// Parts, if it is a single network with one hidden layer.
     ///
     /// # Errors
     /// Fails for any other network.

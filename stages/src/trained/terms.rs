@@ -12,7 +12,7 @@ use schemas::{Fault, Literal, ParamValue};
 pub struct TermValue {
     /// The term.
     pub name: String,
-    /// Its value.
+    /// Value.
     pub value: f64,
 }
 
@@ -26,7 +26,7 @@ pub fn list<'a>(key: &'a str, values: &'a [f64]) -> impl Iterator<Item = TermVal
     values.iter().enumerate().map(move |(i, value)| term(format!("{key}[{}]", i + 1), *value))
 }
 
-/// [`list`] with a word for each term.
+/// Same as [`list`], with a word for each term.
 pub fn named_list<'a>(key: &'a str, words: &'a [String], values: &'a [f64]) -> impl Iterator<Item = TermValue> + 'a {
     let all = words.iter().zip(values).enumerate();
     all.map(move |(i, (word, value))| term(format!("{key}[{}] {word}", i + 1), *value))

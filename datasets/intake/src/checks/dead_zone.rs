@@ -17,7 +17,7 @@ pub enum DeadZoneShape {
 /// A dead zone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DeadZone {
-    /// Its shape.
+    /// Shape.
     pub shape: DeadZoneShape,
     /// The angle from the middle to the edge of the zone, in degrees.
     pub half_width_deg: f64,

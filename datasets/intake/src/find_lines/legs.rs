@@ -46,7 +46,7 @@ pub enum MotionClass {
 /// A straight stretch.
 #[derive(Clone, Debug)]
 pub struct StraightLeg {
-    /// Its rows.
+    /// Rows.
     pub rows: Range<usize>,
     /// The number of the run that contains the leg.
     pub run: usize,
@@ -59,7 +59,7 @@ pub struct StraightLeg {
 /// A turn to one side.
 #[derive(Clone, Debug)]
 pub struct FlightTurn {
-    /// Its rows.
+    /// Rows.
     pub rows: Range<usize>,
     /// The change of the course, degrees, positive to the right.
     pub change_deg: f64,

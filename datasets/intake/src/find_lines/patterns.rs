@@ -58,7 +58,7 @@ pub struct DetectedLine {
     pub name: String,
     /// Kind of the line.
     pub kind: LinePattern,
-    /// Its rows at even times.
+    /// Rows at even times.
     pub rows: Range<usize>,
     /// The course of a straight line, 0 to 360 degrees.
     pub heading_deg: Option<f64>,

@@ -87,7 +87,7 @@ pub struct SqlExpression {
 }
 
 impl SqlExpression {
-    /// Its values.
+    /// Values.
     ///
     /// # Errors
     /// Fails if the expression cannot be evaluated, with its position in the mapping.

@@ -20,7 +20,7 @@ const RECOGNISABLE: usize = 3;
 pub struct MappingFit {
     /// The mapping.
     pub mapping: Arc<Mapping>,
-    /// Its name in the key `mapping`.
+    /// Name in the key `mapping`.
     pub name: &'static str,
     /// The names of its tables that read the log.
     pub tables: Vec<String>,

@@ -23,11 +23,11 @@ use sample::ColumnSample;
 
 /// Topic with a sample of its rows.
 pub(super) struct TopicSample {
-    /// Its name; empty for a file of one table.
+    /// Name; empty for a file of one table.
     pub name: String,
     /// Number of rows.
     pub rows: u64,
-    /// Its columns.
+    /// Columns.
     pub columns: Vec<ColumnSample>,
     /// The clock of the topic, if recognised.
     pub clock: Option<ClockGuess>,
@@ -35,7 +35,7 @@ pub(super) struct TopicSample {
 
 /// A suggested mapping.
 pub struct MappingSuggestion {
-    /// Its text.
+    /// Text.
     pub text: String,
     /// Columns that it does not use, with the reason if it is known.
     pub unused: Vec<String>,

@@ -375,7 +375,7 @@ impl BootColumn {
         of_column(name, unit, (at.clone(), at), columns).map(BootColumn)
     }
 
-    /// Its values, in seconds.
+    /// Values, in seconds.
     pub fn read(&self, batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
         self.0.seconds(batch)
     }

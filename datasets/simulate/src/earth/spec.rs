@@ -35,15 +35,15 @@ impl SynthEarth {
 /// A source in the ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BuriedSource {
-    /// Its latitude in degrees.
+    /// Latitude in degrees.
     pub lat_deg: f64,
-    /// Its longitude in degrees.
+    /// Longitude in degrees.
     pub lon_deg: f64,
     /// The height of a dipole, or of the top of a prism, above the ellipsoid.
     pub alt_m: f64,
     /// Inclination (down from the horizontal) and declination of its magnetisation; `None` means along the core field.
     pub inclination_declination_deg: Option<(f64, f64)>,
-    /// Its kind and size.
+    /// Kind and size.
     pub body: BuriedBody,
 }
 
@@ -52,12 +52,12 @@ pub struct BuriedSource {
 pub enum BuriedBody {
     /// A dipole.
     Dipole {
-        /// Its moment, in A m².
+        /// Moment, in A m².
         moment_am2: f64,
     },
     /// A rectangular prism.
     Prism {
-        /// Its magnetisation, in A/m.
+        /// Magnetisation, in A/m.
         magnetisation_apm: f64,
         /// Length, width and thickness.
         size_m: [f64; 3],
@@ -95,9 +95,9 @@ pub struct Pulsations {
 /// A magnetic storm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Storm {
-    /// Its depth at the geomagnetic equator, in nT.
+    /// Depth at the geomagnetic equator, in nT.
     pub depth_nt: f64,
-    /// Its sudden commencement, in seconds past midnight.
+    /// Sudden commencement, in seconds past midnight.
     pub start_tt_s: f64,
     /// Time from the commencement to the minimum, in s.
     pub main_s: f64,

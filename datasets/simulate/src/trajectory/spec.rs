@@ -17,16 +17,16 @@ use super::{
 /// A flight: a table of `flights`.
 #[derive(Clone, Debug)]
 pub struct SynthFlight {
-    /// Its identifier.
+    /// Identifier.
     pub name: String,
-    /// Its lines in the order of time, from the tables `flights.lines`. One table can give several lines.
+    /// Lines in the order of time, from the tables `flights.lines`. One table can give several lines.
     pub lines: Vec<SynthLine>,
 }
 
 /// A line of a flight.
 #[derive(Clone, Debug)]
 pub struct SynthLine {
-    /// Its identifier.
+    /// Identifier.
     pub name: String,
     /// Start, in seconds past midnight UTC. If unset, 60 s after the end of the previous line; for the first line, the
     /// flight's `start_tt_s`.

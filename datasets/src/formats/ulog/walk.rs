@@ -35,7 +35,7 @@ pub(super) struct UlogTopic {
     pub(super) name: String,
     pub(super) instance: u8,
     pub(super) layout: UlogMessageLayout,
-    /// Its messages so far.
+    /// Messages so far.
     pub(super) rows: u64,
     /// Messages in another layout, after a redefinition of its format.
     pub(super) others: u64,
@@ -60,7 +60,7 @@ impl LengthMismatches {
 }
 
 impl UlogTopic {
-    /// Its name in the options: without the number for instance 0.
+    /// Name in the options: without the number for instance 0.
     pub(super) fn spelt(&self) -> String {
         if self.instance == 0 { self.name.clone() } else { format!("{}:{}", self.name, self.instance) }
     }

@@ -79,9 +79,9 @@ pub struct ExportLine {
     pub flight: String,
     /// The line.
     pub line: String,
-    /// Its samples.
+    /// Samples.
     pub rows: usize,
-    /// Its first and last time, in seconds.
+    /// First and last time, in seconds.
     pub tt: (f64, f64),
     /// The year and day of the year of its first sample, if known.
     pub date: Option<(i64, i64)>,
@@ -102,7 +102,7 @@ pub struct ExportOutcome {
     pub unchanged: bool,
     /// File with the quality figures; `None` if no line is usable.
     pub quality: Option<PathBuf>,
-    /// Its lines, in the file's order.
+    /// Lines, in the file's order.
     pub lines: Vec<ExportLine>,
     /// Notes for the user.
     pub notes: Vec<String>,

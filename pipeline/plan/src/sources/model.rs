@@ -26,7 +26,7 @@ const VALUE: &str = "value";
 pub struct ModelTable {
     /// The condition that selects it, in canonical spelling; empty without a condition.
     pub condition: String,
-    /// Its columns.
+    /// Columns.
     pub schema: SchemaRef,
     features: Vec<String>,
 }

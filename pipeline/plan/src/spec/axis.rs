@@ -22,7 +22,7 @@ const SUBSET_KEYS: [&str; 3] = ["subsets_of", "at_least", "up_to"];
 /// and each in the given order. An entry that is a list is included or omitted as a whole.
 ///
 /// # Errors
-/// Fails with the faults of the values, each at its value.
+/// Fails with the faults of the values, each with its position.
 pub fn values(name: &str, value: &Spanned<DeValue>) -> Result<Vec<Literal>, Vec<Fault>> {
     let (values, places) = match value.get_ref() {
         DeValue::Table(table) => {

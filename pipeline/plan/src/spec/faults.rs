@@ -9,7 +9,7 @@ use super::SpecSpan;
 pub struct SpecFaults {
     /// The file, as the user named it.
     pub file: String,
-    /// Its text.
+    /// Text.
     pub text: String,
     /// The assignments of `--set`, whose bytes follow those of the text.
     pub sets: Vec<String>,

@@ -94,7 +94,7 @@ params! {
 /// A checked `[search]`.
 #[derive(Clone, Debug)]
 pub struct SearchSpec {
-    /// Its position.
+    /// Position.
     pub at: SpecSpan,
     /// The method that proposes trials.
     pub method: ProposalMethod,
@@ -127,9 +127,9 @@ pub struct SearchSpec {
 pub struct SuccessiveHalving {
     /// The axis.
     pub axis: String,
-    /// Its position.
+    /// Position.
     pub at: SpecSpan,
-    /// Its values, the cheapest first.
+    /// Values, the cheapest first.
     pub values: Vec<Literal>,
     /// The reduction factor: one of `eta` trials is promoted to the next rung.
     pub eta: usize,
@@ -138,11 +138,11 @@ pub struct SuccessiveHalving {
 /// An axis of a search.
 #[derive(Clone, Debug)]
 pub struct SearchAxis {
-    /// Its name, which is also the name of its column.
+    /// Name, which is also the name of its column.
     pub name: String,
-    /// Its position.
+    /// Position.
     pub at: SpecSpan,
-    /// Its values.
+    /// Values.
     pub dimension: SearchDimension,
     /// List of values to choose from.
     pub choices: Vec<Literal>,
@@ -158,7 +158,7 @@ impl SearchAxis {
         }
     }
 
-    /// Its values in words.
+    /// Values in words.
     pub fn words(&self) -> String {
         match self.dimension {
             SearchDimension::Real { low, high, log } => {

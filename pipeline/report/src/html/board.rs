@@ -16,7 +16,7 @@ use super::source::ReportSource;
 pub struct ScoreBoard {
     /// The table, as a position in the plan.
     pub table: usize,
-    /// Its scores.
+    /// Scores.
     pub scores: Scores,
     /// The instance behind each row.
     pub instances: Vec<usize>,
@@ -28,7 +28,7 @@ pub struct ScoreBoard {
 pub struct MoreScores {
     /// The metric.
     pub metric: Metric,
-    /// Its value at each row.
+    /// Value at each row.
     pub values: Vec<Option<f64>>,
     /// For each row, whether its value comes only from in-sample lines.
     pub in_sample: Vec<bool>,

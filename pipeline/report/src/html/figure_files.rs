@@ -15,11 +15,11 @@ use super::{
 /// A figure as a file.
 #[derive(Clone, Debug)]
 pub struct FigureFile {
-    /// Its file name: a number in the order of the page, and its title.
+    /// File name: a number in the order of the page, and its title.
     pub name: String,
     /// The document.
     pub svg: String,
-    /// Its text for screen readers, and its caption.
+    /// Text for screen readers, and its caption.
     pub caption: String,
 }
 

@@ -28,7 +28,7 @@ pub struct FailureCount {
     pub stage: String,
     /// Reason of the failure.
     pub error: String,
-    /// Its first occurrence: axis values, flight, line.
+    /// First occurrence: axis values, flight, line.
     pub example: String,
     /// The number of occurrences.
     pub times: usize,

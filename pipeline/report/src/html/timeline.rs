@@ -7,7 +7,7 @@ use maud::{Markup, html};
 /// Timeline of one column over a flight, times in s.
 #[derive(Clone, Debug, Default)]
 pub struct TimelineLane {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// First and last time of each line.
     pub lines: Vec<(f64, f64)>,
@@ -21,7 +21,7 @@ pub struct TimelineLane {
 pub struct Timeline<'a> {
     /// The flight.
     pub flight: &'a str,
-    /// Its columns.
+    /// Columns.
     pub lanes: Vec<TimelineLane>,
     /// Number of hidden columns.
     pub hidden: usize,

@@ -112,8 +112,9 @@ pub fn register(context: &SessionContext, root: &Path, pins: Option<&VersionPins
     Ok(known)
 }
 
-/// Columns with a single value in each part of the published table `table`, as `pipeline.table`, one row per part: flight,
-/// line and axes. A part is a unit or a row group, which queries read or skip as a whole. No column for an unknown table.
+/// Columns with a single value in each part of the published table `table`, as `pipeline.table`, one row per part:
+/// flight, line and axes. A part is a unit or a row group, which queries read or skip as a whole. Returns no columns
+/// for an unknown table.
 ///
 /// # Errors
 /// Fails if the store or the table cannot be read.

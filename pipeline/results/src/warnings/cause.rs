@@ -45,9 +45,9 @@ pub struct NavigationSettings {
 /// Table of a navigation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NavigationSide {
-    /// Its input.
+    /// Input.
     Flight,
-    /// Its output.
+    /// Output.
     Track,
 }
 
@@ -102,7 +102,7 @@ impl NavigationSettings {
 
 /// Scores and navigation settings of one line.
 pub struct LineFacts<'a> {
-    /// Its scores.
+    /// Scores.
     pub row: &'a LineMetrics,
     /// Settings of its navigation; `None` without a track.
     pub settings: Option<NavigationSettings>,

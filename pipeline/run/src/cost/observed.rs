@@ -37,7 +37,7 @@ pub struct WorkAmounts {
 /// The work of a table.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TableWork {
-    /// Its stage.
+    /// Stage.
     pub stage: String,
     /// Amounts by kind of unit.
     pub parts: BTreeMap<String, WorkAmounts>,
@@ -58,7 +58,7 @@ pub struct TableWork {
 /// Measured cost of one computed table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CostObservation {
-    /// Its work.
+    /// Work.
     pub work: TableWork,
     /// Number of rows made.
     pub rows: f64,

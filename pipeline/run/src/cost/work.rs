@@ -25,7 +25,7 @@ const LOOKED_AT: usize = 16;
 /// Missing units of a table, and the work that they require.
 #[derive(Clone, Debug, Default)]
 pub struct MissingWork {
-    /// Its units.
+    /// Units.
     pub units: usize,
     /// Units that are stored, have failed for good, or are duplicates.
     pub there: usize,

@@ -11,7 +11,7 @@ use schemas::{Fault, canonical::FlightConversion, flight};
 
 use super::text::InitSource;
 
-/// Number of samples in the fast mean that a manoeuvre is measured against, in s.
+/// Length of the running mean with which manoeuvres are compared, in seconds.
 const MEAN_S: f64 = 10.0;
 /// Ground speed above which an aircraft flies, in m/s.
 const FLYING_M_S: f64 = 3.0;
@@ -46,7 +46,7 @@ pub struct ColumnFinding {
 /// One table of a log.
 #[derive(Clone, Debug, Default)]
 pub struct TableFindings {
-    /// Its name in the mapping; empty without a mapping or for the only table.
+    /// Name in the mapping; empty without a mapping or for the only table.
     pub name: String,
     pub columns: BTreeMap<String, ColumnFinding>,
     /// By flight and line.

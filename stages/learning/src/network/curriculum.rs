@@ -26,7 +26,7 @@ use super::training::{NetworkSamples, NetworkTraining};
 use super::vector::{TERMS_WITHOUT_EDDY, tolles_lawson_fields};
 use super::windowed::NetworkArchitecture;
 
-/// Ends of the phases but the last, in tenths of the epochs.
+/// Ends of all phases except the last, in tenths of the epochs.
 const ENDS: [usize; 4] = [1, 2, 3, 6];
 /// Number of epochs in which each phase has an epoch.
 pub const CURRICULUM_EPOCHS: usize = 10;

@@ -16,7 +16,7 @@ pub enum ExtendedTermGroup {
     Raw,
     /// The input times each direction cosine: `_2`, `_3`, `_4`.
     Projected,
-    /// Its difference per sample times each direction cosine: `_5`, `_6`, `_7`.
+    /// The difference of the input per sample times each direction cosine: `_5`, `_6`, `_7`.
     ProjectedChange,
 }
 

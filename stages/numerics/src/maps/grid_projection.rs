@@ -36,9 +36,9 @@ pub enum GridProjectionError {
     /// The projection is undefined at a position of the area.
     #[error("the map's projection is undefined at latitude {lat_deg}, longitude {lon_deg}")]
     Nowhere {
-        /// Its latitude.
+        /// Latitude.
         lat_deg: f64,
-        /// Its longitude.
+        /// Longitude.
         lon_deg: f64,
     },
     /// The projection is not smooth.

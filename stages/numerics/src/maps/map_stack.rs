@@ -181,7 +181,8 @@ impl MapStack {
         self.in_cell(self.axes.cell(lat_deg, lon_deg)?, alt_m)
     }
 
-    /// [`Self::at`] for many positions; positions without a value are NaN. Allocates only if `out` has to grow.
+    /// Same as [`Self::at`], for many positions; positions without a value are NaN. Allocates only if `out` has to
+    /// grow.
     ///
     /// # Errors
     /// Fails with [`MapGridError::Places`] for columns of different lengths.
@@ -377,7 +378,7 @@ impl FieldMap {
         }
     }
 
-    /// [`Self::at`] for many positions; positions without a value are NaN.
+    /// Same as [`Self::at`], for many positions; positions without a value are NaN.
     ///
     /// # Errors
     /// Fails with [`MapGridError::Places`] for columns of different lengths.

@@ -41,8 +41,8 @@ pub enum Linearisation {
         /// Position change, in m, below which the iteration ends.
         tolerance_m: f64,
     },
-    /// Over the uncertainty of the position, as [`ukf`](crate::navigation::ukf); only α, β and κ of these parameters
-    /// are used.
+    /// Linearises over the uncertainty of the position, as in [`ukf`](crate::navigation::ukf). Only α, β and κ of these
+    /// parameters are used.
     Unscented(UkfParameters),
 }
 

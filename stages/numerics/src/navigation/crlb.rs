@@ -93,8 +93,8 @@ pub fn run(
     Ok(recursion::run_along(bound, &truth, &line.errors, |row| line.fixes_at(row).map(still))?.output)
 }
 
-/// [`run`] with further measurements in addition to the scalar field. The residual of each measurement is measurement
-/// minus truth. The NIS is the square of the residual over the variance of noise and slow error.
+/// Same as [`run`], with further measurements in addition to the scalar field. The residual of each measurement is
+/// measurement minus truth. The NIS is the square of the residual over the variance of noise and slow error.
 ///
 /// The bound uses the exact map, so [`Aids::flat_over_m`] is ignored.
 ///

@@ -80,7 +80,8 @@ impl<'a> PredictedField<'a> {
         })
     }
 
-    /// [`PredictedField::at`] at an error in latitude and longitude (rad) and height (m) from the INS of a row.
+    /// Same as [`PredictedField::at`], at an error in latitude and longitude (rad) and height (m) from the INS of a
+    /// row.
     pub fn at_error(&mut self, ins: &InsSeries<'_>, row: usize, error: [f64; 3]) -> Option<FieldValue> {
         let lat_deg = ins.lat_deg[row] + error[0].to_degrees();
         let lon_deg = ins.lon_deg[row] + error[1].to_degrees();

@@ -226,9 +226,10 @@ pub fn run(
     run_aided(parameters, line, magnetometers, &Aids::default(), keep)
 }
 
-/// [`run`] with further measurements. The further measurements are averaged over an interval like the magnetometers, as
-/// measurements of their node's states. For any loss, these measurements have the full weight of least squares, like
-/// aiding positions. A magnetometer is skipped where the map is too flat at the prediction of the filter.
+/// Same as [`run`], with further measurements. The further measurements are averaged over an interval like the
+/// magnetometers, as measurements of their node's states. For any loss, these measurements have the full weight of
+/// least squares, like aiding positions. A magnetometer is skipped where the map is too flat at the prediction of the
+/// filter.
 ///
 /// # Errors
 /// Returns the errors of [`run`] and [`Aids::check`].

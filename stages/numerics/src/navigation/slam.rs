@@ -134,8 +134,8 @@ pub fn run(parameters: &SlamParameters, line: &SlamLine<'_>) -> Result<SlamOutpu
     filter.finish()
 }
 
-/// [`SlamReport::largest_correction`] above which a track is implausible; the probability for a consistent filter is
-/// 1e-6.
+/// Value of [`SlamReport::largest_correction`] above which a track is implausible; the probability for a consistent
+/// filter is 1e-6.
 pub const IMPLAUSIBLE: f64 = 27.6;
 
 /// Smallest total weight of revisiting particles for which all particles are weighted. With less, any unexpected

@@ -28,7 +28,7 @@ pub enum TimeError {
     NotIncreasing {
         /// The row, from 0.
         row: usize,
-        /// Its time, in seconds.
+        /// Time, in seconds.
         tt: f64,
         /// Time of the previous row, in seconds.
         before: f64,
@@ -41,7 +41,7 @@ pub enum TimeError {
     Uneven {
         /// The row, from 0.
         row: usize,
-        /// Its time, in seconds.
+        /// Time, in seconds.
         tt: f64,
         /// Time since the previous row, in seconds.
         step_s: f64,

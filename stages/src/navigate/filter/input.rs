@@ -142,7 +142,7 @@ impl FilterInput<'_> {
         })
     }
 
-    /// [`FilterInput::line`] with a discretisation of the process noise.
+    /// Same as [`FilterInput::line`], with a given discretisation of the process noise.
     ///
     /// # Errors
     /// Fails without a map.

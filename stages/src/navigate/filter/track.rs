@@ -73,7 +73,7 @@ impl FilterTrack {
         Ok(Self::with_any(flown, out, gate_nis))
     }
 
-    /// [`FilterTrack::from_output`] that also accepts a line without a usable measurement.
+    /// Same as [`FilterTrack::from_output`], but also accepts a line without a usable measurement.
     pub fn with_any(flown: &FilterInput, out: NavigationOutput, gate_nis: Option<f64>) -> FilterTrack {
         let update = |(residual, (nis, measured)): (&f64, (&f64, &f64))| match gate_nis {
             _ if !measured.is_finite() => UpdateOutcome::Missing,

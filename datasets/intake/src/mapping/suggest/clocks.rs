@@ -15,7 +15,7 @@ pub struct ClockGuess {
     pub why: String,
     /// The column.
     pub column: String,
-    /// Its unit.
+    /// Unit.
     unit: &'static str,
     /// Whether it counts from the start of the log.
     boot: bool,

@@ -12,20 +12,20 @@ const ROWS: usize = 200_000;
 /// Column of a file with a sample of its values.
 #[derive(Clone, Debug)]
 pub struct ColumnSample {
-    /// Its name in the file.
+    /// Name in the file.
     pub name: String,
     /// The unit that the file gives; empty if the file gives no unit.
     pub unit: String,
     /// The first value of a text column.
     pub text: Option<String>,
-    /// Its numbers; empty for a column of text.
+    /// Numbers; empty for a column of text.
     pub values: Vec<f64>,
     /// Whether the numbers are whole.
     pub whole: bool,
 }
 
 impl ColumnSample {
-    /// Its finite values.
+    /// Finite values.
     pub fn known(&self) -> impl Iterator<Item = f64> + '_ {
         self.values.iter().copied().filter(|x| x.is_finite())
     }

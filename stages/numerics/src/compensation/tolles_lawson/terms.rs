@@ -31,11 +31,11 @@ pub enum TermFamily {
 /// One group of terms that can be requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TermGroup {
-    /// Its name.
+    /// Name.
     pub name: &'static str,
     /// Aliases, most of which are the names in MagNav.jl.
     pub aliases: &'static [&'static str],
-    /// Its family.
+    /// Family.
     pub family: TermFamily,
     columns: &'static [usize],
 }

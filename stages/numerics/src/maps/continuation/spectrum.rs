@@ -54,8 +54,8 @@ impl MapSpectrum {
         self.answer(WavenumberFactor::General(&factor), &trend)
     }
 
-    /// The same as the function above, for a real factor that depends only on the magnitude of the wavenumber, in half
-    /// the time.
+    /// Does the same as the function above in half the time, for a real factor that depends only on the magnitude of
+    /// the wavenumber.
     pub fn filtered_radially(&self, factor: impl Fn(f64) -> f64 + Sync) -> PlaneGrid {
         let trend = self.trend.times(factor(0.0));
         self.answer(WavenumberFactor::Radial(&factor), &trend)

@@ -77,7 +77,7 @@ impl DrapeMap {
         })
     }
 
-    /// [`Self::at_height`] for many positions; positions without a value are NaN.
+    /// Same as [`Self::at_height`], for many positions; positions without a value are NaN.
     ///
     /// # Errors
     /// Fails with [`MapGridError::Places`] for columns of different lengths.

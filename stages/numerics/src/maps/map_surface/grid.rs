@@ -97,9 +97,9 @@ pub enum MapGridError {
     Row {
         /// The row, from 0.
         row: usize,
-        /// Its latitude.
+        /// Latitude.
         lat_deg: f64,
-        /// Its longitude.
+        /// Longitude.
         lon_deg: f64,
         /// The latitude of that row in a complete grid.
         expected_lat_deg: f64,

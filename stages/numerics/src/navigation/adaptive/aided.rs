@@ -23,7 +23,7 @@ pub struct AidedAdaptiveOutput {
     pub given_back: Vec<f64>,
 }
 
-/// [`run`](super::run) with further measurements, whose noise is fixed. Only the noise of the magnetometers is
+/// Same as [`run`](super::run), with further measurements, whose noise is fixed. Only the noise of the magnetometers is
 /// estimated.
 ///
 /// H P Hᵀ of an innovation includes the map error if the map error is a state, so the map error is not attributed to

@@ -109,7 +109,7 @@ impl SlamParticles {
         self.spread(&c, |x| *x, step);
     }
 
-    /// Time update without a draw of the positions. [`advance`](Self::advance) equals this followed by
+    /// Time update without a draw of the positions. [`advance`](Self::advance) equals this function followed by
     /// [`draw`](Self::draw).
     pub fn shift(&mut self, phi: &StateMatrix, c: &StateMatrix) {
         self.x.par_chunks_mut(PIECE).for_each(|states| {

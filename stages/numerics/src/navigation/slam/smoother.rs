@@ -83,7 +83,7 @@ const WIDE: f64 = 0.3;
 const PARTS: usize = 10;
 /// Number of starts for every flight; further starts are used only if these give a poor result.
 const USUAL_STARTS: usize = 3;
-/// [`SlamSmootherReport::agreement`] below which a track is implausible.
+/// Value of [`SlamSmootherReport::agreement`] below which a track is implausible.
 pub const CONTRADICTED: f64 = 0.5;
 /// Agreement below which more starts are tried.
 const DOUBTFUL: f64 = 0.9;
