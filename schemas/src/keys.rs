@@ -1,4 +1,4 @@
-//! Keys: results are addressed by their inputs.
+//! Keys of results: hashes of their inputs, by which results are addressed.
 
 use std::fmt;
 

@@ -20,9 +20,9 @@ use crate::{
 
 /// Error of a map at a height other than the height of the map.
 enum HeightError {
-    /// Map that is not continued: its height, in m, and its mean square by wavenumber.
+    /// Map that is not continued: its height, in metres, and its mean square by wavenumber.
     AsItIs { own_m: f64, power: RadialPower },
-    /// Continued map: height of each level, in m, and error there, in nT.
+    /// Continued map: height of each level, in metres, and error there, in nT.
     Continued(Vec<(f64, f64)>),
 }
 
@@ -43,24 +43,24 @@ struct NodeError {
     map: FieldMap,
     /// Root mean square over all nodes, in nT.
     rms_nt: f64,
-    /// Height of the error, in m, if it decreases with the height.
+    /// Height of the error, in metres, if it decreases with the height.
     level_m: Option<f64>,
 }
 
 /// Errors of a map that are computed from the map itself.
 pub struct MapErrors {
     height: HeightError,
-    /// Rms error of bilinear interpolation, in nT, and length of a cell, in m; `None` with another interpolation.
+    /// Rms error of bilinear interpolation, in nT, and length of a cell, in metres; `None` with another interpolation.
     bilinear: Option<(f64, f64)>,
     /// Error of each node.
     own: Option<NodeError>,
-    /// Length of a cell, in m.
+    /// Length of a cell, in metres.
     cell_m: f64,
 }
 
 impl MapErrors {
-    /// Errors of a map table. `levels_m`: heights of the continuation, in m above the ellipsoid, ascending. `bilinear`:
-    /// bilinear interpolation. `own`: source of the nodes' error.
+    /// Errors of a map table. `levels_m`: heights of the continuation, in metres above the ellipsoid, ascending.
+    /// `bilinear`: bilinear interpolation. `own`: source of the nodes' error.
     ///
     /// # Errors
     /// Fails if the table is not a grid, or lacks the column of that source.
@@ -101,8 +101,8 @@ impl MapErrors {
         Ok(Self { height, bilinear: bilinear.then(|| (bilinear_error_nt(&plane), cell_m)), own, cell_m })
     }
 
-    /// Expected root mean square error, in nT, over the whole map at the mean of the heights `alt_m`, in m above the
-    /// ellipsoid. For a continued map, the error of the continuation. NaN where either height is unknown.
+    /// Expected root mean square error, in nT, over the whole map at the mean of the heights `alt_m`, in metres above
+    /// the ellipsoid. For a continued map, the error of the continuation. NaN where either height is unknown.
     pub fn of_height_nt(&self, alt_m: &[f64]) -> f64 {
         let mean_m = alt_m.iter().sum::<f64>() / alt_m.len() as f64;
         match &self.height {
@@ -115,7 +115,7 @@ impl MapErrors {
         }
     }
 
-    /// Length of a cell, in m.
+    /// Length of a cell, in metres.
     pub fn cell_m(&self) -> f64 {
         self.cell_m
     }

@@ -46,7 +46,7 @@ impl LineDetection {
         LineDetection { motion, parts, lines }
     }
 
-    /// First and last time of a line, s past midnight UTC, rounded to 0.1 s so that text holds them exactly.
+    /// First and last time of a line, in seconds past midnight UTC, rounded to 0.1 s so that text holds them exactly.
     pub fn times_s(&self, line: &DetectedLine) -> (f64, f64) {
         let at = |row: usize| self.motion.tt_s.get(row).map_or(f64::NAN, |t| (10.0 * t).round() / 10.0);
         (at(line.rows.start), at(line.rows.end.saturating_sub(1)))
@@ -61,8 +61,8 @@ impl LineDetection {
         self.lines.iter().map(one).collect()
     }
 
-    /// Replaces the detected lines by `lines`: name, first and last time, s past midnight UTC. The name determines the
-    /// kind by its first letters.
+    /// Replaces the detected lines by `lines`: name, first and last time, in seconds past midnight UTC. The name
+    /// determines the kind by its first letters.
     pub fn divide(&mut self, lines: &[(String, f64, f64)]) {
         let tt = &self.motion.tt_s;
         let one = |(name, from, to): &(String, f64, f64)| {

@@ -54,7 +54,7 @@ fn risen(tt: &[f64]) -> Vec<f64> {
     tt.iter().map(|t| rise.next(*t)).collect()
 }
 
-/// Unwrapper of time at midnight, sample by sample, in s.
+/// Unwrapper of time at midnight, sample by sample, in seconds.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MidnightUnwrapper {
     before: f64,
@@ -68,7 +68,7 @@ impl Default for MidnightUnwrapper {
 }
 
 impl MidnightUnwrapper {
-    /// The time of the next sample, s past the midnight before the first sample.
+    /// The time of the next sample, in seconds past the midnight before the first sample.
     pub(super) fn next(&mut self, t: f64) -> f64 {
         let ends = (DAY_S - NEAR_S..DAY_S + NEAR_S).contains(&self.before);
         if ends && (0.0..NEAR_S).contains(&t) {

@@ -56,7 +56,7 @@ pub(super) const COLUMNS: [&str; 13] = [
 pub(super) struct FlightIns {
     member: usize,
     carried: Option<InsCarryover>,
-    /// Time of the last alignment, in s; NaN before the first line.
+    /// Time of the last alignment, in seconds; NaN before the first line.
     aligned_s: f64,
 }
 

@@ -3,7 +3,7 @@
 //! Digits up to 2^53 and a power of ten up to 10^22 are both exact as f64, so that their product or quotient is
 //! correctly rounded [Clinger 1990]. `str::parse` reads every other spelling.
 
-/// Number of bytes after a number that permits reading it without bounds checks.
+/// Number of bytes that must follow a number so that it can be read without bounds checks.
 pub(super) const PAD: usize = 8;
 
 /// The powers of ten that are exact.

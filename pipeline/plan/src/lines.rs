@@ -14,7 +14,7 @@ use crate::predicate::Predicate;
 /// A line, as a position in the lines of a [graph](super::PlanGraph).
 pub type LineId = usize;
 
-/// The lines of the points of all tables.
+/// Lines of each point of each table.
 #[derive(Default)]
 pub struct LineSets {
     /// The distinct sets of lines, each sorted.

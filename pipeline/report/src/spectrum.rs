@@ -40,7 +40,8 @@ pub fn segment_length(rows: usize) -> usize {
     1 << (rows / 4).max(2).ilog2().min(LARGEST)
 }
 
-/// Welch's method with a Hann taper, half overlap and segments without gaps, for columns with the times `tt` in s.
+/// Welch's method with a Hann taper, half overlap and segments without gaps, for columns with the times `tt` in
+/// seconds.
 ///
 /// # Errors
 /// Fails for times that are not increasing or not evenly spaced.

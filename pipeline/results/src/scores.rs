@@ -277,7 +277,7 @@ impl AxisValues {
     }
 }
 
-/// The scores of all tables of scores of `plan` that have a row, with the flags of `warnings`.
+/// Scores of every table of scores in `plan` that has a row, with the flags from `warnings`.
 pub fn all(plan: &Plan, pooled: &[PooledMetric], warnings: &[Warning]) -> Vec<(String, Scores)> {
     let one = |t: usize| {
         let (mut found, _) = Scores::new(plan, t, pooled);

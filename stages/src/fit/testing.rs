@@ -73,7 +73,7 @@ pub fn another() -> Vec<RecordBatch> {
     lines(&|_, exact| 1.1 * exact + 700.0 + 17.0 * (exact / 8.0).tanh())[..1].to_vec()
 }
 
-/// The [`plain`] lines, but the target lags the features by half a second.
+/// The [`plain`] lines, but with a target that lags the features by half a second.
 pub fn delayed() -> Vec<RecordBatch> {
     let late = |line: RecordBatch| {
         let y = line.column(1).as_primitive::<Float64Type>().values().to_vec();

@@ -89,7 +89,7 @@ impl<'a> InsColumns<'a> {
         &self.position[2]
     }
 
-    /// Mean distance from one sample to the next, in m.
+    /// Mean distance from one sample to the next, in metres.
     pub(super) fn step_m(&self) -> f64 {
         let [vn_mps, ve_mps, _] = &self.velocity;
         let speed_mps = vn_mps.iter().zip(ve_mps.iter()).map(|(n, e)| n.hypot(*e)).sum::<f64>() / vn_mps.len() as f64;

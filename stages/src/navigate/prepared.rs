@@ -42,11 +42,11 @@ pub(crate) struct NavigationMap {
 /// Heights to which a map is continued on demand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct MapHeightLevels {
-    /// The map's own height, in m above the ellipsoid.
+    /// The map's own height, in metres above the ellipsoid.
     own_m: f64,
-    /// Length of a cell of the map, in m.
+    /// Length of a cell of the map, in metres.
     cell_m: f64,
-    /// Distance below and above a line that a height bias may take, in m.
+    /// Distance below and above a line that a height bias may take, in metres.
     reach_m: f64,
 }
 
@@ -106,7 +106,7 @@ impl NavigationMaps {
         Ok(maps)
     }
 
-    /// Map for a line at these heights, in m above the ellipsoid.
+    /// Map for a line at these heights, in metres above the ellipsoid.
     ///
     /// # Errors
     /// Fails in the cases of [`field_map`].

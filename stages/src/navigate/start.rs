@@ -66,12 +66,12 @@ params! {
 pub(super) const ALIGNED: &str = "ins_aligned";
 const TRUTH: [&str; 3] = ["lat", "lon", "alt"];
 const TRUE_VELOCITY: [&str; 3] = ["vn", "ve", "vd"];
-/// Longest time from the start of a line to the position and velocity fix of the line, in s.
+/// Longest time from the start of a line to the position and velocity fix of the line, in seconds.
 const FIX_WITHIN_S: f64 = 2.0;
-/// Times from an unknown alignment to a fix, in s: an old alignment, and one at the fix. Within an hour, about two
-/// thirds of a Schuler period, the tilts reach their largest errors.
+/// Times from an unknown alignment to a fix, in seconds: an old alignment, and one at the fix. Within an hour, about
+/// two thirds of a Schuler period, the tilts reach their largest errors.
 const ASSUMED_AGES_S: [f64; 2] = [3600.0, 0.0];
-/// Longest time from an alignment to a line, in s.
+/// Longest time from an alignment to a line, in seconds.
 const LONGEST_AGE_S: f64 = 2.0 * 86_400.0;
 
 /// Initial condition of the filter of a line.
@@ -81,7 +81,7 @@ pub(super) enum InitialCondition {
     Given,
     /// The alignment, and the time since then.
     Aligned {
-        /// Time since the alignment, in s.
+        /// Time since the alignment, in seconds.
         age_s: f64,
     },
     /// A fix at a row.
@@ -90,7 +90,7 @@ pub(super) enum InitialCondition {
         fix: StartFix,
         /// Row of the fix.
         row: usize,
-        /// Time from the alignment to the fix, in s; `None` if it is unknown.
+        /// Time from the alignment to the fix, in seconds; `None` if it is unknown.
         age_s: Option<f64>,
     },
 }
@@ -282,7 +282,7 @@ impl Navigate {
     }
 }
 
-/// Time from the last alignment of the INS to a time `at_s` of the line, in s.
+/// Time from the last alignment of the INS to a time `at_s` of the line, in seconds.
 fn age_s(batch: &RecordBatch, at_s: f64) -> Result<f64, Fault> {
     let aligned = floats(batch, ALIGNED)?.first().copied().unwrap_or(f64::NAN);
     let age_s = at_s - aligned;

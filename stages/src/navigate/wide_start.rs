@@ -20,7 +20,7 @@ use super::{
 use crate::columns::{array, data};
 
 /// Columns of a filter that linearises the map from the first sample on: the initial standard deviation of the position
-/// (longer axis), and the largest one over which the map is linear within the noise, in m.
+/// (longer axis), and the largest one over which the map is linear within the noise, in metres.
 pub const START_COLUMNS: [&str; 2] = ["start_sigma", "start_sigma_limit"];
 
 /// Standard deviation (nT) and time constant (s) of the slow error while the aircraft is located, if they are unset. A

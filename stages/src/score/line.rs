@@ -26,7 +26,7 @@ pub struct CompensationSignals {
     pub after_nt: Vec<f64>,
 }
 
-/// Offsets of positions from the true positions, in m.
+/// Offsets of positions from the true positions, in metres.
 pub struct HorizontalErrors {
     /// Northward.
     pub north_m: Vec<f64>,
@@ -55,7 +55,7 @@ impl<'a> ScoreLine<'a> {
         ScoreLine { stage, line, places, error, signals, track_error, radii, map_error }
     }
 
-    /// Times of the samples, in s.
+    /// Times of the samples, in seconds.
     ///
     /// # Errors
     /// Fails if the line has no numeric column `tt`.
@@ -216,7 +216,7 @@ impl<'a> ScoreLine<'a> {
         if self.places.get(ScoreSource::Bound).is_some() { vec![f64::NAN; errors.len()] } else { errors }
     }
 
-    /// Horizontal distances of the track from the truth, in m, sorted, without samples of unknown distance.
+    /// Horizontal distances of the track from the truth, in metres, sorted, without samples of unknown distance.
     ///
     /// # Errors
     /// Fails in the cases of [`ScoreLine::track_error`].

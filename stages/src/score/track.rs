@@ -251,7 +251,7 @@ fn radius(line: &ScoreLine, part: f64) -> Result<SampleStatistic, Fault> {
     Ok(SampleStatistic { value: statistics::quantile(radii, part), n: radii.len() })
 }
 
-/// Height of the track minus the true height, in m.
+/// Height of the track minus the true height, in metres.
 fn down_error(line: &ScoreLine) -> Result<Vec<f64>, Fault> {
     let (track, truth) = (line.named(ScoreSource::Track, "alt")?, line.column(ScoreSource::Height)?);
     Ok(line.unless_bound(track.iter().zip(truth).map(|(track, truth)| track - truth).collect()))

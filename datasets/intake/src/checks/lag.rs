@@ -4,7 +4,7 @@ use numerics::signal::lag::{SignalLag, lag_of};
 
 use super::sampling;
 
-/// Maximum lag of the search, in s and in samples.
+/// Maximum lag of the search, in seconds and in samples.
 const MOST_S: f64 = 2.0;
 const MOST_SAMPLES: f64 = 100.0;
 /// Maximum number of samples used from the longest stretch without a gap.

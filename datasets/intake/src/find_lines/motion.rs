@@ -23,7 +23,7 @@ const USUAL: f64 = 0.95;
 /// Positions of a flight, in the order of their times.
 #[derive(Clone, Debug, Default)]
 pub struct PositionChannel {
-    /// Times, s past midnight UTC.
+    /// Times, in seconds past midnight UTC.
     pub tt_s: Vec<f64>,
     /// Latitudes, in degrees.
     pub lat_deg: Vec<f64>,
@@ -36,7 +36,7 @@ pub struct PositionChannel {
 /// Attitudes of a flight, in the order of their times.
 #[derive(Clone, Debug, Default)]
 pub struct AttitudeChannel {
-    /// Times, s past midnight UTC.
+    /// Times, in seconds past midnight UTC.
     pub tt_s: Vec<f64>,
     /// Roll, pitch and yaw, in degrees.
     pub angles_deg: [Vec<f64>; 3],
@@ -54,7 +54,7 @@ pub struct FlightChannels {
 /// Motion of a flight at 5 Hz; NaN where unknown.
 #[derive(Clone, Debug, Default)]
 pub struct FlightMotion {
-    /// Times, multiples of the step, s past midnight UTC.
+    /// Times, multiples of the step, in seconds past midnight UTC.
     pub tt_s: Vec<f64>,
     /// North of the first position, in metres.
     pub north_m: Vec<f64>,
@@ -192,7 +192,7 @@ fn on_the_plane(position: &PositionChannel) -> (Vec<f64>, Vec<f64>, Vec<f64>, Ve
 
 /// Linear interpolation onto even times; NaN in gaps.
 fn onto(tt: &[f64], x: &[f64], grid: &[f64]) -> Vec<f64> {
-    /// Minimum length of a gap that is not interpolated, in median steps, with lower and upper bounds in s.
+    /// Minimum length of a gap that is not interpolated, in median steps, with lower and upper bounds in seconds.
     const STEPS: f64 = 2.5;
     const GAP_S: (f64, f64) = (1.0, 5.0);
     let known: Vec<(f64, f64)> = tt.iter().copied().zip(x.iter().copied()).filter(|(_, x)| x.is_finite()).collect();

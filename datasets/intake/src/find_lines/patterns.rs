@@ -343,7 +343,7 @@ impl SegmentedFlight<'_> {
     fn tie(&self, lines: &mut [DetectedLine]) {
         let sides: Vec<(NorthEast, NorthEast)> = lines.iter().map(|l| self.ends(&l.rows)).collect();
         let vector = |(a, b): &(NorthEast, NorthEast)| (b.0 - a.0, b.1 - a.1);
-        // Twice the angle, so that opposite directions are one axis.
+        // The angle is doubled, so that opposite directions count as one axis.
         let (mut cos, mut sin, mut all_m) = (0.0, 0.0, 0.0);
         for side in &sides {
             let (n, e) = vector(side);

@@ -86,7 +86,7 @@ pub struct Diurnal {
 pub struct Pulsations {
     /// Standard deviation of the north component, in nT.
     pub sigma_nt: f64,
-    /// Centre of the band, in s.
+    /// Centre of the band, in seconds.
     pub period_s: f64,
     /// Standard deviation of the frequency, as a fraction of the centre frequency.
     pub width: f64,
@@ -99,9 +99,9 @@ pub struct Storm {
     pub depth_nt: f64,
     /// Sudden commencement, in seconds past midnight.
     pub start_tt_s: f64,
-    /// Time from the commencement to the minimum, in s.
+    /// Time from the commencement to the minimum, in seconds.
     pub main_s: f64,
-    /// Time from the minimum to 1/e of the depth, in s.
+    /// Time from the minimum to 1/e of the depth, in seconds.
     pub recovery_s: f64,
 }
 

@@ -58,7 +58,7 @@ pub(in super::super) fn flights(root: &SynthSection, air: &FlightConditions) -> 
     flights
 }
 
-/// Default time from the end of a line to the start of the next line, in s.
+/// Default time from the end of a line to the start of the next line, in seconds.
 const PAUSE_S: f64 = 60.0;
 
 /// The copies of a flight.

@@ -38,7 +38,7 @@ pub struct TrackSelection<'a> {
     pub lines: &'a [String],
 }
 
-/// Tracks of one line at one point, with heights in m.
+/// Tracks of one line at one point, with heights in metres.
 struct KmlTrack {
     name: String,
     line_tracks: LineTracks,

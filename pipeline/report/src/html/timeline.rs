@@ -4,7 +4,7 @@ use figures::{chart::px, ticks};
 use intake::checks::QualityFigure;
 use maud::{Markup, html};
 
-/// Timeline of one column over a flight, times in s.
+/// Timeline of one column over a flight, times in seconds.
 #[derive(Clone, Debug, Default)]
 pub struct TimelineLane {
     /// Name.

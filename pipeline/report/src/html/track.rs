@@ -35,7 +35,7 @@ pub struct LineTracks {
     pub ins: Option<DegreeTrack>,
     /// The estimate.
     pub estimate: DegreeTrack,
-    /// Standard deviations north and east, in m, and the covariance of both errors, in m².
+    /// Standard deviations north and east, in metres, and the covariance of both errors, in m².
     pub sigma: Option<[Vec<f64>; 3]>,
     /// Innovations, in nT.
     pub residual: Option<Vec<f64>>,

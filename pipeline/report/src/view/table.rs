@@ -28,7 +28,7 @@ pub struct ViewTable {
 pub struct AxisIndex {
     /// Name.
     pub name: String,
-    /// Distinct values as text, in the order of the units. An empty text is a missing value.
+    /// Distinct values as text, in the order of the units. An empty string is a missing value.
     pub words: Vec<String>,
     at: Vec<u32>,
 }

@@ -32,13 +32,14 @@ pub struct NavigationSettings {
     pub dates: Option<(f64, f64)>,
     /// Time of the first rejected GNSS position, in seconds from the start of the line.
     pub gnss_rejected_s: Option<f64>,
-    /// Lag of the magnetometer and its standard deviation at the last sample, in s; `None` if the lag is not a state.
+    /// Lag of the magnetometer and its standard deviation at the last sample, in seconds; `None` if the lag is not a
+    /// state.
     pub lag_s: Option<(f64, f64)>,
     /// Bias between the height of the INS and the height on the map, and its standard deviation, at the last sample, in
-    /// m; `None` if the bias is not a state.
+    /// metres; `None` if the bias is not a state.
     pub height_bias_m: Option<(f64, f64)>,
-    /// Standard deviation of the initial position, and the largest one over which the map is linear, in m. `None` for a
-    /// filter that does not linearise the map.
+    /// Standard deviation of the initial position, and the largest one over which the map is linear, in metres. `None`
+    /// for a filter that does not linearise the map.
     pub start_m: Option<(f64, f64)>,
 }
 
@@ -53,7 +54,7 @@ pub enum NavigationSide {
 
 impl NavigationSettings {
     /// Settings of a navigation with the parameters `params` in canonical spelling. `first` returns the first value of
-    /// a column. Unset: `gnss_rejected_s`, `lag_s` and `height_bias_m`.
+    /// a column. Leaves `gnss_rejected_s`, `lag_s` and `height_bias_m` unset.
     ///
     /// # Errors
     /// Fails if `first` fails.
@@ -155,20 +156,20 @@ impl<'a> LineFacts<'a> {
         self.settings.as_ref().and_then(|s| s.gnss_rejected_s)
     }
 
-    /// Standard deviation of the initial position, and the distance over which the map is linear, in m, if their ratio
-    /// exceeds its limit.
+    /// Standard deviation of the initial position, and the distance over which the map is linear, in metres, if their
+    /// ratio exceeds its limit.
     pub fn wide_start_m(&self) -> Option<(f64, f64)> {
         let exceeds = |(sigma_m, linear_m): &(f64, f64)| *sigma_m > limits::WIDE_START * linear_m;
         self.settings.as_ref().and_then(|s| s.start_m).filter(exceeds)
     }
 
-    /// Lag of the magnetometer and its standard deviation, in s, if the lag exceeds its limits.
+    /// Lag of the magnetometer and its standard deviation, in seconds, if the lag exceeds its limits.
     pub fn lag_s(&self) -> Option<(f64, f64)> {
         let exceeds = |(lag_s, sigma_s): &(f64, f64)| lag_s.abs() > limits::LAG_S.max(limits::LAG_SIGMAS * sigma_s);
         self.settings.as_ref().and_then(|s| s.lag_s).filter(exceeds)
     }
 
-    /// Bias between the height of the INS and the height on the map, and its standard deviation, in m, if the bias
+    /// Bias between the height of the INS and the height on the map, and its standard deviation, in metres, if the bias
     /// exceeds its limits.
     pub fn height_bias_m(&self) -> Option<(f64, f64)> {
         let exceeds =

@@ -19,7 +19,7 @@ pub const LAG_SIGMAS: f64 = 4.0;
 /// filter with rejections loses it.
 pub const GATED: f64 = 0.1;
 
-/// Limit of the bias between the height of the INS and the height on the map, in m. A flagged bias also exceeds
+/// Limit of the bias between the height of the INS and the height on the map, in metres. A flagged bias also exceeds
 /// [`LAG_SIGMAS`] standard deviations of its estimate. The weather changes the height of a barometer by less within an
 /// hour.
 pub const HEIGHT_BIAS_M: f64 = 10.0;

@@ -11,7 +11,7 @@ pub fn sample_bound_m(north: f64, east: f64, sigma_nt: f64) -> f64 {
 /// Settings of [`window_bounds_m`] for the measurements of a window of time.
 #[derive(Clone, Copy, Debug)]
 pub struct WindowInformation {
-    /// The length of the window, in s.
+    /// The length of the window, in seconds.
     pub window_s: f64,
     /// Standard deviation of the error of a measurement, independent of the others, in nT.
     pub sigma_nt: f64,

@@ -31,14 +31,14 @@ pub use slope_error::likely_slope_error;
 /// Linearisation of a measurement of the field.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Linearisation {
-    /// At the predicted state, as [`ekf`](crate::navigation::ekf).
+    /// Linearises at the predicted state, as in [`ekf`](crate::navigation::ekf).
     #[default]
     Once,
     /// Again at each estimate, as [`iekf`](crate::navigation::iekf).
     Iterated {
         /// Maximum number of linearisations.
         iterations: usize,
-        /// Position change, in m, below which the iteration ends.
+        /// Position change, in metres, below which the iteration ends.
         tolerance_m: f64,
     },
     /// Linearises over the uncertainty of the position, as in [`ukf`](crate::navigation::ukf). Only α, β and κ of these
@@ -77,10 +77,10 @@ pub struct AidedOutput {
     pub nonlinear_sd_nt: Vec<f64>,
     /// Innovations of the further measurements.
     pub aids: AidInnovations,
-    /// Lag of the scalar magnetometer at each sample, and its standard deviation, in s; empty if the lag is not a
+    /// Lag of the scalar magnetometer at each sample, and its standard deviation, in seconds; empty if the lag is not a
     /// state.
     pub latency_s: [Vec<f64>; 2],
-    /// Height bias on the map at each sample, and its standard deviation, in m; empty if the bias is not a state.
+    /// Height bias on the map at each sample, and its standard deviation, in metres; empty if the bias is not a state.
     pub map_height_m: [Vec<f64>; 2],
 }
 

@@ -72,8 +72,8 @@ pub struct DifferenceAid<'a> {
     pub difference_nt: &'a [f64],
     /// Standard deviation of the white noise of the difference, in nT.
     pub sigma_nt: f64,
-    /// Vector from the second magnetometer to the first along nose, right and down, in m. The middle of this baseline
-    /// is at the INS.
+    /// Vector from the second magnetometer to the first along nose, right and down, in metres. The middle of this
+    /// baseline is at the INS.
     pub baseline_m: [f64; 3],
     /// Error of the map's slope.
     pub slope: SlopeError<'a>,
@@ -93,7 +93,7 @@ pub struct VectorAid<'a> {
     /// Standard deviation, in nT, of each component (north, east, down) of the crustal field that a scalar map does not
     /// determine.
     pub crustal_sigma_nt: f64,
-    /// Correlation length of this field along the track, in m.
+    /// Correlation length of this field along the track, in metres.
     pub crustal_length_m: f64,
     /// Core field.
     pub core: &'a Arc<CoreField>,
@@ -102,11 +102,11 @@ pub struct VectorAid<'a> {
 /// Independent heights, for example of a barometer that does not already aid the INS.
 #[derive(Clone, Copy, Debug)]
 pub struct HeightAid<'a> {
-    /// Height above the ellipsoid at each sample, in m; NaN if missing.
+    /// Height above the ellipsoid at each sample, in metres; NaN if missing.
     pub alt_m: &'a [f64],
-    /// Standard deviation of the white noise, in m.
+    /// Standard deviation of the white noise, in metres.
     pub sigma_m: f64,
-    /// Slow error, in m.
+    /// Slow error, in metres.
     pub bias: GaussMarkov,
 }
 
@@ -126,7 +126,7 @@ pub struct PermanentChange<'a> {
 pub struct MapErrorProcess {
     /// Standard deviation, in nT.
     pub sigma_nt: f64,
-    /// Correlation length along the track, in m.
+    /// Correlation length along the track, in metres.
     pub length_m: f64,
 }
 
@@ -143,15 +143,15 @@ pub struct Aids<'a> {
     pub map_error: Option<MapErrorProcess>,
     /// Change of the aircraft's permanent field as states.
     pub permanent: Option<PermanentChange<'a>>,
-    /// Standard deviation of the lag of the scalar magnetometer before the line, in s. The lag is a constant state: a
-    /// sample with time stamp `t` was measured at `t` minus the lag.
+    /// Standard deviation of the lag of the scalar magnetometer before the line, in seconds. The lag is a constant
+    /// state: a sample with time stamp `t` was measured at `t` minus the lag.
     pub latency_sigma_s: Option<f64>,
-    /// Prior standard deviation, in m, of the bias between the height of the aircraft and its assumed height on the
-    /// map. This height bias is a constant state. It is the error of the INS's barometer, or the error of the map's
+    /// Prior standard deviation, in metres, of the bias between the height of the aircraft and its assumed height on
+    /// the map. This height bias is a constant state. It is the error of the INS's barometer, or the error of the map's
     /// height with the opposite sign. It requires a map that changes with height.
     pub map_height_sigma_m: Option<f64>,
-    /// Largest standard deviation of a measurement, divided by the map's slope, in m, for which the map observes the
-    /// position.
+    /// Largest standard deviation of a measurement, divided by the map's slope, in metres, for which the map observes
+    /// the position.
     pub flat_over_m: Option<f64>,
 }
 

@@ -32,7 +32,7 @@ pub struct TruePath<'a> {
     pub lat_deg: &'a [f64],
     /// Longitude, in degrees.
     pub lon_deg: &'a [f64],
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: &'a [f64],
     /// Velocity north, east and down, in m/s; `None` uses the velocity of the INS.
     pub velocity_ned_mps: Option<[&'a [f64]; 3]>,

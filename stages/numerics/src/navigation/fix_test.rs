@@ -45,7 +45,7 @@ const AGREES_NIS: f64 = 6.9;
 pub const SCALE_OVER: usize = 50;
 /// Median of the square of a standard normal variable.
 const MEDIAN_SQUARE: f64 = 0.4549;
-/// Smallest initial standard deviation of each coordinate in the test, in m.
+/// Smallest initial standard deviation of each coordinate in the test, in metres.
 pub const START_POSITION_M: f64 = 10_000.0;
 /// Smallest initial standard deviation of each velocity component, in m/s.
 pub const START_VELOCITY_MPS: f64 = 2.0;

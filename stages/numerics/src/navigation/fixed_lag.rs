@@ -91,8 +91,8 @@ pub struct FixedLagMagnetometer<'a> {
     pub sigma_nt: &'a [f64],
     /// Aircraft field.
     pub coefficients: AircraftCoefficients<'a>,
-    /// Additional slow error: standard deviation in nT, and time constant in s. A standard deviation of 0 means no such
-    /// error.
+    /// Additional slow error: standard deviation in nT, and time constant in seconds. A standard deviation of 0 means
+    /// no such error.
     pub error: GaussMarkov,
 }
 

@@ -141,7 +141,7 @@ impl OsborneFlight {
         TruePath { lat_deg, lon_deg, alt_m, velocity_ned_mps: Some([vn, ve, vd]) }
     }
 
-    /// Error of a filter's position, north and east, in m.
+    /// Error of a filter's position, north and east, in metres.
     pub(crate) fn error_m(&self, output: &NavigationOutput, row: usize) -> [f64; 2] {
         let (lat_deg, alt_m) = (self.truth.columns[1][row], self.truth.columns[3][row]);
         let (north, east) = EarthModel::Wgs84.north_east_m_per_rad(lat_deg.to_radians(), alt_m);

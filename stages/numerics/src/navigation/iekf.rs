@@ -42,7 +42,7 @@ use crate::navigation::transition::add_scaled;
 pub struct IekfParameters {
     /// Maximum number of linearisations of the map per measurement, at least 1.
     pub iterations: usize,
-    /// Position change, in m, below which the iteration ends.
+    /// Position change, in metres, below which the iteration ends.
     pub tolerance_m: f64,
     /// Largest NIS of a measurement; measurements with larger NIS are rejected and counted. `None` uses every
     /// measurement.

@@ -73,7 +73,7 @@ pub struct InsErrorModel {
     pub sources: InsErrors,
     /// Standard deviation of the temporal variation, in nT.
     pub fogm_sigma_nt: f64,
-    /// Time constant of the temporal variation, in s.
+    /// Time constant of the temporal variation, in seconds.
     pub fogm_tau_s: f64,
     /// Earth model for conversions between metres and radians.
     pub earth: EarthModel,

@@ -6,13 +6,13 @@ use thiserror::Error;
 /// INS output along one line, one value per sample in every column.
 #[derive(Clone, Copy, Debug)]
 pub struct InsSeries<'a> {
-    /// Time, in s, strictly ascending; steps may be uneven.
+    /// Time, in seconds, strictly ascending; steps may be uneven.
     pub tt_s: &'a [f64],
     /// Geodetic latitude, in degrees.
     pub lat_deg: &'a [f64],
     /// Longitude, in degrees.
     pub lon_deg: &'a [f64],
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: &'a [f64],
     /// Velocity north, in m/s.
     pub vn_mps: &'a [f64],

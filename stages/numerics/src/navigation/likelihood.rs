@@ -54,15 +54,15 @@ pub struct LineNoise {
     pub sigma_nt: IntervalEstimate,
     /// Standard deviation of the Gauss-Markov process, in nT.
     pub fogm_sigma_nt: IntervalEstimate,
-    /// Time constant of the Gauss-Markov process, in s.
+    /// Time constant of the Gauss-Markov process, in seconds.
     pub fogm_tau_s: IntervalEstimate,
     /// Change of the permanent field, if it is given or detected: standard deviation of each component, in nT, and time
-    /// constant, in s, reduced so that the process noise increases by the same factor.
+    /// constant, in seconds, reduced so that the process noise increases by the same factor.
     pub permanent: Option<[IntervalEstimate; 2]>,
-    /// Prior standard deviation of the lag of the magnetometer, in s, if it is given or detected.
+    /// Prior standard deviation of the lag of the magnetometer, in seconds, if it is given or detected.
     pub latency_sigma_s: Option<f64>,
-    /// Prior standard deviation of the bias between the height of the INS and the height on the map, in m, if it is
-    /// given or detected.
+    /// Prior standard deviation of the bias between the height of the INS and the height on the map, in metres, if it
+    /// is given or detected.
     pub map_height_sigma_m: Option<f64>,
     /// Factor on the variance of the map's own error at each sample, increased for the correlation of the innovations;
     /// 0 if no map error is given or detected.
@@ -112,15 +112,15 @@ pub struct NoiseSearch<'a> {
     pub direction: Option<&'a [[f64; 3]]>,
     /// Aircraft field of an uncompensated magnetometer. It cannot be combined with `direction`.
     pub aircraft: Option<AircraftStates<'a>>,
-    /// Prior standard deviation of the lag of the magnetometer, in s; 0 for none, `None` to search for a lag. An
+    /// Prior standard deviation of the lag of the magnetometer, in seconds; 0 for none, `None` to search for a lag. An
     /// `aircraft` field has no lag.
     pub latency_sigma_s: Option<f64>,
-    /// Prior standard deviation of the bias between the height of the INS and the height on the map, in m. 0 for no
-    /// bias; `None` to search for a bias, which requires a map that changes with height. An `aircraft` field has no
+    /// Prior standard deviation of the bias between the height of the INS and the height on the map, in metres. 0 for
+    /// no bias; `None` to search for a bias, which requires a map that changes with height. An `aircraft` field has no
     /// such bias.
     pub map_height_sigma_m: Option<f64>,
     /// Given parameters: white noise in nT, standard deviation of the process in nT, its time constant in s, standard
-    /// deviation of the change of the permanent field in nT (0 for none), and its time constant in s.
+    /// deviation of the change of the permanent field in nT (0 for none), and its time constant in seconds.
     pub given: NoiseParameters,
 }
 
@@ -265,9 +265,9 @@ struct NoiseLikelihood<'a> {
     /// Terms of the aircraft field at the thinned samples.
     terms: &'a [f64],
     map_factor: f64,
-    /// Prior standard deviation of the lag, in s; `None` without a state for it.
+    /// Prior standard deviation of the lag, in seconds; `None` without a state for it.
     latency_sigma_s: Option<f64>,
-    /// Prior standard deviation of the height bias, in m; `None` without a state for it.
+    /// Prior standard deviation of the height bias, in metres; `None` without a state for it.
     map_height_sigma_m: Option<f64>,
 }
 

@@ -30,11 +30,11 @@ const RADII: [(f64, f64); 3] = [
 ];
 /// Number of directions.
 const DIRECTIONS: u32 = 8;
-/// Times of the positions along the path, in s: interval and number.
+/// Times of the positions along the path, in seconds: interval and number.
 const PATH: (f64, u32) = (5.0, 13);
 /// Largest tolerated linearisation error, as a fraction of the linear change.
 const LARGEST_SHARE: f64 = 1.0 / 3.0;
-/// Smallest and largest range, in m.
+/// Smallest and largest range, in metres.
 const RANGE_M: [f64; 2] = [0.1, 1e5];
 /// Number of bisections of the logarithm of the range; the relative error is 1e-5.
 const BISECTIONS: usize = 20;
@@ -42,10 +42,11 @@ const BISECTIONS: usize = 20;
 /// Position uncertainty, and the largest one over which the field is linear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinearRange {
-    /// Standard deviation of the position along the longer axis of its error ellipse, in m.
+    /// Standard deviation of the position along the longer axis of its error ellipse, in metres.
     pub sigma_m: f64,
-    /// Largest `sigma_m` for which the linearisation error is below the noise or a third of the linear change, in m; at
-    /// most the extent of the map, and 100 km. NaN without a value of the map on the path, or without a measurement.
+    /// Largest `sigma_m` for which the linearisation error is below the noise or a third of the linear change, in
+    /// metres; at most the extent of the map, and 100 km. NaN without a value of the map on the path, or without a
+    /// measurement.
     pub limit_m: f64,
 }
 

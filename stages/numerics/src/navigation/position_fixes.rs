@@ -16,11 +16,11 @@ pub struct PositionFixes {
     pub lat_deg: Vec<f64>,
     /// Longitude, in degrees.
     pub lon_deg: Vec<f64>,
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: Vec<f64>,
-    /// Standard deviation of the position in each of north and east, in m.
+    /// Standard deviation of the position in each of north and east, in metres.
     pub horizontal_sigma_m: f64,
-    /// Standard deviation of the height, in m.
+    /// Standard deviation of the height, in metres.
     pub vertical_sigma_m: f64,
 }
 
@@ -83,11 +83,11 @@ pub struct PositionFix {
     pub lat_deg: f64,
     /// Longitude, in degrees.
     pub lon_deg: f64,
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: f64,
-    /// Standard deviation of the position in each of north and east, in m.
+    /// Standard deviation of the position in each of north and east, in metres.
     pub horizontal_sigma_m: f64,
-    /// Standard deviation of the height, in m.
+    /// Standard deviation of the height, in metres.
     pub vertical_sigma_m: f64,
 }
 

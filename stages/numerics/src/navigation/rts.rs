@@ -94,7 +94,7 @@ const SMALL_STEP_SIGMAS: f64 = 0.5;
 pub struct RtsParameters {
     /// Maximum number of passes over the line, at least 1. One pass is the extended Kalman smoother.
     pub iterations: usize,
-    /// Largest position change, in m, below which the iteration ends.
+    /// Largest position change, in metres, below which the iteration ends.
     pub tolerance_m: f64,
     /// Loss of a residual.
     pub loss: TrajectoryLoss,
@@ -144,8 +144,8 @@ pub struct RtsReport {
     /// 0.01. The second case is common on a bilinear map: its slope jumps between the nodes, and J has an edge at the
     /// minimum.
     pub converged: bool,
-    /// Largest change of a position of the line in the last full step, in m; infinite after a single pass, which has no
-    /// step. Without convergence, it estimates the distance of the trajectory from the most probable trajectory.
+    /// Largest change of a position of the line in the last full step, in metres; infinite after a single pass, which
+    /// has no step. Without convergence, it estimates the distance of the trajectory from the most probable trajectory.
     pub last_step_m: f64,
     /// Last full step in standard deviations: no state of the line, and no combination of states, changes by more than
     /// this number of its own standard deviations. It is the square root of twice the decrease of J predicted by the
@@ -345,7 +345,7 @@ impl<'a> RtsSmoother<'a> {
         RtsCandidate { trajectory, rise }
     }
 
-    /// Largest change of a position from the trajectory to another, in m.
+    /// Largest change of a position from the trajectory to another, in metres.
     fn step_m(&self, to: &[StateVector]) -> f64 {
         let (ins, earth) = (self.line.ins, self.line.errors.earth);
         let mut largest_m2 = 0.0_f64;

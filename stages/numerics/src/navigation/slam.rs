@@ -156,7 +156,7 @@ struct SlamFilter<'a> {
     map: ParticleMap,
     /// Variance that resampling has removed from the covariance.
     lost: LostVariance,
-    /// Displacement of each particle at the mean time of the step's measurements, in m.
+    /// Displacement of each particle at the mean time of the step's measurements, in metres.
     now_m: Vec<[f64; 2]>,
     moments: SlamMoments,
     /// Moments of the Kalman filter, used with aiding positions until the next weighting by the field. These moments

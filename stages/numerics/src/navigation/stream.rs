@@ -123,9 +123,9 @@ pub struct StreamSetup {
     /// Adds the variance from the curvature of the map over the position uncertainty to the measurement noise.
     /// Default: false.
     pub second_order: bool,
-    /// Offset window of the filter of a whole line, in s. It must be 0, the default.
+    /// Offset window of the filter of a whole line, in seconds. It must be 0, the default.
     pub offset_window_s: f64,
-    /// Longest permitted step between two samples, in s; infinity permits any step. Default: 10 s.
+    /// Longest permitted step between two samples, in seconds; infinity permits any step. Default: 10 s.
     pub max_gap_s: f64,
 }
 

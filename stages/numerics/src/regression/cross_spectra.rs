@@ -300,7 +300,7 @@ impl CrossSpectra {
         Some(product(&product(gain, &middle, p), gain, p))
     }
 
-    /// Bands, from the slowest, of the columns without change or minus their means.
+    /// Bands of the columns, from the slowest. The columns are unchanged or minus their means.
     fn about_means(&self, centred: bool) -> impl Iterator<Item = SpectralBand> + '_ {
         let off = move |(number, band): (&i32, &SpectralBand)| {
             let mut band = band.clone();

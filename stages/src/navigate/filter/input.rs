@@ -62,11 +62,11 @@ pub struct FilterInput<'a> {
     /// Change of the aircraft's permanent field, for a filter that estimates it
     /// ([`NavigationFilter::takes_scalar_states`]).
     pub permanent: Option<PermanentStates>,
-    /// Prior standard deviation of the lag of the magnetometer, in s, for a filter that estimates the lag. `None`
+    /// Prior standard deviation of the lag of the magnetometer, in seconds, for a filter that estimates the lag. `None`
     /// without a state for the lag.
     pub latency_sigma_s: Option<f64>,
-    /// Prior standard deviation of the bias between the height of the INS and the height on the map, in m, for a filter
-    /// that estimates the bias. `None` without a state for the bias.
+    /// Prior standard deviation of the bias between the height of the INS and the height on the map, in metres, for a
+    /// filter that estimates the bias. `None` without a state for the bias.
     pub map_height_sigma_m: Option<f64>,
     /// Whether the track has the columns of the lag, and those of the height bias.
     pub(in crate::navigate) has_constants: [bool; 2],

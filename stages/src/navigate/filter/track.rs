@@ -35,7 +35,7 @@ pub struct FilterTrack {
     pub lat_deg: Vec<f64>,
     /// Longitude, in degrees.
     pub lon_deg: Vec<f64>,
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: Vec<f64>,
     /// Velocity north, in m/s.
     pub vn_mps: Vec<f64>,
@@ -43,9 +43,9 @@ pub struct FilterTrack {
     pub ve_mps: Vec<f64>,
     /// Velocity down, in m/s.
     pub vd_mps: Vec<f64>,
-    /// Standard deviation of the position north, in m.
+    /// Standard deviation of the position north, in metres.
     pub sd_n_m: Vec<f64>,
-    /// Standard deviation of the position east, in m.
+    /// Standard deviation of the position east, in metres.
     pub sd_e_m: Vec<f64>,
     /// Covariance of the position errors north and east, in m².
     pub cov_ne_m2: Vec<f64>,

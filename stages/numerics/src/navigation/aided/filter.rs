@@ -270,7 +270,7 @@ impl<'a> AidedFilter<'a> {
         by
     }
 
-    /// Estimated height bias on the map, in m.
+    /// Estimated height bias on the map, in metres.
     fn height_bias_m(&self) -> f64 {
         self.states.map_height.map_or(0.0, |state| self.now.x[state])
     }

@@ -15,7 +15,7 @@ use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVect
 
 use super::{AidInnovations, AidStates, Aids, DifferenceAid, VectorAid};
 
-/// Distance over which the core field is linear, in m.
+/// Distance over which the core field is linear, in metres.
 const CORE_STEP_M: f64 = 1000.0;
 
 /// A further measurement.
@@ -362,9 +362,9 @@ pub fn field_direction(core: &CoreField, ins: &InsSeries<'_>, row: usize) -> [f6
 
 /// Half of the baseline between the magnetometers, oriented by the attitude of the INS.
 pub(crate) struct BaselineArm {
-    /// Full baseline north, east and down, in m.
+    /// Full baseline north, east and down, in metres.
     along: Vector3<f64>,
-    /// Half of the baseline in latitude and longitude, in rad, and height, in m.
+    /// Half of the baseline in latitude and longitude, in rad, and height, in metres.
     pub(crate) offset: [f64; 3],
     /// Metres per radian north and east.
     m_per_rad: (f64, f64),

@@ -17,7 +17,7 @@ pub(crate) struct AidStates {
     first: usize,
     /// Error models of the states. Errors with a correlation length have no time constant.
     pub(crate) errors: Vec<GaussMarkov>,
-    /// Positions of the states with a correlation length, and this length in m.
+    /// Positions of the states with a correlation length, and this length in metres.
     pub(crate) lengths_m: Vec<(usize, f64)>,
     pub(crate) difference: Option<usize>,
     pub(crate) height: Option<usize>,
@@ -29,7 +29,7 @@ pub(crate) struct AidStates {
     pub(crate) map_height: Option<usize>,
     /// Index of the first of the two errors of the map's slope, horizontal and upward, in standard deviations.
     pub(crate) slope: Option<usize>,
-    /// Index of the lag of the scalar magnetometer, in s.
+    /// Index of the lag of the scalar magnetometer, in seconds.
     pub(crate) latency: Option<usize>,
     /// Indices of the first of the three biases of the vector, and of the first of the three parts of the crustal
     /// field.

@@ -6,7 +6,7 @@ use crate::random::NormalGenerator;
 const ROWS: u32 = 900;
 
 /// Flight of 15 min with fixes of 2 m (height 5 m) every second, shifted north, east and up by `fault`, a function of
-/// the time in s.
+/// the time in seconds.
 fn tested(
     seed: u64,
     noise: f64,

@@ -12,7 +12,7 @@ use crate::navigation::{LineStep, NavigationLine, PredictedField};
 
 use super::FixedLagMagnetometer;
 
-/// Tolerance of the interval limits, in s, for the rounding of decimal times.
+/// Tolerance of the interval limits, in seconds, for the rounding of decimal times.
 pub(super) const SLACK_S: f64 = 1e-6;
 
 /// Instant at the first sample of an interval, with the measurements of the interval.

@@ -65,7 +65,7 @@ impl StateEstimate {
 pub(crate) struct StateLayout {
     /// Gauss-Markov errors. Errors with a correlation length have the correlation time of the step.
     pub errors: Vec<GaussMarkov>,
-    /// Positions of the errors with a correlation length, and this length in m.
+    /// Positions of the errors with a correlation length, and this length in metres.
     pub lengths_m: Vec<(usize, f64)>,
     /// Ranges of the coefficients of each magnetometer.
     pub blocks: Vec<Range<usize>>,

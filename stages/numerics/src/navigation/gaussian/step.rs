@@ -24,7 +24,7 @@ pub(crate) struct StepModel {
 
 /// Transition of a step.
 pub(crate) struct Transition {
-    /// Length, in s.
+    /// Length, in seconds.
     pub dt_s: f64,
     /// F at the beginning of the step.
     f: StateMatrix,
@@ -35,7 +35,7 @@ pub(crate) struct Transition {
 /// Step that filters in lanes share.
 #[derive(Clone)]
 pub(crate) struct LaneStep {
-    /// Length, in s.
+    /// Length, in seconds.
     pub dt_s: f64,
     pub phi: TransitionEntries,
     /// Process noise of the step if the noise is integrated, without the noise of the temporal variation.

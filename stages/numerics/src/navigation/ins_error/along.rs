@@ -129,7 +129,7 @@ impl InsErrorEnsemble {
         self.samples += 1;
     }
 
-    /// DRMS of each member so far, in m.
+    /// DRMS of each member so far, in metres.
     pub fn drms_m(&self) -> Vec<f64> {
         self.squares_m2.iter().map(|squares| (squares / self.samples.max(1) as f64).sqrt()).collect()
     }
@@ -144,7 +144,7 @@ impl InsErrorEnsemble {
     }
 }
 
-/// Horizontal position error of the INS, in m, from its error states.
+/// Horizontal position error of the INS, in metres, from its error states.
 pub fn horizontal_m(error: &[f64; STATES], lat_rad: f64, alt_m: f64) -> f64 {
     let earth = EarthModel::Wgs84;
     let north = earth.lat_rad_to_north_m(error[LAT], lat_rad, alt_m);

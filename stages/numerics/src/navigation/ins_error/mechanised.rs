@@ -93,7 +93,7 @@ fn moved(exact: &NavigationState, error: &StateVector) -> NavigationState {
     }
 }
 
-/// Time constants of the Gauss-Markov states, in s; infinite for the other states.
+/// Time constants of the Gauss-Markov states, in seconds; infinite for the other states.
 struct GaussMarkovDecay {
     taus_s: StateVector,
 }

@@ -6,7 +6,7 @@ use crate::navigation::pinson::{ALT, InsPoint, LAT, LON, STATES, StateMatrix, St
 use crate::navigation::strapdown::specific_force_mps2;
 use crate::navigation::transition::{propagate_state, step_covariance, transition_matrix};
 
-/// Longest step of the propagation from the alignment, in s.
+/// Longest step of the propagation from the alignment, in seconds.
 const STEP_S: f64 = 5.0;
 
 /// Covariance of the states at the first sample of `ins`, whose alignment was `age_s` seconds earlier.
@@ -41,7 +41,7 @@ pub fn aligned_covariance(errors: &InsErrorModel, ins: &InsSeries<'_>, age_s: f6
 pub struct StartFix {
     /// Latitude and longitude, in degrees.
     pub lat_lon_deg: [f64; 2],
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: f64,
     /// Velocity north, east and down, in m/s; `None` keeps the velocity of the INS.
     pub vel_ned_mps: Option<[f64; 3]>,
@@ -52,9 +52,9 @@ pub struct StartFix {
 /// Standard deviations of a fix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StartFixSigmas {
-    /// Standard deviation of the position in each of north and east, in m.
+    /// Standard deviation of the position in each of north and east, in metres.
     pub horizontal_m: f64,
-    /// Standard deviation of the height, in m.
+    /// Standard deviation of the height, in metres.
     pub vertical_m: f64,
     /// Standard deviation of each component of the velocity, in m/s.
     pub velocity_mps: f64,

@@ -12,11 +12,11 @@ struct ConstantState {
     values: fn(&AidedOutput) -> &[f64],
 }
 
-/// Lag, in s. The prior covers the delays of loggers and anti-alias filters. A larger estimate probably comes from a
-/// position error.
+/// Lag, in seconds. The prior covers the delays of loggers and anti-alias filters. A larger estimate probably comes
+/// from a position error.
 const LAG: ConstantState = ConstantState { prior_sigma: 1.0, largest: 2.0, values: |output| &output.latency_s[0] };
-/// Height bias, in m. The prior covers the weather (8 m per hPa), the temperature at low heights, and the geoid. A larger
-/// estimate probably comes from a wrong map.
+/// Height bias, in metres. The prior covers the weather (8 m per hPa), the temperature at low heights, and the geoid. A
+/// larger estimate probably comes from a wrong map.
 const MAP_HEIGHT: ConstantState =
     ConstantState { prior_sigma: 50.0, largest: 250.0, values: |output| &output.map_height_m[0] };
 /// Smallest increase of the logarithm of the likelihood for which a constant becomes a state. The prior alone decreases

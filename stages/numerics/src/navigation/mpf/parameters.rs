@@ -18,8 +18,8 @@ pub struct MpfParameters {
     /// Resamples from a kernel density instead of the particles (see [`super::run`]). Without regularisation, copies of
     /// a few particles remain for a navigation-grade INS, whose position error has almost no driving noise.
     pub regularise: bool,
-    /// Distance over which the map is nearly linear, in m. It is about the height above the sources. A wider cloud has
-    /// a separate kernel for each of its cells. For a difference, the slope must be linear over this distance.
+    /// Distance over which the map is nearly linear, in metres. It is about the height above the sources. A wider cloud
+    /// has a separate kernel for each of its cells. For a difference, the slope must be linear over this distance.
     pub smooth_over_m: f64,
     /// Independent noise for the position of each resampled particle, per axis: this number times the range of the
     /// particles over the square root of their number [Gordon, Salmond & Smith 1993, who use 0.2]; 0 adds no noise.

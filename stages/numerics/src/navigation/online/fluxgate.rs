@@ -30,7 +30,7 @@ pub struct Fluxgate<'a> {
     pub runs: &'a [Range<usize>],
     /// Standard deviation of the bias of each axis, in nT.
     pub sigma_nt: f64,
-    /// Correlation time of the bias, in s; infinite for a constant.
+    /// Correlation time of the bias, in seconds; infinite for a constant.
     pub tau_s: f64,
 }
 

@@ -24,7 +24,7 @@ pub struct NetworkPrior {
 /// minus the field of map, core field and temporal variation at a known position.
 #[derive(Clone, Copy, Debug)]
 pub struct NetworkCalibration<'a> {
-    /// Times of the samples, in s, ascending.
+    /// Times of the samples, in seconds, ascending.
     pub tt_s: &'a [f64],
     /// Features, row-major.
     pub features: &'a [f64],
@@ -42,7 +42,7 @@ pub struct TrainingParameters {
     /// Number of passes over the calibration. Each pass starts from the weights of the previous pass and the prior
     /// covariance, so the covariance equals the covariance of a single pass.
     pub passes: usize,
-    /// Time, in s, in which the weights are expected to change by their standard deviation after the calibration.
+    /// Time, in seconds, in which the weights are expected to change by their standard deviation after the calibration.
     pub memory_s: f64,
 }
 

@@ -80,7 +80,7 @@ impl Flight {
         ekf::run(&parameters, &self.ins.series(), &self.measured_nt, map, Some(core)).unwrap()
     }
 
-    /// Errors north and east, in m.
+    /// Errors north and east, in metres.
     fn error_m(&self, output: &NavigationOutput, row: usize) -> [f64; 2] {
         let lat_rad = self.truth.columns[1][row].to_radians();
         let (north, east) = EarthModel::Wgs84.north_east_m_per_rad(lat_rad, 500.0);

@@ -73,9 +73,9 @@ use params::Rule;
 use search::{SlamSearch, SlamSearchParameters, SlamWeightPrior};
 use thin::thinned;
 
-/// Standard deviation of the position error that the basis of the motion may omit, in m.
+/// Standard deviation of the position error that the basis of the motion may omit, in metres.
 const LACKING_M: f64 = 0.05;
-/// Standard deviation of the initial deviation from the path of the filter, in m.
+/// Standard deviation of the initial deviation from the path of the filter, in metres.
 const START_M: f64 = 5.0;
 /// White part of the kernel, in standard deviations of the anomaly, for a start with a wide valley.
 const WIDE: f64 = 0.3;
@@ -101,7 +101,7 @@ pub struct SlamSmootherParameters {
     pub noise_factor: f64,
     /// Maximum number of linearisations.
     pub passes: usize,
-    /// Position change of a measurement, in m, below which the search ends.
+    /// Position change of a measurement, in metres, below which the search ends.
     pub tolerance_m: f64,
 }
 
@@ -136,7 +136,7 @@ pub struct SlamSmootherReport {
     pub passes: usize,
     /// Whether path and kernel have converged.
     pub converged: bool,
-    /// Largest change of the position of a measurement in the last step, in m.
+    /// Largest change of the position of a measurement in the last step, in metres.
     pub last_step_m: f64,
     /// Final kernel.
     pub kernel: AnomalyKernel,
@@ -287,7 +287,7 @@ impl SlamTrack {
     }
 }
 
-/// Measurement, and the displacement of its position according to the filter, north and east, in m.
+/// Measurement, and the displacement of its position according to the filter, north and east, in metres.
 type DisplacedMeasurement = (SlamMeasurement, [f64; 2]);
 
 /// Initial weights and kernel of a search.
@@ -426,7 +426,7 @@ impl<'a> SlamSmootherContext<'a> {
             search.run()?;
             passes += search.passes;
             let fall = *fall.get_or_insert(filtered_cost - search.cost());
-            // Also false for a NaN.
+            // The comparison is also false for NaN.
             let better = fall >= 0.0;
             if !better {
                 return None;

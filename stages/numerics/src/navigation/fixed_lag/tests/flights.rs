@@ -179,7 +179,7 @@ impl Flight {
         run(parameters, &line, &magnetometers, FixedLagOptions { states: true, covariance: true }).unwrap()
     }
 
-    /// DRMS of estimated states, in m.
+    /// DRMS of estimated states, in metres.
     pub fn drms_m(&self, x: &[StateVector]) -> f64 {
         let earth = EarthModel::Wgs84;
         let square = |(row, (error, x)): (usize, (&StateVector, &StateVector))| {
