@@ -33,7 +33,7 @@ impl Metric {
         }
     }
 
-    /// Whether `value` is beyond the limit. False without a limit.
+    /// Whether `value` is beyond the limit; false without a limit.
     pub fn is_flagged(&self, value: f64) -> bool {
         self.accepted().is_some_and(|(low, high)| value < low || value > high)
     }
@@ -112,7 +112,7 @@ pub const SPREAD: usize = 100;
 pub const SHARE: usize = 10;
 
 /// Quantiles that represent sorted samples: the middles of at most [`SPREAD`] equal groups, each of at least [`SHARE`]
-/// samples. For fewer than 20 samples, the median.
+/// samples. For fewer than 20 samples, the only value is the median.
 pub fn spread(sorted: &[f64]) -> Vec<f64> {
     let Some(last) = sorted.len().checked_sub(1) else { return vec![] };
     let shares = (sorted.len() / SHARE).clamp(1, SPREAD);
@@ -246,8 +246,8 @@ pub struct MetricDisplay {
     pub column: Option<u16>,
     /// Weight of the column. On a narrow terminal, the columns with the smallest weight are omitted first.
     pub weight: u16,
-    /// Position among the metrics that rank the points of a sweep; the first metric that has a value ranks. `None` for
-    /// a metric that never ranks.
+    /// Position among the metrics that rank the points of a sweep. The first metric that has a value ranks the points.
+    /// `None` for a metric that never ranks.
     pub rank: Option<u16>,
     /// Whether a heat map over two axes of a sweep is drawn.
     pub heat_map: bool,

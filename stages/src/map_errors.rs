@@ -59,8 +59,8 @@ pub struct MapErrors {
 }
 
 impl MapErrors {
-    /// Errors of a map table. `levels_m`: heights of the continuation, in metres above the ellipsoid, ascending.
-    /// `bilinear`: bilinear interpolation. `own`: source of the nodes' error.
+    /// Errors of a map table. `levels_m` are the heights of the continuation, in metres above the ellipsoid, ascending.
+    /// `bilinear` states whether the interpolation is bilinear. `own` is the source of the nodes' error.
     ///
     /// # Errors
     /// Fails if the table is not a grid, or lacks the column of that source.
@@ -102,7 +102,7 @@ impl MapErrors {
     }
 
     /// Expected root mean square error, in nT, over the whole map at the mean of the heights `alt_m`, in metres above
-    /// the ellipsoid. For a continued map, the error of the continuation. NaN where either height is unknown.
+    /// the ellipsoid. For a continued map, this is the error of the continuation. NaN where either height is unknown.
     pub fn of_height_nt(&self, alt_m: &[f64]) -> f64 {
         let mean_m = alt_m.iter().sum::<f64>() / alt_m.len() as f64;
         match &self.height {

@@ -78,7 +78,7 @@ fn spelt(text: &[u8], start: usize) -> Option<DecimalLiteral> {
     Some(DecimalLiteral { negative: sign == b'-', digits, count, exponent, end })
 }
 
-/// `value` continued by the digits at `at`, and the position after them.
+/// Appends the digits at `at` to `value`. Returns the number, and the position after the digits.
 #[inline(always)]
 fn run(text: &[u8], mut at: usize, mut value: u64) -> (u64, usize) {
     const TENS: [u64; 9] = [1, 10, 100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];

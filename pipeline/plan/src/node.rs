@@ -174,8 +174,8 @@ impl TableNode {
         (0..grid.len()).map(move |i| back.at(i))
     }
 
-    /// One point for each combination of the axes that its parameters depend on. With more than `most` combinations,
-    /// one point for each value of each of these axes.
+    /// One point for each combination of the axes that its parameters depend on. If there are more than `most`
+    /// combinations, returns one point for each value of each of these axes.
     pub fn parameter_points(&self, most: usize) -> Vec<usize> {
         let own = self.questions.grid();
         let back = own.onto(&self.grid);

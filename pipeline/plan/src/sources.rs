@@ -158,7 +158,7 @@ impl Flights {
         Ok(Flights { notes, read_all: trust.read_all, division: lines, files, ..known })
     }
 
-    /// A table with the columns `schema` whose lines are known, without files to read.
+    /// Creates a table with the columns `schema` and known lines, which has no files to read.
     pub fn recorded(name: &str, schema: SchemaRef) -> Flights {
         let columns: Vec<Column> = schema.fields().iter().map(|f| describe_field(f)).collect();
         let shape = TableShape { columns: columns.into(), rate_hz: None };
@@ -256,7 +256,7 @@ impl MapSource {
         MapSource { name: decl.name.clone(), path, read_all: false, content: MapSourceContent::Map { options, error } }
     }
 
-    /// A map whose key is known, without a file to read.
+    /// Creates a map with a known key, which has no file to read.
     ///
     /// # Errors
     /// Fails for unknown options.
@@ -276,7 +276,7 @@ impl MapSource {
         Ok(MapSource { name: decl.name.clone(), path, read_all: false, content })
     }
 
-    /// A model with these columns whose key is known, without a file to read.
+    /// Creates a model with these columns and a known key, which has no file to read.
     ///
     /// # Errors
     /// Fails for unknown options.

@@ -60,9 +60,10 @@ pub struct Spec {
     pub stages: Vec<StageDecl>,
     /// Metadata of a published set, or the faults in them, which only `magline publish` reports.
     pub publish: Option<Result<PublishFacts, Vec<Fault>>>,
-    /// Whether the bytes of every input are read, even if it appears unchanged; not part of the file.
+    /// Whether the bytes of every input are read, even if it appears unchanged. This setting is not part of the spec
+    /// file.
     pub verify_inputs: bool,
-    /// Minimum age of a flight file; newer files are skipped. Not part of the file.
+    /// Minimum age of a flight file; newer files are skipped. This setting is not part of the spec file.
     pub settle: Option<Duration>,
 }
 

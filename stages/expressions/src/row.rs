@@ -85,7 +85,8 @@ fn objection(expr: &Expr, subject: &str) -> Option<Fault> {
     }
 }
 
-/// The expression with long chains of `and` and `or` as balanced trees. SQL parses them as nested to the left.
+/// The expression with long chains of `and` and `or` as balanced trees, because SQL parses such chains as nested to the
+/// left.
 ///
 /// # Errors
 /// Fails only if DataFusion cannot rewrite the expression.

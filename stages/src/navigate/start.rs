@@ -297,7 +297,7 @@ fn age_s(batch: &RecordBatch, at_s: f64) -> Result<f64, Fault> {
 
 impl InitialCondition {
     /// Covariances of the state at the first sample: one, or one for each possible time of an unknown alignment, the
-    /// largest first. None for the initial standard deviations.
+    /// largest first. The list is empty if the initial standard deviations apply.
     pub(super) fn covariances(&self, errors: &InsErrorModel, ins: &InsSeries<'_>) -> Vec<StateMatrix> {
         match self {
             InitialCondition::Given => vec![],

@@ -167,9 +167,9 @@ impl<'a> ScoreLine<'a> {
     /// over time is subtracted instead.
     ///
     /// # Errors
-    /// Fails in the cases of [`ScoreLine::column`] for the truth. With a core field, also in the cases of
-    /// [`ScoreLine::optional`] for the core field and the diurnal variation; without a core field, in the cases of
-    /// [`ScoreLine::tt`].
+    /// Fails in the cases of [`ScoreLine::column`] for the truth. With a core field, it also fails in the cases of
+    /// [`ScoreLine::optional`] for the core field and the diurnal variation. Without a core field, it also fails in the
+    /// cases of [`ScoreLine::tt`].
     pub fn true_anomaly(&self) -> Result<Vec<f64>, Fault> {
         match self.places.get(ScoreSource::Core) {
             Some(_) => self.anomaly_of(ScoreSource::Truth),

@@ -9,8 +9,8 @@ const MOST_S: f64 = 2.0;
 const MOST_SAMPLES: f64 = 100.0;
 /// Maximum number of samples used from the longest stretch without a gap.
 const SAMPLES: usize = 50_000;
-/// Minimum correlation. Magnetometers at different places share only part of the aircraft field, and the rest shifts
-/// the peak.
+/// Minimum correlation. Magnetometers at different places share only part of the aircraft field; the part that they do
+/// not share shifts the peak.
 const LEAST_CORRELATION: f64 = 0.9;
 /// Minimum height of a second peak, relative to the highest peak, that makes the lag ambiguous, for example with mains
 /// hum.

@@ -44,7 +44,7 @@ pub struct MappingSuggestion {
 /// Maximum number of reasons in the fault of a log without recognised columns.
 const SHOWN: usize = 8;
 
-/// A mapping of several logs: of the first one, with a comment on the logs with other columns.
+/// A mapping of several logs: the mapping of the first log, with a comment on logs that have other columns.
 ///
 /// # Errors
 /// Returns the errors of [`suggest`]. Also fails without any log.

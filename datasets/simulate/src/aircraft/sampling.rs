@@ -46,7 +46,8 @@ impl SensorClock {
     }
 }
 
-/// Value of `x` between two samples, from the cubic polynomial through four samples. Beyond the ends, the end values.
+/// Value of `x` between two samples, from the cubic polynomial through four samples. Beyond the ends, the value at the
+/// end is used.
 fn interpolate(x: &[f64], at: f64) -> f64 {
     let last = x.len().saturating_sub(1);
     let at = at.clamp(0.0, last as f64);

@@ -306,7 +306,7 @@ impl UlogScanState {
         self.leads(rest, new, 4)
     }
 
-    /// Whether the bytes begin with a message, or some of unknown types before one.
+    /// Whether the bytes begin with a message, possibly after some messages of unknown types.
     #[inline]
     fn leads(&self, bytes: &[u8], new: Option<u16>, depth: usize) -> bool {
         if new.is_some() && bytes.get(2) == Some(&b'D') && word(bytes, 3) == new {

@@ -37,8 +37,8 @@ struct LastRow {
 }
 
 impl UtcColumn {
-    /// The batch with the column `utc` after `tt`. Unchanged without the columns `tt`, `year` and `doy`, and with a
-    /// column `utc`.
+    /// The batch with the column `utc` after `tt`. The batch is unchanged if it lacks `tt`, `year` or `doy`, or already
+    /// has a column `utc`.
     ///
     /// # Errors
     /// Fails for a day that its year does not have.

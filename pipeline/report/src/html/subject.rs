@@ -196,8 +196,8 @@ pub fn word(canonical: &str) -> Option<String> {
     Some(inner.to_owned())
 }
 
-/// Lines to show. With scores: the median line by the score of the best point, then the best and the worst line.
-/// Without scores: the longest line.
+/// Lines to show. With scores, these are the median line by the score of the best point, then the best and the worst
+/// line. Without scores, it is the longest line.
 ///
 /// # Errors
 /// Fails if the store is damaged.

@@ -39,7 +39,7 @@ const MEMBERS: usize = 200;
 const TABLES: usize = 4;
 
 /// The variation of coefficients in each table of models that are fitted to different rows, such as several
-/// calibrations. Without such a table, the variation of `fit` over any axis. `None` without comparable models.
+/// calibrations. Without such a table, the variation of `fit` over any axis is shown. `None` without comparable models.
 ///
 /// # Errors
 /// Fails if the store is damaged.

@@ -273,7 +273,7 @@ impl LineReader<'_> {
     }
 }
 
-/// Values with ascending times `tt`, at other times; NaN at times without a value.
+/// Looks up values with ascending times `tt` at other times; NaN at times without a value.
 fn at_times(tt: &[f64], values: &[f64], wanted: &[f64]) -> Vec<f64> {
     if tt == wanted {
         return values.to_vec();

@@ -1,6 +1,6 @@
 //! Executor of a worker: registers at the scheduler, runs tasks, and serves their answers. Ballista's own executor
-//! listens without encryption and accepts any plan of DataFusion. This one requires the key of the cluster for each
-//! connection, and accepts only the plans of `closed.rs`.
+//! listens without encryption and accepts any plan of DataFusion. This executor requires the key of the cluster for
+//! each connection, and accepts only the plans of `closed.rs`.
 
 use std::{
     collections::{BTreeMap, HashMap},

@@ -57,7 +57,7 @@ pub struct BoundScheduler {
 /// silent for `worker_timeout` counts as lost. `trust` authenticates workers and runs.
 ///
 /// # Errors
-/// Fails if the address is in use or not this host's, or others can reach it without a key.
+/// Fails if the address is in use, is not an address of this host, or can be reached by others without a key.
 pub fn listen(
     address: SocketAddr,
     advertise: Option<&str>,

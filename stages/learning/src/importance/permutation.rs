@@ -12,8 +12,8 @@ use crate::{
 /// Block length, number of repeats and seed of a permutation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PermutationBlocks {
-    /// Rows per block. A block must be longer than the correlation time. Otherwise permuted values resemble the
-    /// original ones.
+    /// Rows per block. A block must be longer than the correlation time. Otherwise, the permuted values resemble the
+    /// original values.
     pub rows: usize,
     /// Number of permutations.
     pub repeats: usize,

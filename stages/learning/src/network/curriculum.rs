@@ -115,7 +115,7 @@ impl NetworkTraining {
         }
     }
 
-    /// Rows near the mean: the rows of the first phases. All rows without a curriculum.
+    /// Rows near the mean, which are the rows of the first phases; without a curriculum, all rows.
     ///
     /// # Errors
     /// Fails if no row is near the mean.

@@ -27,7 +27,7 @@ pub type EpochCallback<'a> = dyn FnMut(&TrainingEpoch, &TrainingState) -> Contro
 /// ([`train_together`]).
 ///
 /// # Errors
-/// Fails without samples, or for mismatched lengths, values that are not finite, settings out of range, and patience
+/// Fails without samples, or for mismatched lengths, values that are not finite, settings out of range, or patience
 /// without validation. Fails with [`TrainingError::Diverged`] if loss or parameters are no longer finite.
 pub fn train(
     shape: &NetworkShape,

@@ -21,7 +21,7 @@ pub enum EarthModel {
     #[default]
     Wgs84,
     /// Radii of MagNav.jl 1.3.3: the transverse radius for both directions, without the height. A northward distance
-    /// differs by 0.33 % at 45°. For comparison with MagNav.jl.
+    /// differs by 0.33 % at 45°. Use these radii for comparison with MagNav.jl.
     Compatible,
 }
 

@@ -10,7 +10,7 @@
 //!   which raises an alarm if |s| > [`ALARM`] [Crosier 1988, Multivariate generalizations of cumulative sum
 //!   quality-control schemes, Technometrics 30(3)]; it has the same power in every direction. It detects changes
 //!   smaller than the noise of a single fix. With fixes of 2 m every second, it detects a drift of 1 m/s after 7 to 12
-//!   s, and one of 0.5 m/s after 12 to 19 s.
+//!   s, and a drift of 0.5 m/s after 12 to 19 s.
 //!
 //! At an alarm, the fixes since the sum was last 0 are also rejected, and the test resumes from the state before them.
 //! It therefore stores the fixes of the last seconds. During the alarm, the INS alone predicts. [`RECOVERY`]

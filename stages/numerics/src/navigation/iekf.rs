@@ -78,8 +78,8 @@ pub struct IekfReport {
     pub linearisations: usize,
     /// Number of halved steps.
     pub halved: usize,
-    /// Updates whose last step was not below the tolerance: the iterations were exhausted, or no step lowered J. Always
-    /// 0 with one iteration.
+    /// Updates whose last step was not below the tolerance: the iterations were exhausted, or no step lowered J. The
+    /// number is always 0 with one iteration.
     pub unconverged: usize,
 }
 

@@ -51,7 +51,7 @@ pub struct LinearRange {
 }
 
 impl LinearRange {
-    /// Whether the uncertainty exceeds the range. False for an unknown range.
+    /// Whether the uncertainty exceeds the range; false for an unknown range.
     pub fn is_exceeded(&self) -> bool {
         self.sigma_m > self.limit_m
     }
@@ -117,7 +117,7 @@ impl<'a> LinearityTest<'a> {
     }
 
     /// Whether the linearisation error over a covariance of latitude and longitude (in rad²: variance of latitude,
-    /// covariance, variance of longitude) is below the noise. False without a value of the map.
+    /// covariance, variance of longitude) is below the noise; false without a value of the map.
     pub(crate) fn is_linear(&mut self, at: &PathStart, covariance: [f64; 3], sigma_nt: f64) -> bool {
         self.changes(at, cholesky(covariance)).is_some_and(|changes| changes.error_nt <= sigma_nt)
     }

@@ -106,7 +106,7 @@ pub enum PinsonForm {
     #[default]
     Thesis,
     /// Form of MagNav.jl up to 1.3.3 and its MATLAB reference data, in which the effect of altitude on the north tilt
-    /// is -ve²/R² instead of -ve/R². For comparison with MagNav.jl.
+    /// is -ve²/R² instead of -ve/R². Use this form for comparison with MagNav.jl.
     Compatible,
 }
 

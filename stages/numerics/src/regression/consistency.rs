@@ -115,8 +115,8 @@ pub fn whiteness(x: &[f64], lags: usize) -> SampleStatistic {
 }
 
 /// Regularised lower incomplete gamma function P(a, x) for a above 0: the distribution of chi-square with 2a degrees of
-/// freedom at 2x. Computed by its series for x below a + 1, and by its continued fraction above. [Abramowitz & Stegun
-/// 1964, 6.5.29 and 6.5.31]
+/// freedom at 2x. It is computed by its series for x below a + 1, and by its continued fraction above. [Abramowitz &
+/// Stegun 1964, 6.5.29 and 6.5.31]
 fn gamma_p(a: f64, x: f64) -> f64 {
     if a.is_nan() || x.is_nan() || a <= 0.0 {
         return f64::NAN;

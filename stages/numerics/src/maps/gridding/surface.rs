@@ -144,8 +144,8 @@ impl FittedSurface {
         };
     }
 
-    /// Values at the positions of points. For minimum curvature: at any height, NaN off the grid. For equivalent
-    /// sources: NaN at points that lie below the sources of neighbouring points.
+    /// Values at the positions of points. With minimum curvature, the values hold at any height and are NaN off the
+    /// grid. With equivalent sources, they are NaN at points below the sources of neighbouring points.
     ///
     /// # Errors
     /// With equivalent sources, fails for columns of different lengths and for values that are not finite.
@@ -158,8 +158,8 @@ impl FittedSurface {
         }
     }
 
-    /// The grid. For equivalent sources also its level in metres and the largest error of the far-field summation at a
-    /// hundred nodes, in nT.
+    /// The grid. With equivalent sources, also returns its level in metres, and the largest error of the far-field
+    /// summation at a hundred nodes, in nT.
     ///
     /// # Errors
     /// With equivalent sources, returns the errors of [`EquivalentSources::predict`] at the nodes.

@@ -20,8 +20,8 @@
 //! log q ← log q − (y − x_s)²/2(C_ss + R)
 //! ```
 //!
-//! The drawn positions do not depend on that weight, so no fix is counted twice. There are two approximations. P
-//! represents the whole distribution, as in any Kalman filter. And with GNSS, the map treats position errors as
+//! The drawn positions do not depend on that weight, so no fix is counted twice. There are two approximations. First, P
+//! represents the whole distribution, as in any Kalman filter. Second, with GNSS, the map treats position errors as
 //! independent from step to step, although they persist over the memory of the Kalman filter.
 
 use crate::navigation::pinson::{STATES, StateMatrix, StateVector};

@@ -214,7 +214,7 @@ fn run<const BACKWARDS: bool, const BAND: bool, const W: usize, const K: usize>(
 }
 
 /// Passes one sample through `K` sections. With `BAND`, b1 = 0 and b2 = −1 in all sections; three operations then
-/// replace five, with bit-identical results.
+/// replace five and give bit-identical results.
 #[inline(always)]
 fn step<const BAND: bool, const W: usize, const K: usize>(
     row: &mut [f64],
