@@ -53,7 +53,7 @@ pub struct ServerSettings {
     pub timeout: Duration,
 }
 
-/// Threads for connections; queries have separate ones.
+/// Number of threads for connections; queries have separate threads.
 const CONNECTION_THREADS: usize = 2;
 /// Time that open answers have to end after a stop.
 const GRACE: Duration = Duration::from_secs(3);

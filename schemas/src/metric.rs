@@ -239,7 +239,7 @@ impl MetricPreference {
     }
 }
 
-/// Places where a metric is shown. Positions are multiples of ten, so that new ones can be inserted.
+/// Places where a metric is shown. Positions are multiples of ten, so that new metrics can be inserted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MetricDisplay {
     /// Position among the columns of pooled scores, from the left; `None` if it is not shown there.

@@ -269,7 +269,7 @@ mod tests {
         assert!(xyz.notes[0].contains("their magnitude is 13 nT, but the IGRF gives 48") && xyz.ned_nt[0][0] == 12.0);
         let hdz = read(&format!("{VARIATION} # DECBAS 2622 |\n"), "HDZF", "12.00 5.00 5.00 48400.00").unwrap();
         assert!(hdz.notes[0].contains("`field_n` and `field_e` are unknown") && hdz.ned_nt[0][0].is_nan());
-        // Components along sensor axes with the names of geographic ones.
+        // Components along sensor axes that have the names of geographic components.
         let xyz = read(VARIATION, "XYZF", "20050.00 30.00 44000.00 48400.00").unwrap();
         assert!(xyz.notes[0].contains("check the orientation") && xyz.ned_nt[0][1] == 30.0, "{:?}", xyz.notes);
     }

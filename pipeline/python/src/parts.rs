@@ -1,7 +1,7 @@
 //! Parts of a pipeline that are written in Python: stages, models, filters and metrics.
 //!
 //! The module `magline.parts` describes a part and calls [`register_part`]. Parts belong to the process. A run adds
-//! them to the built-in catalogue ([`catalogue`]), so plans, keys, lineage and reports treat them as built-in ones.
+//! them to the built-in catalogue ([`catalogue`]), so plans, keys, lineage and reports treat them as built-in parts.
 
 mod call;
 mod filter;

@@ -103,7 +103,7 @@ fn name_of(cut: &TableAssembler, part: bool, units: &[PackedUnit]) -> HashKey {
     if part { HashKey::from_parts([b"part", id.as_ref()]) } else { id }
 }
 
-/// Writes the pack of a task: the new results and the stored ones. The rows in `made` are moved out.
+/// Writes the pack of a task with the new and the stored results. The rows in `made` are moved out.
 fn write(
     worker: &UnitWorker,
     cut: &TableAssembler,

@@ -36,7 +36,7 @@ use super::{
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
 /// Memory of a process without a query: its program and threads, in bytes.
 const OWN: usize = 64 << 20;
-/// Maximum number of waiting queries; further ones are rejected at once.
+/// Maximum number of waiting queries; further queries are rejected at once.
 const MOST_WAITING: usize = 256;
 
 /// Input of a query: text, values of parameters, versions of the tables.

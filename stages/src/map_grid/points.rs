@@ -27,7 +27,7 @@ pub fn survey<'a>(points: &'a SurveyPointSet, line: &'a [usize]) -> gridding::Su
     }
 }
 
-/// Heights for a surface that does not depend on them: unknown heights become the mean of the known ones, or 0.
+/// Heights for a surface that does not depend on them: unknown heights become the mean of the known heights, or 0.
 pub fn any_heights(points: &SurveyPointSet) -> Vec<f64> {
     let known = || points.height_m.iter().filter(|h| h.is_finite());
     let mean = known().sum::<f64>() / known().count().max(1) as f64;

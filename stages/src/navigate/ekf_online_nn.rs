@@ -359,7 +359,7 @@ mod tests {
         let found = flown("ekf_online_nn", keys, &flight()).unwrap();
         assert_eq!((found.updates("missing"), found.updates("used")), (300, 300));
         assert!(found.error_m(299) < 5.0 && found.error_m(ROWS - 1) < 40.0, "{}", found.error_m(ROWS - 1));
-        // The same seed gives the same weights, another seed different ones.
+        // The same seed gives the same weights; another seed gives different weights.
         let again = flown("ekf_online_nn", keys, &flight()).unwrap();
         assert_eq!(found.numbers("lat"), again.numbers("lat"));
         let other = flown("ekf_online_nn", &format!("{keys}\nseed = 5\nsave_weights = true"), &flight()).unwrap();

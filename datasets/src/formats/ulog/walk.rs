@@ -317,7 +317,7 @@ impl UlogScanState {
             UlogMatch::Unsure(length) => {
                 depth > 0 && self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1)
             }
-            // Each has a known type and id, so several consecutive ones are not accidental.
+            // Each message has a known type and id, so several consecutive messages are not accidental.
             UlogMatch::Misfit(length) => {
                 depth == 0 || self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1)
             }

@@ -116,7 +116,7 @@ pub fn remedies(kind: WarningKind, facts: &LineFacts, is_set: &dyn Fn(&str) -> b
 /// Result of a trial that improved a flagged line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Improvement {
-    /// Figures as text, with the previous ones.
+    /// Figures of the trial as text, with the previous figures.
     pub figures: String,
     /// Whether the line is still flagged.
     pub is_flagged: bool,

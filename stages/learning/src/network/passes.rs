@@ -292,7 +292,7 @@ impl BlockWorkspace {
     }
 
     /// Derivatives with respect to the inputs, computed from the derivatives with respect to the sums of the first
-    /// layer. [`backward`](Self::backward) leaves the latter in the workspace.
+    /// layer. [`backward`](Self::backward) leaves the derivatives with respect to these sums in the workspace.
     pub fn step_to_inputs(&mut self, network: &PackedNetwork<'_>, rows: usize, out: &mut [f64]) {
         let shape = network.shape;
         let stride = padded(shape.hidden.first().copied().unwrap_or(shape.outputs()));

@@ -55,7 +55,7 @@ pub const START_ATTITUDE_DEG: [f64; 2] = [0.05, 0.2];
 /// Result for the fixes of a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FixTestResult {
-    /// Accepted fixes; rejected ones are NaN.
+    /// Accepted fixes; rejected fixes are NaN.
     pub accepted: PositionFixes,
     /// Whether a coordinate of the fix of each sample was rejected.
     pub rejected: Vec<bool>,

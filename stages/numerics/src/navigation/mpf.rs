@@ -135,9 +135,9 @@ const WITH_ALL: usize = WITH_VECTOR + 2;
 /// Filters one line.
 ///
 /// Each row of the output is the weighted mean of the particles after the sample's measurements and before any
-/// resampling. For missing measurements (NaN, infinite, or with a sigma that is not above 0) and rejected ones, the
-/// filter only predicts. Uneven time and a single sample are valid. Takes about 0.2 ms per sample for 1000 particles on
-/// one core, and uses several threads from 8192 particles on.
+/// resampling. If a measurement is missing (NaN, infinite, or with a sigma that is not above 0) or rejected, the filter
+/// only predicts. Uneven time and a single sample are valid. Takes about 0.2 ms per sample for 1000 particles on one
+/// core, and uses several threads from 8192 particles on.
 ///
 /// # Errors
 /// Returns the errors of [`MpfParameters::check`], [`Aids::check`] and [`NavigationLine::check`]. Also fails with

@@ -41,7 +41,7 @@
 //! ```
 //!
 //! with the covariance k of [`CovarianceFunction`]. The mean ẑ and the variance V are conditioned on the 12 nearest
-//! earlier samples of the particle's path and on the 4 most recent ones. The product of these weights is Vecchia's
+//! earlier samples of the particle's path and on the 4 most recent samples. The product of these weights is Vecchia's
 //! approximation of the likelihood of the path, p(z₁…z_n | path). Compared with independent weights at crossings [Lee
 //! 2019, (76)], it has three advantages. Map errors that two neighbouring measurements share are counted once, because
 //! of the conditioning on the most recent measurements. The temporal variation between two visits is part of the
@@ -115,8 +115,8 @@ pub use smoother::{SlamSmootherParameters, SlamSmootherReport};
 
 /// Filters one line.
 ///
-/// With [`SlamParameters::smoother`], track and path are the smoothed ones if [`SlamReport::smoother`] is present;
-/// innovations are the innovations of the filter.
+/// With [`SlamParameters::smoother`], track and path are smoothed if [`SlamReport::smoother`] is present. The
+/// innovations are those of the filter.
 ///
 /// Results are bit-identical for any number of threads. Takes about 6 µs of one core per particle and step with a
 /// revisit.

@@ -233,7 +233,7 @@ impl QrAccumulator {
         }
     }
 
-    /// Folds in the rows of another factor, after the present ones. The last bits of the result depend on the order of
+    /// Folds in the rows of another factor, after the present rows. The last bits of the result depend on the order of
     /// merging: merge in the order of the lines.
     ///
     /// # Errors

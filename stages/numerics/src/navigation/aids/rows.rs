@@ -473,7 +473,7 @@ impl VectorAid<'_> {
         let ned = here + direction * (anomaly.value_nt + x[S]);
         let tilt = Vector3::new(x[TILT_N], x[TILT_N + 1], x[TILT_N + 2]);
         let to_body = rotation(ins, row).transpose();
-        // Cᵀ (I + [ψ×]) B: its derivatives by B and by ψ; the latter is −Cᵀ [B×].
+        // Cᵀ (I + [ψ×]) B: its derivatives by B and by ψ. The derivative by ψ is −Cᵀ [B×].
         let turn = to_body * (Matrix3::identity() + skew(&tilt));
         let by_tilt = -to_body * skew(&ned);
         let mut rows = [[0.0; STATES]; 3];

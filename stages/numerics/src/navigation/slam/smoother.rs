@@ -39,7 +39,7 @@
 //! starts from the path of the filter (the mean of the particles' histories). The second starts from the same path with
 //! a large white part of the kernel, which widens the valleys of J and is reduced during the fit. The third starts from
 //! the INS, which is initially exact, and adds the flight part by part, so that each part is predicted from the earlier
-//! ones. If the measurements of revisits contradict each other on the best track ([`evidence`](mod@evidence)), four
+//! parts. If the measurements of revisits contradict each other on the best track ([`evidence`](mod@evidence)), four
 //! more searches are made with smaller parts or wider valleys. The best search is continued with all measurements. The
 //! result is used only if it is more probable than the path of the filter.
 //!
