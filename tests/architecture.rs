@@ -1,7 +1,7 @@
 //! Structure of the source: sizes of crates, and cycles of files that use each other.
 //!
 //! A file uses another file if it names an item of that file by a path from `crate`, `self` or `super`. Test modules do
-//! not count, and the root of a crate is left out, because it re-exports items.
+//! not count, and the root of a crate is excluded, because it re-exports items.
 
 use std::{
     collections::{BTreeMap, BTreeSet},

@@ -21,7 +21,7 @@ fn number(value: &Value, key: &str) -> f64 {
     value[key].as_f64().unwrap_or_else(|| panic!("no {key} in {value}"))
 }
 
-/// Total size of the packs below a folder, bytes.
+/// Total size of the packs below a folder, in bytes.
 fn packs(folder: &Path) -> u64 {
     let inside = |e: fs::DirEntry| if e.path().is_dir() { packs(&e.path()) } else { e.metadata().unwrap().len() };
     fs::read_dir(folder).unwrap().flatten().map(inside).sum()

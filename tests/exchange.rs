@@ -1,4 +1,4 @@
-//! Files leave a store and come back: heads with units, time stamps, texts, GeoPackage, and names after a mapping.
+//! Files leave a store and come back: heads with units, time stamps, strings, GeoPackage, and names after a mapping.
 
 use std::{fs, process::Output};
 

@@ -35,7 +35,7 @@ mod mutation;
 #[cfg(feature = "cluster")]
 mod plans;
 
-/// Maximum processor time of a case when a time is set, s.
+/// Maximum processor time of a case when a time is set, in seconds.
 const LONGEST_CPU_S: u64 = 10;
 /// Maximum time of a case when a time is set.
 const LONGEST_CASE: Duration = Duration::from_secs(1200);
@@ -59,7 +59,7 @@ impl Drop for Case<'_> {
     }
 }
 
-/// Processor time of this process, s.
+/// Processor time of this process, in seconds.
 fn cpu_s() -> u64 {
     let text = fs::read_to_string("/proc/self/stat").unwrap_or_default();
     let fields: Vec<&str> = text.rsplit(')').next().unwrap_or_default().split_whitespace().collect();

@@ -4,9 +4,9 @@ use std::{f64::consts::TAU, fmt::Write, fs};
 
 use crate::support::{magline, numbers, read, repository, stderr, stdout};
 
-/// Earth's field north, east, down, nT.
+/// Earth's field north, east, down, in nT.
 const EARTH: [f64; 3] = [18_000.0, 1_500.0, 48_000.0];
-/// Permanent field of the aircraft, nT.
+/// Permanent field of the aircraft, in nT.
 const PERMANENT: [f64; 3] = [30.0, -20.0, 50.0];
 const SAMPLES: usize = 2_400;
 

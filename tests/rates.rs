@@ -88,7 +88,7 @@ fn applied(name: &str, input: &str, model: &str) -> String {
     )
 }
 
-/// Standard deviation of the error of each line, nT.
+/// Standard deviation of the error of each line, in nT.
 fn errors(bench: &Bench, table: &str) -> HashMap<String, f64> {
     let scores = read(&bench.path(&format!("store/tables/rates/scores_{table}")));
     texts(&scores, "line").into_iter().zip(numbers(&scores, "value")).collect()

@@ -14,7 +14,7 @@ use std::{
 
 use crate::support::{Bench, stderr, stdout};
 
-/// Texts that must not be shown: access key, secret key, session token, password.
+/// Strings that must not be shown: access key, secret key, session token, password.
 const SECRETS: [&str; 4] = ["AKIAGEHEIM", "geheim-secret", "geheim-token", "geheim-password"];
 
 /// Server that answers every request with this status and an echo of the request; returns its address and the number of

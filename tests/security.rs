@@ -308,7 +308,7 @@ fn user_files_that_break_a_decoder_are_reported_without_a_trace() {
     assert!(fs::read_dir(bench.path("out")).is_ok_and(|mut all| all.next().is_none()));
 }
 
-/// Appends the texts of the Rust files below a folder of the repository.
+/// Appends the strings of the Rust files below a folder of the repository.
 fn sources(folder: &Path, found: &mut String) {
     for entry in fs::read_dir(folder).unwrap().flatten() {
         let (path, name) = (entry.path(), entry.file_name());

@@ -181,7 +181,7 @@ input = ["clean", "track"]
 truth = "mag_1_c"
 "#;
 
-/// Anomaly of the small map, nT.
+/// Anomaly of the small map, in nT.
 pub fn anomaly(lat: f64, lon: f64) -> f64 {
     120.0 * (220.0 * (lat - 45.0)).sin() + 90.0 * (180.0 * (lon - 10.0) + 50.0 * (lat - 45.0)).cos()
 }
@@ -329,7 +329,7 @@ pub fn numbers(batches: &[RecordBatch], column: &str) -> Vec<f64> {
     batches.iter().flat_map(one).collect()
 }
 
-/// Texts of a column over all batches.
+/// Strings of a column over all batches.
 pub fn texts(batches: &[RecordBatch], column: &str) -> Vec<String> {
     let one = |b: &RecordBatch| {
         let array = b.column_by_name(column).unwrap_or_else(|| panic!("no {column}"));

@@ -1,6 +1,6 @@
 //! Wording of pages, messages and comments: phrases that readers have to read twice.
 //!
-//! The list is a minimum; a text without these phrases may still be unclear.
+//! The list is a minimum; a string without these phrases may still be unclear.
 
 use std::{collections::BTreeMap, process::Command};
 
@@ -39,7 +39,7 @@ const BEGINNINGS: [&str; 7] = ["What ", "Of ", "As ", "Whose ", "How often ", "S
 /// Maximum number of doc comments with such a beginning per thousand lines of comments.
 const MOST_BEGINNINGS: f64 = 3.0;
 
-/// Files of the repository with one of these extensions, and their texts.
+/// Files of the repository with one of these extensions, and their strings.
 fn files(endings: &[&str]) -> Vec<(String, String)> {
     let output = Command::new("git").args(["ls-files", "-z"]).current_dir(repository()).output().unwrap();
     let names = String::from_utf8(output.stdout).unwrap();

@@ -137,7 +137,7 @@ fn measured(path: &Path, mut run: impl FnMut() -> Result<(), Box<dyn Error>>) ->
     Ok(best)
 }
 
-/// Processor time of this thread, s; NaN if the system does not report it.
+/// Processor time of this thread, in seconds; NaN if the system does not report it.
 fn thread_s() -> f64 {
     let text = fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     text.split(' ').next().and_then(|ns| ns.parse::<f64>().ok()).unwrap_or(f64::NAN) / 1e9

@@ -106,8 +106,8 @@ pub const FLIGHT_FORMATS: &[FlightFormat] = &[
     points_flight::FORMAT,
 ];
 
-/// The formats of files with `further` ones, in the order in which a file is tried: `further` comes after Parquet,
-/// whose files are self-describing, and before the formats that are recognised by their text.
+/// The formats of files and the `further` formats, in the order in which a file is tried. The `further` formats come
+/// after Parquet, whose files are self-describing, and before the formats that are recognised by their text.
 pub fn flight_formats(further: &[FlightFormat]) -> Vec<FlightFormat> {
     let (parquet, others) = FLIGHT_FORMATS.split_at(1);
     [parquet, further, others].concat()
@@ -132,13 +132,13 @@ pub const MAP_FORMATS: &[MapFormat] = &[
 /// Opens a flight log.
 ///
 /// # Errors
-/// Fails for a file that is missing, empty, damaged or in no known format, and options that do not fit it. The reader
-/// returns later faults of the file.
+/// Fails for a file that is missing, empty, damaged or in no known format, or for options that do not fit the file. The
+/// reader returns later faults of the file.
 pub fn open_flight(path: &Path, options: &FlightOptions) -> Result<FlightReader, ReadError> {
     open_flight_with(path, options, &ReadHints::default())
 }
 
-/// [`open_flight`] with hints.
+/// Same as [`open_flight`], with hints.
 ///
 /// # Errors
 /// Fails in the cases of [`open_flight`].
@@ -146,7 +146,7 @@ pub fn open_flight_with(path: &Path, options: &FlightOptions, reading: &ReadHint
     open_flight_among(FLIGHT_FORMATS, path, options, reading)
 }
 
-/// [`open_flight_with`] in one of `formats`, such as those of [`flight_formats`].
+/// Same as [`open_flight_with`], but tries only `formats`, such as those of [`flight_formats`].
 ///
 /// # Errors
 /// Fails in the cases of [`open_flight`].
@@ -205,13 +205,13 @@ fn reader(format: FlightFormat, raw: RawFlight) -> FlightReader {
 /// Reads a map and resamples it to a regular grid of latitude and longitude.
 ///
 /// # Errors
-/// Fails for a file that is missing, empty, damaged or in no known format, a grid that is not regular, and a
-/// height or coordinate system that neither the file nor the options give.
+/// Fails for a file that is missing, empty, damaged or in no known format, a grid that is not regular, or a height or
+/// coordinate system that neither the file nor the options give.
 pub fn read_map(path: &Path, options: &MapOptions) -> Result<MapTable, ReadError> {
     read_grid(path, options)?.to_geographic()
 }
 
-/// Reads a map on its native grid, for any coordinates: rows from the south, columns from the west, nT.
+/// Reads a map on its native grid, for any coordinates: rows from the south, columns from the west, in nT.
 ///
 /// # Errors
 /// Fails in the cases of [`read_map`].
@@ -287,7 +287,7 @@ fn choose(head: &FileHead, named: Option<&str>, known: &[FormatCandidate], kind:
     }
     let by_extension = |c: &FormatCandidate| has_extension(head.path, c.extensions);
     let recognised = known.iter().position(|c| (c.recognise)(head));
-    // A text in another format may resemble a table of numbers.
+    // A string in another format may resemble a table of numbers.
     if let Some(foreign) = foreign::refused(head) {
         return Err(foreign);
     }

@@ -4,9 +4,9 @@
 /// A mapping included in magline: its name and its text.
 #[derive(Clone, Copy, Debug)]
 pub struct BuiltinMapping {
-    /// Its name in the key `mapping`.
+    /// Name in the key `mapping`.
     pub name: &'static str,
-    /// Its text.
+    /// Text.
     pub text: &'static str,
 }
 

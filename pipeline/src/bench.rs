@@ -2,7 +2,7 @@
 //! truth.
 //!
 //! The tasks are fixed: [`TASKS`] lists their columns, lines and metrics. A line has a score if all its samples are
-//! predicted. A line without predictions for all samples fails, and its task fails with it.
+//! predicted. If a line lacks predictions for some samples, the line fails, and so does its task.
 
 mod flights;
 mod predictions;
@@ -32,12 +32,12 @@ pub const TEST_LINES: [&str; 2] = ["3.02", "3.03"];
 pub enum BenchMetric {
     /// Standard deviation of prediction minus truth, nT, because compensation does not determine the bias.
     StdError,
-    /// Distance root mean square of two columns, latitude and longitude, m.
+    /// Distance root mean square of two columns, latitude and longitude, in metres.
     Drms,
 }
 
 impl BenchMetric {
-    /// Its name in the table of results.
+    /// Name in the table of results.
     pub fn name(self) -> &'static str {
         match self {
             BenchMetric::StdError => "std_error",
@@ -45,7 +45,7 @@ impl BenchMetric {
         }
     }
 
-    /// Its unit.
+    /// Unit.
     pub fn unit(self) -> &'static str {
         match self {
             BenchMetric::StdError => "nT",
@@ -140,7 +140,7 @@ pub struct BenchScore {
 /// predictions have columns.
 ///
 /// # Errors
-/// Fails for unknown or missing columns, unknown samples, duplicates, missing values, and values in another unit.
+/// Fails for unknown or missing columns, unknown samples, duplicates, missing values, or values in another unit.
 pub fn score(flights: &[BenchLine], predictions: &Predictions, wanted: &[String]) -> Result<Vec<BenchScore>, Fault> {
     let tasks = chosen(predictions, wanted)?;
     let lines: Vec<&BenchLine> = flights.iter().filter(|f| TEST_LINES.contains(&f.line.as_str())).collect();
@@ -278,7 +278,7 @@ fn in_radians(
     pairs: &[(usize, usize)],
     predictions: &Predictions,
 ) -> Result<(), Fault> {
-    /// Longer than any track of the benchmark, m.
+    /// Longer than any track of the benchmark, in metres.
     const FAR_M: f64 = 200_000.0;
     let degrees: Vec<Vec<f64>> = columns.iter().map(|c| c.iter().map(|x| x.to_degrees()).collect()).collect();
     let degrees: Vec<&[f64]> = degrees.iter().map(Vec::as_slice).collect();

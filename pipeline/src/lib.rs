@@ -1,5 +1,5 @@
-//! The pipeline of magline: the command line, published sets, the server, and the benchmark, over the crates of its
-//! floors.
+//! The pipeline of magline: the command line, published sets, the server, and the benchmark. It uses the crates of the
+//! lower layers.
 //!
 //! ```text
 //! report    views of a plan and its results: HTML, SQL, explain, why, lineage
@@ -9,7 +9,7 @@
 //! store     results, addressed by their inputs
 //! buckets   object stores
 //! ```
-//! Each crate uses only those below it.
+//! Each crate uses only the crates below it.
 //!
 //! [`main`] is the command line over a catalogue of stages: [`catalogue`], optionally with custom stages.
 

@@ -9,7 +9,8 @@
 //! SHA256SUMS                                      checksums of all other files
 //! ```
 //!
-//! The same run gives the same bytes: the set does not depend on clock, host or paths of the machine.
+//! The same run gives the same bytes, because the set does not depend on the time, the host or the paths of the
+//! machine.
 
 mod aggregate;
 mod citation;
@@ -104,7 +105,7 @@ enum TableSelection {
 /// Facts of the spec.
 ///
 /// # Errors
-/// Fails when the spec has no `[publish]` or an invalid one; without `[publish]`, the fault contains an example.
+/// Fails if the spec has no `[publish]` or an invalid one; without `[publish]`, the fault contains an example.
 pub fn facts(spec: &Spec) -> Result<&PublishFacts, SpecFaults> {
     let none = || Fault::new(format!("{} has no `[publish]`", spec.file)).help(EXAMPLE);
     match &spec.publish {
@@ -117,8 +118,8 @@ pub fn facts(spec: &Spec) -> Result<&PublishFacts, SpecFaults> {
 /// Publishes tables of the last run of a plan.
 ///
 /// # Errors
-/// Fails when the facts are invalid, a table does not exist or was not computed, or restricted data would be published.
-/// Fails when the folder holds other files, or the file system reports an error. The target then stays unchanged.
+/// Fails if the facts are invalid, a table does not exist or was not computed, or restricted data would be published.
+/// Fails if the folder holds other files, or the file system reports an error. The target then stays unchanged.
 pub fn release(graph: &PlanGraph, store: &Store, request: &ReleaseRequest) -> Result<ReleaseSummary, Fault> {
     let plan = graph.plan;
     let spec = &plan.spec;
@@ -151,7 +152,7 @@ pub fn release(graph: &PlanGraph, store: &Store, request: &ReleaseRequest) -> Re
         });
     }
     protect::describe(&lineage, &mut tables);
-    // Checked again in the written files: a column that is missing from the plan is never published.
+    // The written files are checked again, so that a column that is missing from the plan is never published.
     let names = |t: &ReleaseTable| (t.name.clone(), t.columns.iter().map(|c| c.name.clone()).collect());
     let named: Vec<(String, Vec<String>)> = tables.iter().map(names).collect();
     let restricted = protect::find(&lineage, &named);

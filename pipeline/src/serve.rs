@@ -43,7 +43,7 @@ pub struct ServerSettings {
     pub token: Option<Token>,
     /// Certificate chain and key, PEM.
     pub tls: Option<(Vec<u8>, Vec<u8>)>,
-    /// Maximum memory of all queries together, bytes.
+    /// Maximum memory of all queries together, in bytes.
     pub memory: usize,
     /// Folder for spilled data.
     pub spill: PathBuf,
@@ -53,13 +53,13 @@ pub struct ServerSettings {
     pub timeout: Duration,
 }
 
-/// Threads for connections; queries have separate ones.
+/// Number of threads for connections; queries have separate threads.
 const CONNECTION_THREADS: usize = 2;
 /// Time that open answers have to end after a stop.
 const GRACE: Duration = Duration::from_secs(3);
 /// Time after which a silent client counts as disconnected.
 const ALIVE: Duration = Duration::from_secs(30);
-/// Maximum size of a message from a client: a query, or the values of its parameters, bytes. Answers are sent in
+/// Maximum size of a message from a client: a query, or the values of its parameters, in bytes. Answers are sent in
 /// messages of about 2 MB.
 const MESSAGE: usize = 4 << 20;
 /// Simultaneous requests on one connection; others wait.
@@ -72,7 +72,7 @@ fn machine(what: &str, e: &dyn std::fmt::Display) -> Fault {
 /// Serves until `stop` is true, or its sender is dropped. `started` receives the address.
 ///
 /// # Errors
-/// Fails when the address is in use or is reachable from other hosts without a token, or the certificate or key is
+/// Fails if the address is in use or is reachable from other hosts without a token, or the certificate or key is
 /// invalid.
 pub fn serve(
     settings: ServerSettings,

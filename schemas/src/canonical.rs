@@ -33,7 +33,7 @@ impl FlightConversion {
     /// scalar magnetometer is a dropout and becomes NaN.
     ///
     /// # Errors
-    /// Every missing key, wrong unit and wrong type, each naming its column.
+    /// Fails with a fault for every missing key, wrong unit and wrong type. Each fault names its column.
     pub fn new(source: &Schema) -> Result<FlightConversion, Vec<Fault>> {
         let names: Vec<&str> = source.fields().iter().map(|f| f.name().as_str()).collect();
         let mut faults: Vec<Fault> = flight::KEYS
@@ -73,15 +73,15 @@ impl FlightConversion {
     /// One batch of the file as rows of the flight table.
     ///
     /// # Errors
-    /// A value that does not fit its column's type.
+    /// Fails for a value that does not fit the type of its column.
     pub fn apply(&self, batch: &RecordBatch) -> Result<RecordBatch, Fault> {
         self.cells(batch, false)
     }
 
-    /// [`FlightConversion::apply`] without the removal of zeros of scalar magnetometers, for callers that count them.
+    /// Same as [`FlightConversion::apply`], but keeps zeros of scalar magnetometers, for callers that count them.
     ///
     /// # Errors
-    /// A value that does not fit its column's type.
+    /// Fails for a value that does not fit the type of its column.
     pub fn apply_with_zeros(&self, batch: &RecordBatch) -> Result<RecordBatch, Fault> {
         self.cells(batch, true)
     }
@@ -179,7 +179,7 @@ fn is_text(t: &DataType) -> bool {
 /// Identifiers as text: whole numbers without a fraction, others in the form of [`identifier`].
 ///
 /// # Errors
-/// Fails for values that have no text.
+/// Fails for values that cannot be written as text.
 pub fn identifiers(array: &ArrayRef) -> Result<ArrayRef, arrow_schema::ArrowError> {
     if !flattened(array.data_type()).is_floating() {
         return cast(array, &DataType::Utf8);

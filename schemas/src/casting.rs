@@ -9,11 +9,11 @@ use crate::Fault;
 
 /// Casts `array` to `kind`.
 ///
-/// For a slice, Arrow's cast of lists to fixed-size lists reads from the start of the underlying array. That cast is
-/// therefore implemented here.
+/// For a slice, Arrow's cast of lists to fixed-size lists reads from the start of the underlying array, which is wrong.
+/// That cast is therefore implemented here.
 ///
 /// # Errors
-/// Fails when `kind` cannot represent a value, or when a list has another length.
+/// Fails if `kind` cannot represent a value, or if a list has another length.
 pub fn cast(array: &ArrayRef, kind: &DataType) -> Result<ArrayRef, Fault> {
     match (array.data_type(), kind) {
         (from, to) if from == to => Ok(array.clone()),

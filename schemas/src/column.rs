@@ -211,12 +211,12 @@ impl fmt::Display for Column {
     }
 }
 
-/// The columns on one edge of the plan, and the sample rate if known.
+/// Columns of a table on one edge of the plan, and the sample rate if known.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TableShape {
     /// The columns in the table's order.
     pub columns: ColumnList,
-    /// Sample rate, Hz, if an upstream stage made the sampling even.
+    /// Sample rate, in Hz, if an upstream stage made the sampling even.
     pub rate_hz: Option<f64>,
 }
 
@@ -231,10 +231,10 @@ impl TableShape {
         self.columns.iter().find(|c| c.name == name)
     }
 
-    /// The column `name`, or a fault for the user.
+    /// The column `name`.
     ///
     /// # Errors
-    /// If there is no such column; the fault suggests the nearest.
+    /// Fails if there is no such column; the fault suggests the nearest.
     pub fn need(&self, name: &str) -> Result<&Column, Fault> {
         self.get(name).ok_or_else(|| {
             let have: Vec<&str> = self.columns.iter().map(|c| c.name.as_str()).collect();
@@ -242,10 +242,10 @@ impl TableShape {
         })
     }
 
-    /// The Float64 column `name` in `unit`, or a fault for the user.
+    /// The Float64 column `name` in `unit`.
     ///
     /// # Errors
-    /// If it is missing, not numeric, or in another unit.
+    /// Fails if it is missing, not numeric, or in another unit.
     pub fn number(&self, name: &str, unit: &str) -> Result<&Column, Fault> {
         let column = self.need(name)?;
         if column.column_type != ColumnType::Float {

@@ -6,8 +6,8 @@ use crate::Column;
 
 /// Columns in the order of their table.
 ///
-/// The tables of a plan pass most columns on. A copy of the list shares its columns, so a table takes one pointer for
-/// each column that it passes on. Columns are equal by value.
+/// Most tables of a plan pass on most of their columns. A copy of the list shares its columns, so each column that a
+/// table passes on costs one pointer. Two lists are equal if their columns have equal values.
 #[derive(Clone, Debug, Default)]
 pub struct ColumnList(Vec<Arc<Column>>);
 

@@ -1,4 +1,4 @@
-//! Keys: results are addressed by their inputs.
+//! Keys of results: hashes of their inputs, by which results are addressed.
 
 use std::fmt;
 
@@ -31,15 +31,15 @@ impl HashKey {
         HashKey(bytes)
     }
 
-    /// The key of `bytes` without framing. `bytes` must begin with a word that is unique to their use. A caller that
-    /// joins parts must separate them.
+    /// The key of `bytes`, without a length prefix. `bytes` must begin with a word that is unique to their use. A
+    /// caller that joins parts must separate them.
     pub fn of_bytes(bytes: &[u8]) -> HashKey {
         let mut short = [0; 16];
         short.copy_from_slice(&blake3::hash(bytes).as_bytes()[..16]);
         HashKey(short)
     }
 
-    /// The key as two numbers.
+    /// The two 64-bit halves of the key.
     pub fn words(self) -> [u64; 2] {
         let bits = u128::from_le_bytes(self.0);
         [bits as u64, (bits >> 64) as u64]
@@ -50,7 +50,7 @@ impl HashKey {
         HashKey((u128::from(low) | u128::from(high) << 64).to_le_bytes())
     }
 
-    /// The key spelt by [`fmt::Display`].
+    /// Parses a key in the form of [`fmt::Display`].
     pub fn parse(hex: &str) -> Option<HashKey> {
         let mut bytes = [0; 16];
         if hex.len() != 32 || !hex.is_ascii() {

@@ -14,7 +14,7 @@ use crate::{Column, ColumnDescription, Fault, PassThroughColumns, Role, StageSch
 /// The version of the map table's contract.
 pub const VERSION: u32 = 1;
 
-/// Its columns: name, unit and meaning.
+/// Columns: name, unit and meaning.
 pub const COLUMNS: [(&str, ColumnDescription); 4] = [
     ("lat", ColumnDescription { unit: "deg", role: Role::Key, description: "latitude of the node, WGS-84" }),
     ("lon", ColumnDescription { unit: "deg", role: Role::Key, description: "longitude of the node, WGS-84" }),
@@ -28,7 +28,7 @@ pub const COLUMNS: [(&str, ColumnDescription); 4] = [
 /// The column of a map with the standard deviation of the error of each node, in nT, if the source of the map gives it.
 pub const ERROR: &str = "error";
 
-/// [`ERROR`] as a column.
+/// The quantity [`ERROR`] as a column.
 pub fn error_column() -> Column {
     Column::float(ERROR, ANOMALY_UNIT, "standard deviation of the anomaly's error")
 }
@@ -102,13 +102,13 @@ pub const OWN_COLUMNS: [&str; 4] = ["northing", "easting", "alt", "anomaly"];
 pub struct NativeGrid {
     /// The EPSG code of the coordinate system.
     pub epsg: u16,
-    /// Its definition as a PROJ string.
+    /// Definition as a PROJ string.
     pub definition: String,
     /// Metres per unit of easting and of northing.
     pub unit_m: [f64; 2],
     /// Southern and northern edges of an area that contains the map, in WGS-84 degrees.
     pub lat_deg: [f64; 2],
-    /// Its western and eastern edges; they may exceed 180.
+    /// Western and eastern edges; they may exceed 180.
     pub lon_deg: [f64; 2],
 }
 

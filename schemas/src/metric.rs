@@ -18,7 +18,7 @@ pub struct Metric {
     pub better: MetricPreference,
     /// Places where it is shown, in addition to the table of scores.
     pub shown: MetricDisplay,
-    /// The same quantity without navigation or compensation.
+    /// Metric of the same quantity without navigation or compensation.
     pub baseline: Option<MetricBaseline>,
     /// Limit beyond which a value is flagged by a warning.
     pub limit: Option<MetricLimit>,
@@ -33,7 +33,7 @@ impl Metric {
         }
     }
 
-    /// Whether `value` is beyond the limit. False without a limit.
+    /// Whether `value` is beyond the limit; false without a limit.
     pub fn is_flagged(&self, value: f64) -> bool {
         self.accepted().is_some_and(|(low, high)| value < low || value > high)
     }
@@ -74,15 +74,15 @@ pub enum MetricLimit {
 /// Pooling rule over lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PoolingRule {
-    /// Root mean square weighted by samples: errors.
+    /// Root mean square weighted by samples, for errors.
     Rms,
-    /// Mean weighted by samples: ratios, rates and signed means.
+    /// Mean weighted by samples, for ratios, rates and signed means.
     Mean,
-    /// Sum: numbers of samples.
+    /// Sum, for numbers of samples.
     Sum,
     /// Standard error of a weighted mean of independent values, with the weights of the mean.
     Error,
-    /// Quantile, in percent, of the samples of all lines together: radii.
+    /// Quantile, in percent, of the samples of all lines together, for radii.
     Quantile(u8),
 }
 
@@ -112,7 +112,7 @@ pub const SPREAD: usize = 100;
 pub const SHARE: usize = 10;
 
 /// Quantiles that represent sorted samples: the middles of at most [`SPREAD`] equal groups, each of at least [`SHARE`]
-/// samples. For fewer than 20 samples, the median.
+/// samples. For fewer than 20 samples, the only value is the median.
 pub fn spread(sorted: &[f64]) -> Vec<f64> {
     let Some(last) = sorted.len().checked_sub(1) else { return vec![] };
     let shares = (sorted.len() / SHARE).clamp(1, SPREAD);
@@ -239,15 +239,15 @@ impl MetricPreference {
     }
 }
 
-/// Places where a metric is shown. Positions are multiples of ten, so that new ones can be inserted.
+/// Places where a metric is shown. Positions are multiples of ten, so that new metrics can be inserted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MetricDisplay {
     /// Position among the columns of pooled scores, from the left; `None` if it is not shown there.
     pub column: Option<u16>,
-    /// Weight of the column. On a narrow terminal, columns of least weight are omitted first.
+    /// Weight of the column. On a narrow terminal, the columns with the smallest weight are omitted first.
     pub weight: u16,
-    /// Position among the metrics that rank the points of a sweep; the first metric that has a value ranks. `None` for
-    /// a metric that never ranks.
+    /// Position among the metrics that rank the points of a sweep. The first metric that has a value ranks the points.
+    /// `None` for a metric that never ranks.
     pub rank: Option<u16>,
     /// Whether a heat map over two axes of a sweep is drawn.
     pub heat_map: bool,

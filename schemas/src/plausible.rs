@@ -71,8 +71,8 @@ pub struct PlausibleRange {
 }
 
 impl PlausibleRange {
-    /// Whether a finite value lies within, with a tolerance for rounding (a yaw of π in single precision is 180.000005
-    /// degrees).
+    /// Whether a finite value is within the limits, with a tolerance for rounding (a yaw of π in single precision is
+    /// 180.000005 degrees).
     pub fn holds(&self, x: f64) -> bool {
         let room = 1e-6 * (self.high - self.low);
         (self.low - room..=self.high + room).contains(&x)
@@ -80,7 +80,7 @@ impl PlausibleRange {
 }
 
 impl PhysicalQuantity {
-    /// The name with its article, for a sentence such as '95 deg is not a latitude'.
+    /// Name of the quantity with its article, for a sentence such as '95 deg is not a latitude'.
     pub fn noun(self) -> &'static str {
         match self {
             PhysicalQuantity::Time => "a time of day",
@@ -159,7 +159,7 @@ const CRUST: PlausibleRange = PlausibleRange {
     outlier: OutlierTreatment::Fault,
 };
 
-/// Limits of the values of a map or a survey, nT: those of a total field if most values are total fields, otherwise
+/// Limits of the values of a map or a survey, in nT: those of a total field if most values are total fields, otherwise
 /// those of an anomaly.
 pub fn survey(values: impl Iterator<Item = f64>) -> PlausibleRange {
     let (mut known, mut total) = (0_usize, 0_usize);
@@ -200,7 +200,7 @@ pub fn limits(name: &str) -> Option<PlausibleRange> {
     let fault = |kind, low, high| Some(PlausibleRange { kind, low, high, outlier: OutlierTreatment::Fault });
     let missing = |kind, low, high| Some(PlausibleRange { kind, low, high, outlier: OutlierTreatment::Missing });
     match name {
-        // A flight may begin before midnight and run past the next.
+        // A flight may begin before one midnight and end after the next.
         "tt" => fault(PhysicalQuantity::Time, -86_400.0, 259_200.0),
         "lat" | "ins_lat" => fault(PhysicalQuantity::Latitude, -90.0, 90.0),
         "lon" | "ins_lon" => fault(PhysicalQuantity::Longitude, -180.0, 360.0),

@@ -10,7 +10,7 @@ const SAME_RATE: f64 = 1e-4;
 
 /// The metadata key that names the entries, such as `xx_dot:1,mag_4_uc_dot4:4,mag_4_uc_lag_3:lag`.
 const PER_SAMPLE: &str = "per_sample";
-/// Metadata key of the rate at which the entries were computed, Hz.
+/// Metadata key of the rate at which the entries were computed, in Hz.
 const RATE: &str = "rate_hz";
 
 /// Dependence of one entry on the sample rate.
@@ -65,7 +65,7 @@ pub fn is_same_rate(one_hz: f64, other_hz: f64) -> bool {
 /// The entries of a list column that depend on the sample rate.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RateDependence {
-    /// Rate at which the entries were computed, Hz; `None` if it differs between lines or is unknown before the run.
+    /// Rate at which the entries were computed, in Hz; `None` if it differs between lines or is unknown before the run.
     pub rate_hz: Option<f64>,
     /// Each entry with its rate dependence; all others do not depend on the rate.
     pub entries: Vec<(String, RateLaw)>,

@@ -61,9 +61,9 @@ pub trait Stage: Params + Any + Send + Sync {
     /// Fails with all faults of the parameters or the tables, before anything runs.
     fn yields(&self, inputs: &[&Table]) -> Result<StageSchema, Vec<Fault>>;
 
-    /// Reason why the parameter `key` has no effect, such as a key of a model that is not fitted; `None` if it has an
-    /// effect. The key of a result omits such parameters, so that points of a sweep that differ only in them are
-    /// computed once. A spec that sets such a parameter explicitly is rejected.
+    /// Reason why the parameter `key` has no effect, for example because it belongs to a model that is not fitted.
+    /// `None` if the parameter has an effect. The key of a result omits such parameters, so that points of a sweep that
+    /// differ only in them are computed once. A spec that sets such a parameter explicitly is rejected.
     fn unused_key(&self, _key: &str) -> Option<Fault> {
         None
     }
@@ -74,7 +74,7 @@ pub trait Stage: Params + Any + Send + Sync {
         1.0
     }
 
-    /// A word for the kind of work that the parameters select, such as leave-one-line-out fits. `explain --cost`
+    /// Word for the kind of work that the parameters select, such as leave-one-line-out fits. `explain --cost`
     /// estimates each kind separately. Empty if there is only one kind.
     fn manner(&self) -> &'static str {
         ""
@@ -122,7 +122,8 @@ pub trait LineStage: Stage {
     /// Fails for a line that cannot be computed; the other lines are still computed.
     fn run(&self, line: &LineInput, prepared: &Self::Prepared) -> LineOutput;
 
-    /// [`LineStage::run`] for several points of a sweep over one line, for a stage that shares work between them.
+    /// Same as [`LineStage::run`], for several points of a sweep over one line, for a stage that shares work between
+    /// them.
     ///
     /// All points belong to the same flight and line, in the order of the plan. Each has the columns that it declared,
     /// so columns may differ. Returns one result per point, in order, bit-identical to [`LineStage::run`]: a result
@@ -157,7 +158,7 @@ impl<S: LineStage> Copy for LinePoint<'_, S> {}
 
 /// A stage that works on all lines of a survey that its `where` selects.
 pub trait SurveyStage: Stage {
-    /// The gathering of lines.
+    /// Type that gathers the lines.
     type Gather: SurveyAggregator;
 
     /// Gathers the points of a sweep that use the same lines, to solve them together. A fault in the models or maps of
@@ -171,7 +172,7 @@ pub trait SurveyStage: Stage {
 pub struct SurveyPoint<'a, S: SurveyStage> {
     /// The stage with the parameters of the point.
     pub stage: &'a S,
-    /// Its inputs: whole models, maps and records. Tables of lines are empty batches, because [`SurveyAggregator::map`]
+    /// Inputs: whole models, maps and records. Tables of lines are empty batches, because [`SurveyAggregator::map`]
     /// reads them.
     pub inputs: &'a [RecordBatch],
 }

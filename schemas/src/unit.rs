@@ -24,10 +24,11 @@ enum PhysicalDimension {
 
 use PhysicalDimension as D;
 
-/// The US survey foot, m. [NIST Special Publication 811, appendix B.6]
+/// The US survey foot, in metres. [NIST Special Publication 811, appendix B.6]
 const US_FOOT: f64 = 1200.0 / 3937.0;
 
-/// All units: spellings (the usual one first, with blanks instead of `_` and `-`), dimension, and size in base units.
+/// All units, each with its spellings, its dimension and its size in base units. The usual spelling is first. Spellings
+/// have blanks instead of `_` and `-`.
 const UNITS: &[(&[&str], PhysicalDimension, f64)] = &[
     (&["nT", "gamma", "gammas", "nanotesla"], D::Field, 1.0),
     (&["pT", "picotesla"], D::Field, 1e-3),
@@ -143,7 +144,7 @@ pub fn convertible_to(unit: &str) -> Vec<&'static str> {
     UNITS.iter().filter(|(_, d, _)| *d == dimension).filter_map(|(spellings, ..)| spellings.first().copied()).collect()
 }
 
-/// The dimension of a unit and its size in base units; several for a spelling that two units share.
+/// Dimension of a unit and its size in base units. A spelling that two units share gives several results.
 fn measures(unit: &str) -> impl Iterator<Item = (PhysicalDimension, f64)> + Clone {
     found(unit).map(|(_, d, f)| (*d, *f))
 }

@@ -109,7 +109,7 @@ impl LineStage for AMatrix {
 /// run. If a term is a difference, a run has no gap in time.
 ///
 /// # Errors
-/// If a term is a difference and the samples are not evenly spaced.
+/// Fails if a term is a difference and the samples are not evenly spaced.
 pub fn runs_of(terms: &TermSelection, tt_s: &[f64], [x, y, z]: [&[f64]; 3]) -> Result<Vec<Range<usize>>, Fault> {
     let usable = RowMask::all(tt_s.len()).and_finite(x).and_finite(y).and_finite(z);
     if !terms.names().iter().any(|name| name.ends_with("_dot")) {
@@ -166,7 +166,7 @@ mod tests {
         (names, list.values().as_primitive::<Float64Type>().values().to_vec())
     }
 
-    /// Direction cosines and fields are divided in double precision: a few units in the last place.
+    /// Direction cosines and fields are divided in double precision, with an error of a few units in the last place.
     fn near(found: f64, expected: f64) -> bool {
         (found - expected).abs() <= 1e-15 * expected.abs().max(1.0)
     }

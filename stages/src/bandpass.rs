@@ -40,10 +40,10 @@ columns = ["mag_4_uc"]
     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
 }
 
-/// Filter for two corner frequencies, Hz. 0 removes a corner. `None` if both are 0.
+/// Filter for two corner frequencies, in Hz. 0 removes a corner. `None` if both are 0.
 ///
 /// # Errors
-/// The same as [`ZeroPhaseFilter::new`].
+/// Returns the errors of [`ZeroPhaseFilter::new`].
 pub fn design(low_hz: f64, high_hz: f64, order: usize, rate_hz: f64) -> Result<Option<ZeroPhaseFilter>, Fault> {
     let band = match (low_hz > 0.0, high_hz > 0.0) {
         (true, true) => FilterBand::Band { low_hz, high_hz },

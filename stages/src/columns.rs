@@ -9,7 +9,7 @@ use std::sync::Arc;
 /// Values of a column of numbers, borrowed.
 ///
 /// # Errors
-/// If the column is missing or does not hold numbers.
+/// Fails if the column is missing or does not hold numbers.
 pub fn floats<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a [f64], Fault> {
     let array = batch.column_by_name(name).ok_or_else(|| absent(name))?;
     let array = array.as_primitive_opt::<Float64Type>().ok_or_else(|| not_numbers(name))?;
@@ -19,7 +19,7 @@ pub fn floats<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a [f64], Fault
 /// List column, borrowed as a row-major matrix, with the names of its entries.
 ///
 /// # Errors
-/// If the column is missing or is not a list of numbers.
+/// Fails if the column is missing or is not a list of numbers.
 pub fn matrix<'a>(batch: &'a RecordBatch, name: &str) -> Result<(&'a [f64], Vec<String>), Fault> {
     let schema = batch.schema();
     let field = schema.field_with_name(name).map_err(|_| absent(name))?;
@@ -40,20 +40,20 @@ fn not_numbers(name: &str) -> Fault {
     Fault::data("does not hold numbers").in_column(name)
 }
 
-/// Sample rate of evenly spaced times (s), Hz.
+/// Sample rate of evenly spaced times (s), in Hz.
 ///
 /// # Errors
-/// The same as [`sample_rate`], for the column `tt`.
+/// Returns the errors of [`sample_rate`], for the column `tt`.
 pub fn even_rate_hz(tt_s: &[f64]) -> Result<f64, Fault> {
     sample_rate(tt_s, STEP_TOLERANCE)
         .map_err(|e| data(e).in_column("tt").help("add a `resample` stage before this one"))
 }
 
-/// Rate at which the entries of a list column are differences per sample, Hz. It is `rate_hz` of the column's metadata,
-/// or the sample rate of the line.
+/// Rate at which the entries of a list column are differences per sample, in Hz. It is `rate_hz` of the column's
+/// metadata, or the sample rate of the line.
 ///
 /// # Errors
-/// If the metadata have no `rate_hz` and the samples are not evenly spaced.
+/// Fails if the metadata have no `rate_hz` and the samples are not evenly spaced.
 pub fn list_rate_hz(batch: &RecordBatch, sampling: &RateDependence) -> Result<f64, Fault> {
     match sampling.rate_hz {
         Some(rate_hz) => Ok(rate_hz),
@@ -61,10 +61,10 @@ pub fn list_rate_hz(batch: &RecordBatch, sampling: &RateDependence) -> Result<f6
     }
 }
 
-/// Rate laws of the entries of a list column. If an entry depends on the rate, the rate is included, Hz.
+/// Rate dependence of the entries of a list column. If an entry depends on the rate, the rate in Hz is included.
 ///
 /// # Errors
-/// If the column is missing, or its rate is needed and unknown.
+/// Fails if the column is missing, or its rate is needed and unknown.
 pub fn sampling(batch: &RecordBatch, name: &str) -> Result<RateDependence, Fault> {
     let schema = batch.schema();
     let field = schema.field_with_name(name).map_err(|_| absent(name))?;
@@ -79,8 +79,7 @@ pub fn sampling(batch: &RecordBatch, name: &str) -> Result<RateDependence, Fault
 /// on the rate.
 ///
 /// # Errors
-/// If the entry depends on the rate, and the model's rate is unknown or the entry has no equivalent at that
-/// rate.
+/// Fails if the entry depends on the rate, and the model's rate is unknown or the entry has no equivalent at that rate.
 pub fn rate_factor(sampling: &RateDependence, entry: &str, to_hz: Option<f64>) -> Result<f64, Fault> {
     let (Some(law), Some(from_hz)) = (sampling.law(entry), sampling.rate_hz) else { return Ok(1.0) };
     let Some(to_hz) = to_hz else {
@@ -104,7 +103,7 @@ pub fn array(values: Vec<f64>) -> ArrayRef {
 /// A row-major matrix as a list column, `width` entries a row.
 ///
 /// # Errors
-/// If the values are not a whole number of rows, or the width does not fit an `i32`.
+/// Fails if the values are not a whole number of rows, or the width does not fit an `i32`.
 pub fn list(values: Vec<f64>, width: usize) -> Result<ArrayRef, Fault> {
     let item = Arc::new(Field::new("item", DataType::Float64, false));
     let width = i32::try_from(width).map_err(|e| Fault::data(e.to_string()))?;
@@ -115,7 +114,7 @@ pub fn list(values: Vec<f64>, width: usize) -> Result<ArrayRef, Fault> {
 /// The shape of a table of flight lines.
 ///
 /// # Errors
-/// If the input is missing.
+/// Fails if the input is missing.
 pub fn shape<'a>(inputs: &[&'a Table], i: usize) -> Result<&'a TableShape, Vec<Fault>> {
     inputs.get(i).map(|t| t.shape()).ok_or_else(|| vec![Fault::new("an input is missing")])
 }
@@ -125,10 +124,10 @@ pub fn vector_axes(name: &str) -> [String; 3] {
     ["x", "y", "z"].map(|axis| format!("{name}_{axis}"))
 }
 
-/// Rejects a truth column as a feature unless it is allowed.
+/// Rejects a truth column as a feature, unless truth columns are allowed.
 ///
 /// # Errors
-/// If it is a truth column and truth columns are not allowed.
+/// Fails if the column is a truth column and truth columns are not allowed.
 pub fn no_truth(column: &Column, param: &str, allowed: bool) -> Result<(), Fault> {
     if column.role != Role::Truth || allowed {
         return Ok(());

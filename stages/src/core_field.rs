@@ -106,7 +106,7 @@ impl CoreFieldStage {
         }
     }
 
-    /// Adds the column of an impossible position and its row.
+    /// Adds the column and the row of an impossible position to a fault.
     fn placed(&self, e: CoreFieldError) -> Fault {
         let [lat, lon, alt] = self.position.columns();
         match e {
@@ -260,7 +260,8 @@ mod tests {
 
     #[test]
     fn law_the_field_is_rotated_into_the_body_frame() {
-        // Level to the east; north, right wing down; nose up from the north; without a heading.
+        // The attitudes are: level to the east; to the north with the right wing down; to the north with the nose up;
+        // without a heading.
         let (roll, pitch, yaw) = ([0.0, 90.0, 0.0, 0.0], [0.0, 0.0, 90.0, 0.0], [90.0, 0.0, 0.0, f64::NAN]);
         let columns: [(&str, &[f64]); 6] = [
             ("lat", &[45.0; 4]),

@@ -68,7 +68,8 @@ pub fn note(
     skipped.then(|| format!("{correction} has already been removed from {} and is not removed again", names()))
 }
 
-/// Corrections of the value of an expression: those of its terms, and those applied by subtraction in it.
+/// Corrections of the value of an expression: those of its terms, and those that a subtraction in the expression
+/// applies.
 ///
 /// The difference of two readings at the same time contains neither core field nor diurnal variation.
 pub fn of_expression(expression: &Expression, shape: &TableShape) -> CorrectionSet {

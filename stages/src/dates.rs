@@ -14,7 +14,7 @@ pub fn dated_by_flight(shape: &TableShape) -> bool {
 /// Decimal year of every sample. NaN for a sample without a date.
 ///
 /// # Errors
-/// If the year has no such day. The fault names the row.
+/// Fails if the year has no such day. The fault names the row.
 pub fn years(batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
     let (year, day, tt) = (whole_numbers(batch, "year")?, whole_numbers(batch, "doy")?, floats(batch, "tt")?);
     let all = year.iter().zip(&day).zip(tt).enumerate();
@@ -28,7 +28,7 @@ pub fn years(batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
 /// Decimal year of the line's first sample with both a year and a day.
 ///
 /// # Errors
-/// If no sample has both, or the year has no such day. The fault names the row.
+/// Fails if no sample has both, or the year has no such day. The fault names the row.
 pub fn first_year(batch: &RecordBatch) -> Result<f64, Fault> {
     let known = |name: &str| match batch.column_by_name(name) {
         Some(_) => whole_numbers(batch, name).map(Some),
@@ -54,7 +54,7 @@ pub const DAY_S: f64 = 86_400.0;
 /// `None` without such a sample.
 ///
 /// # Errors
-/// If the year has no such day. The fault names the row.
+/// Fails if the year has no such day. The fault names the row.
 pub fn first_midnight(batch: &RecordBatch) -> Result<Option<i64>, Fault> {
     if batch.column_by_name("year").is_none() || batch.column_by_name("doy").is_none() {
         return Ok(None);
@@ -68,10 +68,10 @@ pub fn first_midnight(batch: &RecordBatch) -> Result<Option<i64>, Fault> {
     Ok(Some(day - (tt[row] / DAY_S).floor() as i64))
 }
 
-/// Offset of the times of `other` to the midnight of `first`, s. 0 if one table has no date.
+/// Offset of the times of `other` to the midnight of `first`, in seconds. 0 if one table has no date.
 ///
 /// # Errors
-/// The same as [`first_midnight`].
+/// Returns the errors of [`first_midnight`].
 pub fn offset_s(first: &RecordBatch, other: &RecordBatch) -> Result<f64, Fault> {
     Ok(match (first_midnight(first)?, first_midnight(other)?) {
         (Some(first), Some(other)) => DAY_S * (other - first) as f64,
@@ -102,7 +102,7 @@ fn one(year: f64, day: f64, tt: f64) -> Result<f64, Fault> {
 /// Whole numbers, stored as integers or floats. NaN for missing ones.
 ///
 /// # Errors
-/// If the column is missing or does not hold numbers.
+/// Fails if the column is missing or does not hold numbers.
 pub fn whole_numbers(batch: &RecordBatch, name: &str) -> Result<Vec<f64>, Fault> {
     let array = batch.column_by_name(name).ok_or_else(|| Fault::data("is missing").in_column(name))?;
     match array.as_primitive_opt::<Int64Type>() {

@@ -207,7 +207,8 @@ mod tests {
         let same = |found: &[f64], expected: [f64; 3]| {
             assert!(found.iter().zip(expected).all(|(x, y)| *x == y || x.is_nan() && y.is_nan()), "{found:?}");
         };
-        // In alphabetical order. For an unknown height the last alternative applies; x/0 is missing.
+        // The columns are in alphabetical order. For an unknown height, the last alternative applies. The value of x/0
+        // is missing.
         same(&made[0], [50_000.0, 1.0, 0.0]);
         same(&made[1], [0.5, nan, 1.0]);
         same(&made[2], [0.5, nan, 50_004.0]);

@@ -87,7 +87,7 @@ impl Despike {
         }
     }
 
-    /// Sample rate from the median step, Hz. The fourth difference requires even steps.
+    /// Sample rate from the median step, in Hz. The fourth difference requires even steps.
     fn rate_hz(&self, tt: &[f64]) -> Result<f64, Fault> {
         let tolerance = match self.method {
             SpikeDetection::Hampel => f64::INFINITY,

@@ -131,7 +131,7 @@ impl Diurnal {
             DiurnalBaseline::Line => on_line,
         };
         let finite: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
-        // Relative to the first value, so that a sum of thousands of fields keeps its precision.
+        // The values are summed relative to the first value, so that a sum of thousands of fields keeps its precision.
         let first = finite.first().copied().unwrap_or(f64::NAN);
         first + finite.iter().map(|x| x - first).sum::<f64>() / finite.len() as f64
     }
@@ -372,7 +372,7 @@ mod tests {
 
     #[test]
     fn law_two_stations_are_weighted_by_distance() {
-        // 1 and 3 degrees away on a meridian of the ellipsoid.
+        // The stations are 1 and 3 degrees away on a meridian of the ellipsoid.
         let records =
             || vec![record("NEAR", 60.0, 1, 44.0, |t| (1e-3 * t).sin()), record("FAR", 60.0, 1, 48.0, |_| 0.0)];
         let zeroed = || Some([("NEAR".to_owned(), 0.0), ("FAR".to_owned(), 0.0)].into());

@@ -81,7 +81,7 @@ features = ["mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"]
     allow_truth: bool, unit "", default false;
 }
 
-/// Corner frequency, Hz, and order of `lpf_...`, as in MagNav.jl.
+/// Corner frequency, in Hz, and order of `lpf_...`, as in MagNav.jl.
 const LOW_PASS: (f64, usize) = (0.2, 4);
 const ATTITUDE: [&str; 3] = ["ins_roll", "ins_pitch", "ins_yaw"];
 const CORE: [&str; 3] = ["igrf_x", "igrf_y", "igrf_z"];
@@ -96,7 +96,7 @@ enum FeatureDefinition {
     Plain(String),
     Difference(String, DifferenceScheme),
     Lag(String, usize),
-    /// Its name, and the two columns.
+    /// Name, and the two columns.
     Between(String, [String; 2]),
     LowPass(String),
     Dcm(usize),

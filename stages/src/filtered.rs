@@ -26,8 +26,7 @@ pub enum AngleTreatment {
 /// run. A run shorter than the filter's padding becomes NaN.
 ///
 /// # Errors
-/// If samples are not evenly spaced, the filter cannot be designed, or a column has no run that is long
-/// enough.
+/// Fails if samples are not evenly spaced, the filter cannot be designed, or a column has no run that is long enough.
 pub fn filtered(
     batch: &RecordBatch,
     columns: &[String],

@@ -195,7 +195,7 @@ pub fn entry(models: Vec<&'static FitModelDecl>) -> StageEntry {
 }
 
 impl Fit {
-    /// Settings, including the defaults of the model.
+    /// Settings of the fit, including the defaults of the model.
     fn settings(&self) -> FitSettings {
         let (model, whiten) = (self.model.kind, self.whiten.filter(|_| self.model.takes("whiten")));
         FitSettings {

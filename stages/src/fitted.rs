@@ -24,7 +24,7 @@ pub enum FittedModelForm {
 pub struct FittedModel {
     /// Kind of the model.
     pub body: FittedModelForm,
-    /// Rate at which its terms were differences per sample, Hz. `None` if the table does not contain the rate.
+    /// Rate at which its terms were differences per sample, in Hz. `None` if the table does not contain the rate.
     pub rate_hz: Option<f64>,
 }
 
@@ -32,7 +32,7 @@ impl FittedModel {
     /// Reads the model of a table, without the terms `without`.
     ///
     /// # Errors
-    /// If the table is incomplete, or a term to omit is missing.
+    /// Fails if the table is incomplete, or a term to omit is missing.
     pub fn read(table: &RecordBatch, without: &[String]) -> Result<Self, Fault> {
         let values = floats(table, "value")?;
         let terms = table.column_by_name("term").and_then(|t| t.as_string_opt::<i32>());
@@ -60,7 +60,7 @@ impl FittedModel {
     /// sample are converted to the rate of the model.
     ///
     /// # Errors
-    /// If the line lacks a column, or an entry cannot be converted.
+    /// Fails if the line lacks a column, or an entry cannot be converted.
     pub fn predict(&self, line: &RecordBatch, rows: usize) -> Result<FieldPrediction, Fault> {
         predict(&ModelInputColumns::new(line, self.rate_hz)?, &self.body, rows)
     }
@@ -89,10 +89,10 @@ impl FittedModel {
         Some((of(false).map(|(_, v)| *v).collect(), of(true).map(|(_, v)| v).sum()))
     }
 
-    /// Predicted field for rows of [`FittedModel::columns`], nT. Rows are row-major and finite.
+    /// Predicted field for rows of [`FittedModel::columns`], in nT. Rows are row-major and finite.
     ///
     /// # Errors
-    /// If a model written in Python fails.
+    /// Fails if a model written in Python fails.
     pub fn field_nt(&self, x: &[f64]) -> Result<Vec<f64>, Fault> {
         Ok(match (&self.body, self.coefficients()) {
             (FittedModelForm::Learned(learned), _) => {
@@ -127,7 +127,7 @@ impl TermSource<'_> {
 struct ModelInputColumns<'a> {
     batch: &'a RecordBatch,
     lists: Vec<ListColumn<'a>>,
-    /// Rate of the model, Hz.
+    /// Rate of the model, in Hz.
     rate_hz: Option<f64>,
 }
 
@@ -162,12 +162,12 @@ impl<'a> ModelInputColumns<'a> {
     }
 }
 
-/// Rate of the lines of a fit, from its table, Hz. `None` if the table does not contain the rate.
+/// Rate of the lines of a fit, from its table, in Hz. `None` if the table does not contain the rate.
 pub fn rate_of(table: &RecordBatch) -> Option<f64> {
     floats(table, RATE).ok()?.first().copied().filter(|rate_hz| *rate_hz > 0.0)
 }
 
-/// Predicted field of each sample, nT.
+/// Predicted field of each sample, in nT.
 fn predict(sources: &ModelInputColumns, body: &FittedModelForm, rows: usize) -> Result<FieldPrediction, Fault> {
     match body {
         FittedModelForm::Linear { terms, values } => {

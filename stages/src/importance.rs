@@ -275,7 +275,7 @@ impl LineStage for Importance {
 
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<FittedModel, Fault> {
         let fitted = FittedModel::read(inputs.get(1).ok_or_else(|| Fault::data("the model is missing"))?, &[])?;
-        // Samples are permuted without their predecessors.
+        // A model of a window of samples is rejected, because samples are permuted without their predecessors.
         if matches!(&fitted.body, FittedModelForm::Learned(learned) if learned.sees_a_window()) {
             let what = "the model uses a window of samples, but `importance` requires a model of single samples";
             return Err(Fault::data(what).of_param("model"));

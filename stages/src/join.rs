@@ -61,8 +61,8 @@ choice! {
     }
 }
 
-/// Maximum difference of equal times, s. It is far below a sample interval, and far above the rounding error of the
-/// seconds of a day.
+/// Maximum difference of equal times, in seconds. It is far below a sample interval, and far above the rounding error
+/// of the seconds of a day.
 const SAME_S: f64 = 1e-6;
 
 /// The inputs, in their order.
@@ -127,8 +127,8 @@ impl Stage for Join {
     }
 }
 
-/// Row nearest to each time; `None` if no row is within `within_s`. `tt` holds the times of the rows. Both lists
-/// increase. Of two equally near rows, the earlier one is used.
+/// Row nearest to each time; `None` if no row is within `within_s`. `tt` holds the times of the rows. Both lists of
+/// times increase. Of two equally near rows, the earlier one is used.
 fn nearest(times: &[f64], tt: &[f64], within_s: f64) -> Vec<Option<u64>> {
     let mut first = 0;
     let one = |time: &f64| {

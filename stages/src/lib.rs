@@ -54,8 +54,8 @@ mod whole_numbers;
 
 use schemas::StageEntry;
 
-/// Stages, models, filters and metrics of a program. [`Catalogue::default`] holds the built-in ones. A program with its
-/// own parts adds to it and passes [`Catalogue::entries`] on.
+/// Stages, models, filters and metrics of a program. [`Catalogue::default`] holds the built-in ones. A program with
+/// other parts adds them and passes on [`Catalogue::entries`].
 ///
 /// ```
 /// let catalogue = stages::Catalogue::default();

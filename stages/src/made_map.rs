@@ -16,7 +16,7 @@ pub fn whole_map() -> Vec<String> {
 /// Maps of a stage's inputs, each on its native grid.
 ///
 /// # Errors
-/// If a table is not a map.
+/// Fails if a table is not a map.
 pub fn grids(maps: &[RecordBatch]) -> Result<Vec<AnomalyGrid>, Fault> {
     maps.iter().map(|table| AnomalyGrid::of_table(table).map_err(Fault::from)).collect()
 }
@@ -24,7 +24,7 @@ pub fn grids(maps: &[RecordBatch]) -> Result<Vec<AnomalyGrid>, Fault> {
 /// Map that a stage returns, with its warnings.
 ///
 /// # Errors
-/// If the map has no known value.
+/// Fails if the map has no known value.
 pub fn made(map: &AnomalyGrid, warnings: Vec<String>) -> Result<StageOutput, Fault> {
     Ok(StageOutput { columns: map.made()?, warnings })
 }
@@ -32,7 +32,7 @@ pub fn made(map: &AnomalyGrid, warnings: Vec<String>) -> Result<StageOutput, Fau
 /// Map with its unknown nodes filled by minimum curvature, for transforms of the whole map.
 ///
 /// # Errors
-/// If the map has too few known nodes.
+/// Fails if the map has too few known nodes.
 pub fn without_gaps(map: &PlaneGrid) -> Result<PlaneGrid, FillError> {
     if map.unknown() == 0 { Ok(map.clone()) } else { smooth(map, &SmoothFill::default()).map(|(full, _)| full) }
 }

@@ -72,7 +72,8 @@ pub struct ContinuationResult {
     pub warnings: Vec<String>,
     /// L-curve of a downward continuation.
     pub curve: Option<LCurve>,
-    /// Estimated error of each node from the unknown field beyond the map's edges, nT. `None` if it was not estimated.
+    /// Estimated error of each node from the unknown field beyond the map's edges, in nT. `None` if it was not
+    /// estimated.
     pub edge_error: Option<PlaneGrid>,
 }
 
@@ -167,7 +168,7 @@ impl ContinuationJob<'_> {
         self.stage.alpha_m2.given().map_or(Regularisation::LCurve, Regularisation::Alpha)
     }
 
-    /// Damping of a downward continuation by at most `down_m`, m2.
+    /// Damping of a downward continuation by at most `down_m`, in m².
     fn alpha_m2(&self, down_m: f64) -> Result<f64, Fault> {
         Ok(match self.regularisation() {
             Regularisation::Alpha(alpha_m2) => alpha_m2,

@@ -1,4 +1,4 @@
-//! Errors of a map at heights other than its own, and between its nodes.
+//! Errors of a map between its nodes, and at heights other than the height of the map.
 
 use arrow_array::RecordBatch;
 use numerics::{
@@ -18,11 +18,11 @@ use crate::{
     maps::{column_map, map_of_values, plane},
 };
 
-/// Error of a map at a height other than its own.
+/// Error of a map at a height other than the height of the map.
 enum HeightError {
-    /// Map that is not continued: its height, in m, and its mean square by wavenumber.
+    /// Map that is not continued: its height, in metres, and its mean square by wavenumber.
     AsItIs { own_m: f64, power: RadialPower },
-    /// Continued map: height of each level, in m, and error there, in nT.
+    /// Continued map: height of each level, in metres, and error there, in nT.
     Continued(Vec<(f64, f64)>),
 }
 
@@ -43,27 +43,27 @@ struct NodeError {
     map: FieldMap,
     /// Root mean square over all nodes, in nT.
     rms_nt: f64,
-    /// Height of the error, in m, if it decreases with the height.
+    /// Height of the error, in metres, if it decreases with the height.
     level_m: Option<f64>,
 }
 
 /// Errors of a map that are computed from the map itself.
 pub struct MapErrors {
     height: HeightError,
-    /// Rms error of bilinear interpolation, in nT, and length of a cell, in m; `None` with another interpolation.
+    /// Rms error of bilinear interpolation, in nT, and length of a cell, in metres; `None` with another interpolation.
     bilinear: Option<(f64, f64)>,
     /// Error of each node.
     own: Option<NodeError>,
-    /// Length of a cell, in m.
+    /// Length of a cell, in metres.
     cell_m: f64,
 }
 
 impl MapErrors {
-    /// Errors of a map table. `levels_m`: heights of the continuation, in m above the ellipsoid, ascending. `bilinear`:
-    /// bilinear interpolation. `own`: source of the nodes' error.
+    /// Errors of a map table. `levels_m` are the heights of the continuation, in metres above the ellipsoid, ascending.
+    /// `bilinear` states whether the interpolation is bilinear. `own` is the source of the nodes' error.
     ///
     /// # Errors
-    /// When the table is not a grid, or lacks the column of that source.
+    /// Fails if the table is not a grid, or lacks the column of that source.
     pub fn new(
         map: &RecordBatch,
         levels_m: Option<&[f64]>,
@@ -101,8 +101,8 @@ impl MapErrors {
         Ok(Self { height, bilinear: bilinear.then(|| (bilinear_error_nt(&plane), cell_m)), own, cell_m })
     }
 
-    /// Expected root mean square error, in nT, over the whole map at the mean of the heights `alt_m`, in m above the
-    /// ellipsoid. For a continued map, the error of the continuation. NaN where either height is unknown.
+    /// Expected root mean square error, in nT, over the whole map at the mean of the heights `alt_m`, in metres above
+    /// the ellipsoid. For a continued map, this is the error of the continuation. NaN where either height is unknown.
     pub fn of_height_nt(&self, alt_m: &[f64]) -> f64 {
         let mean_m = alt_m.iter().sum::<f64>() / alt_m.len() as f64;
         match &self.height {
@@ -115,7 +115,7 @@ impl MapErrors {
         }
     }
 
-    /// Length of a cell, in m.
+    /// Length of a cell, in metres.
     pub fn cell_m(&self) -> f64 {
         self.cell_m
     }
@@ -128,7 +128,7 @@ impl MapErrors {
     /// Standard deviation of the nodes' error at each sample of a line, in nT.
     ///
     /// # Errors
-    /// Fails as [`map_noise::along`].
+    /// Returns the errors of [`map_noise::along`].
     pub fn at_nodes_nt(&self, line: &NavigationLine<'_>) -> Result<Option<Vec<f64>>, Fault> {
         let Some(own) = &self.own else { return Ok(None) };
         let mut error_nt = map_noise::along(line, &own.map, 1.0).map_err(data)?;
@@ -153,14 +153,15 @@ impl MapErrors {
     /// autocorrelation of the error falls to 1/e over `length_m`; samples are `step_m` apart.
     ///
     /// # Errors
-    /// Fails as [`map_noise::along`].
+    /// Returns the errors of [`map_noise::along`].
     pub fn own_nt(&self, line: &NavigationLine<'_>, step_m: f64, length_m: f64) -> Result<Option<Vec<f64>>, Fault> {
         let factor = lasting_factor(step_m, length_m);
         self.own.as_ref().map(|own| map_noise::along(line, &own.map, factor).map_err(data)).transpose()
     }
 }
 
-/// Error of each level, nT. Below the map it is the amplified noise and the field that damping removes; elsewhere it is
+/// Error of each level, in nT. Below the map it is the amplified noise and the field that damping removes; elsewhere it
+/// is
 /// 0. The unknown field beyond the edges of the map is ignored.
 fn level_errors(power: &RadialPower, noise_nt: Option<f64>, (own_m, levels_m): (f64, &[f64])) -> Vec<(f64, f64)> {
     let error_nt = |level_m: f64| match own_m - level_m {

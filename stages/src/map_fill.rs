@@ -202,7 +202,7 @@ fn compared(others: &[(String, AnomalyGrid)], done: &CombinedMap) -> Vec<String>
     done.overlaps.iter().map(one).collect()
 }
 
-/// Map continued upward by `up_m` to the height of another. Unchanged if a height is unknown.
+/// Map continued upward by `up_m` to the height of another map. Unchanged if a height is unknown.
 fn at_level(plane: PlaneGrid, up_m: f64) -> Result<PlaneGrid, Fault> {
     if up_m < 0.0 {
         let fault = Fault::data(format!("the map is {:.0} m above the map that it fills", -up_m));

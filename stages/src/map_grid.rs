@@ -123,7 +123,7 @@ level_m   = 300.0
 pub struct SurveyMap {
     /// The map.
     pub map: AnomalyGrid,
-    /// Expected error of each node, nT, if lines were omitted in turn.
+    /// Expected error of each node, in nT, if lines were omitted in turn.
     pub error: Option<AnomalyGrid>,
     /// Report of the gridding.
     pub report: GriddingReport,
@@ -155,7 +155,7 @@ impl MapGrid {
     /// EPSG code of the map's coordinate system, if given.
     ///
     /// # Errors
-    /// If there is no such code.
+    /// Fails if there is no such code.
     pub fn epsg(&self) -> Result<Option<u16>, Fault> {
         epsg_of(self.to_epsg)
     }
@@ -355,7 +355,7 @@ pub const NO_HEIGHTS: &str =
 /// EPSG code of the parameter `to_epsg`.
 ///
 /// # Errors
-/// If there is no such code.
+/// Fails if there is no such code.
 pub(crate) fn epsg_of(to_epsg: Option<usize>) -> Result<Option<u16>, Fault> {
     let wrong = |code: usize| Fault::new(format!("there is no EPSG code {code}")).of_param("to_epsg");
     to_epsg.map(|code| u16::try_from(code).map_err(|_| wrong(code))).transpose()

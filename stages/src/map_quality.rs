@@ -209,7 +209,8 @@ mod tests {
             let made = run(&stage, &waves, &diagonal).unwrap();
             let n = 95.0;
             let expected = 5.0 * ((1.0 + 0.25) * 2.0 / (n * a * a * k * k)).sqrt();
-            // A period has one sample more than the window; the spline has nodes 40 m apart.
+            // The errors arise because a period has one sample more than the window, and because the nodes of the
+            // spline are 40 m apart.
             assert!((made[4][90] / expected - 1.0).abs() < 0.02, "{} {expected}", made[4][90]);
             let slope = (a * k).hypot(2.0 * a * k);
             assert!((made[2][90] / slope - 1.0).abs() < 1e-2 && (made[3][90] * slope / 5.0 - 1.0).abs() < 1e-2);

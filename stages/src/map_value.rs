@@ -118,7 +118,7 @@ impl LineStage for MapValue {
 /// north, east and up in nT/m. NaN off the map, in a cell with an unknown node and without a position.
 ///
 /// # Errors
-/// If no sample is on the map.
+/// Fails if no sample is on the map.
 pub(crate) fn looked_up(map: &FieldMap, lat: &[f64], lon: &[f64], alt: &[f64]) -> Result<[Vec<f64>; 4], Fault> {
     let earth = EarthModel::Wgs84;
     let mut columns = [(); 4].map(|()| Vec::with_capacity(lat.len()));
@@ -163,7 +163,7 @@ mod tests {
         80.0 + 500.0 * (lat - 45.0) - 300.0 * (lon + 75.0)
     }
 
-    /// Its map, 11 by 9 nodes about 45 degrees north, 75 degrees west.
+    /// Map, 11 by 9 nodes about 45 degrees north, 75 degrees west.
     fn map() -> RecordBatch {
         let nodes = || (0..11).flat_map(|row| (0..9).map(move |column| (f64::from(row), f64::from(column))));
         let lat = |row: f64| 44.995 + 0.001 * row;

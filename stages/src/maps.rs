@@ -1,4 +1,4 @@
-//! Maps as stages interpolate them: at the native height, or continued to the heights flown.
+//! Maps in the form that stages interpolate: at the height of the map, or continued to the heights flown.
 
 use arrow_array::RecordBatch;
 use numerics::maps::{
@@ -19,7 +19,7 @@ use crate::columns::{data, floats};
 /// interpolated on that grid.
 ///
 /// # Errors
-/// If the table is not a grid, the coordinate system cannot be used, or the levels do not ascend. If levels
+/// Fails if the table is not a grid, the coordinate system cannot be used, or the levels do not ascend. Fails if levels
 /// are given for a map that is draped or whose height is unknown.
 pub fn field_map(
     table: &RecordBatch,
@@ -32,7 +32,7 @@ pub fn field_map(
 /// The same as [`field_map`] for another column of a map, such as the error of each node.
 ///
 /// # Errors
-/// The same as [`field_map`]. If the table has no such column.
+/// Returns the errors of [`field_map`]. Fails if the table has no such column.
 pub fn column_map(
     table: &RecordBatch,
     column: &str,
@@ -42,10 +42,10 @@ pub fn column_map(
     map_of_values(table, floats(table, column)?, interpolation, levels_m)
 }
 
-/// [`column_map`] of other values, one for each row of the table.
+/// Same as [`column_map`] for given values, one for each row of the table.
 ///
 /// # Errors
-/// The same as [`field_map`].
+/// Returns the errors of [`field_map`].
 pub fn map_of_values(
     table: &RecordBatch,
     values: &[f64],
@@ -72,7 +72,7 @@ pub fn map_of_values(
 /// Map of a table on a plane, in metres from its south-west corner.
 ///
 /// # Errors
-/// If the table is not a grid.
+/// Fails if the table is not a grid.
 pub fn plane(table: &RecordBatch) -> Result<PlaneGrid, Fault> {
     let anomaly = floats(table, "anomaly")?;
     let Some(own) = NativeGrid::from_schema(&table.schema())? else {
@@ -158,7 +158,7 @@ fn projected(own: &NativeGrid, rows: &EvenAxis, columns: &EvenAxis) -> Result<Gr
     })
 }
 
-/// Heights of the levels above the map, m.
+/// Heights of the levels above the map, in metres.
 fn above(table: &RecordBatch, levels_m: &[f64]) -> Result<Vec<f64>, Fault> {
     let alt = floats(table, "alt")?;
     let level = alt.first().copied().unwrap_or(f64::NAN);

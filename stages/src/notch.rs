@@ -48,7 +48,7 @@ impl Notch {
     /// Frequencies to remove from samples at `rate_hz`, without duplicates.
     ///
     /// # Errors
-    /// If an alias is too near to 0 Hz or to the Nyquist frequency.
+    /// Fails if an alias is too near to 0 Hz or to the Nyquist frequency.
     fn aliases(&self, rate_hz: f64) -> Result<Vec<f64>, Fault> {
         let mut found: Vec<f64> = vec![];
         for k in 1..=self.harmonics {

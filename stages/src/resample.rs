@@ -81,7 +81,7 @@ choice! {
 }
 
 impl Resample {
-    /// Lag of a column of the input `i`, s.
+    /// Lag of a column of the input `i`, in seconds.
     fn lag_of(&self, i: usize, name: &str) -> f64 {
         let of_vector = || {
             let (vector, _) = schemas::flight::vector_part(name)?;
@@ -158,7 +158,7 @@ fn lagged_entry(column: &Column) -> Option<Fault> {
     Some(Fault::new(what).help("compute the column after `resample`, or drop it with `select`").of_param("input"))
 }
 
-/// Resampled columns of the input `i`: those that are in no earlier input.
+/// Resampled columns of the input `i`: columns that no earlier input has.
 fn own_columns<'a>(shapes: &[&'a TableShape], i: usize) -> Result<Vec<&'a Column>, Fault> {
     let mut own = vec![];
     for column in shapes.get(i).into_iter().flat_map(|shape| &shape.columns) {

@@ -98,7 +98,7 @@ const MADE: [&str; 13] = [
     "ins_aligned",
 ];
 
-/// Largest position error for which an error model or a map is valid, m.
+/// Largest position error for which an error model or a map is valid, in metres.
 const ERROR_LIMIT_M: f64 = 1e6;
 
 impl SimulateIns {

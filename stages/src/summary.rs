@@ -66,7 +66,7 @@ pub fn entry(scorers: Vec<&'static Scorer>) -> StageEntry {
 }
 
 const READS: [&str; 4] = ["metric", "value", "n", score::SPREAD];
-/// Errors from which the overfitting ratio is computed; the first available error is used.
+/// Metrics from which the overfitting ratio is computed; the first available metric is used.
 const OVERFITTING: [&Metric; 2] = [&score::STD_ERROR.metric, &score::MAP_STD_ERROR.metric];
 /// Metrics that are scored over all lines only.
 const METRICS: [Metric; 1] = [OVERFITTING_RATIO];
@@ -134,7 +134,7 @@ impl SummaryScore {
         Ok(Self { metric: declared.ok_or_else(undeclared)?, value, n, spread, in_sample: false })
     }
 
-    /// Its value and its weight.
+    /// Value and its weight.
     fn weighed(&self) -> WeightedScore<'_> {
         WeightedScore { value: self.value, n: self.n as f64, spread: &self.spread }
     }

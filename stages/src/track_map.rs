@@ -295,7 +295,7 @@ fn axes(samples: &[TrackSample], bounds: Option<[f64; 4]>, spacing_m: f64) -> Re
         bounds.unwrap_or([end(0, f64::min), end(1, f64::min), end(0, f64::max), end(1, f64::max)]);
     let ends = [(west, east), (south, north)].map(|(low, high)| ((low / spacing_m).floor(), (high / spacing_m).ceil()));
     let nodes = ends.iter().map(|(first, last)| last - first + 1.0).product::<f64>();
-    // Also false for NaN.
+    // The comparison is also false for NaN.
     let fits = nodes <= MOST_NODES;
     if !fits {
         let what = format!("the map would have {nodes:.0} nodes, {spacing_m:.1} m apart");

@@ -54,9 +54,9 @@ fn is_of_training(name: &str) -> bool {
 /// Prediction of a model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FieldPrediction {
-    /// Predicted field of each row, nT.
+    /// Predicted field of each row, in nT.
     pub field_nt: Vec<f64>,
-    /// Standard deviation of the prediction, nT. `None` if the model does not provide one.
+    /// Standard deviation of the prediction, in nT. `None` if the model does not provide one.
     pub sigma_nt: Option<Vec<f64>>,
 }
 
@@ -65,7 +65,7 @@ pub struct FieldPrediction {
 pub enum NetworkLayers<'a> {
     /// Layers of a network of single samples.
     Dense(&'a NetworkShape),
-    /// Layers of a network over a window of samples, and their rate, Hz.
+    /// Layers of a network over a window of samples, and their rate, in Hz.
     Windowed(&'a WindowedNetworkShape, f64),
 }
 
@@ -84,7 +84,7 @@ pub struct NetworkParts<'a> {
     pub layers: NetworkLayers<'a>,
     /// Parameters of each member.
     pub members: &'a [Vec<f64>],
-    /// Scale of the target, nT.
+    /// Scale of the target, in nT.
     pub scale_nt: f64,
 }
 
@@ -119,7 +119,7 @@ impl LearnedModel {
     /// consecutive rows. Only a network over a window uses them.
     ///
     /// # Errors
-    /// If a model written in Python fails.
+    /// Fails if a model written in Python fails.
     pub fn predict(&self, x: &[f64], runs: &[usize]) -> Result<FieldPrediction, Fault> {
         Ok(match self {
             LearnedModel::Network(network) => network.predict(x),
@@ -151,7 +151,7 @@ impl LearnedModel {
     /// Checks that samples at a rate can be the input.
     ///
     /// # Errors
-    /// If the model uses a window of samples at another rate.
+    /// Fails if the model uses a window of samples at another rate.
     pub fn check_rate(&self, rate_hz: f64) -> Result<(), Fault> {
         match self {
             LearnedModel::Windowed(network) => network.check_rate(rate_hz),
@@ -188,7 +188,7 @@ impl LearnedModel {
     /// Model of a table with these terms. `None` for a linear one.
     ///
     /// # Errors
-    /// If terms are missing, duplicate or inconsistent, because the table is incomplete.
+    /// Fails if terms are missing, duplicate or inconsistent, because the table is incomplete.
     pub fn read(names: &[String], values: &[f64]) -> Result<Option<LearnedModel>, Fault> {
         if !names.iter().any(|name| name.strip_prefix(FAMILY).is_some_and(|rest| rest.starts_with(' '))) {
             return Ok(None);

@@ -1,4 +1,4 @@
-//! Resampling of numeric columns: measured quantities are interpolated, whole numbers stay whole.
+//! Resamples numeric columns: measured quantities are interpolated, and whole numbers stay whole.
 
 use std::collections::HashSet;
 

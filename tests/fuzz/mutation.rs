@@ -1,8 +1,8 @@
-//! Seeded mutation of bytes, texts and JSON.
+//! Seeded mutation of bytes, strings and JSON.
 
 use serde_json::{Map, Value, json};
 
-/// Parts of hostile names, paths, numbers and texts.
+/// Parts of hostile names, paths, numbers and strings.
 pub const PIECES: [&str; 52] = [
     "..",
     ".",
@@ -105,7 +105,7 @@ fn line(text: &str, random: &mut Random) -> Vec<u8> {
     format!("\n{}\n", lines[start..end].join("\n")).into_bytes()
 }
 
-/// One to four changes of `bytes`; `donors` are texts whose lines may be inserted.
+/// One to four changes of `bytes`; `donors` are strings whose lines may be inserted.
 pub fn mutated_text(random: &mut Random, bytes: &[u8], donors: &[&str]) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     for _ in 0..=random.below(4) {

@@ -152,7 +152,7 @@ fn user_planning_is_subject_to_the_timeout() {
 fn user_no_query_exceeds_its_memory_limit_or_ends_the_server() {
     let bench = ran();
     let served = Served::new(&bench, |s| s.memory = 128 << 20);
-    // Functions that create long texts, during planning and during execution.
+    // Functions that create long strings, during planning and during execution.
     let queries = [
         "SELECT length(repeat('a', 2000000000))",
         "SELECT max(length(repeat(flight, 1000000 + CAST(tt AS INT)))) FROM small.clean",

@@ -69,7 +69,7 @@ impl AnomalyGrid {
     ///
     /// # Errors
     /// Fails for axes of fewer than two nodes or that do not ascend, degrees out of range, values or heights that are
-    /// infinite or differ in number from the nodes, and a map without a known value.
+    /// infinite or differ in number from the nodes, or a map without a known value.
     pub fn new(
         x: EvenAxis,
         y: EvenAxis,
@@ -100,7 +100,7 @@ impl AnomalyGrid {
     ///
     /// # Errors
     /// Fails for axes of fewer than two nodes or with non-finite numbers, values or heights that differ in number from
-    /// the nodes, infinite values, and a grid without a known value.
+    /// the nodes, infinite values, or a grid without a known value.
     pub fn check(&self) -> Result<(), ReadError> {
         let names = if self.crs.is_geographic() { ["lon", "lat"] } else { ["easting", "northing"] };
         for (axis, name) in [&self.x, &self.y].into_iter().zip(names) {
@@ -257,14 +257,14 @@ impl AnomalyGrid {
     /// The same map with other values, one per node, row by row from the south, and without errors of the nodes.
     ///
     /// # Errors
-    /// Fails for values that differ in number from the nodes, infinite values, and a map without a known value.
+    /// Fails for values that differ in number from the nodes, infinite values, or a map without a known value.
     pub fn with_plane_values(&self, values: Vec<f64>) -> Result<AnomalyGrid, ReadError> {
         let map = AnomalyGrid { anomaly_nt: values, error_nt: None, ..self.clone() };
         map.check()?;
         Ok(map)
     }
 
-    /// A map of another extent or spacing, such as a trimmed or expanded one, from a grid on this map's plane (the
+    /// A map with another extent or spacing, such as a trimmed or expanded map, from a grid on this map's plane (the
     /// metres of [`AnomalyGrid::plane`]).
     ///
     /// # Errors

@@ -23,9 +23,9 @@ impl Crs {
     ///
     /// Projections agree with PROJ 9.5 within 1 mm (about 4800 codes were compared at one position each). A forward and
     /// inverse transformation reproduces a position within 1 cm, or within 25 cm for a few datums that are hundreds of
-    /// metres from WGS-84. Datum shifts use the three or seven parameters of the register. Their error is about 3 m for
-    /// the British National Grid, compared with the national grid-shift file. It is up to 2 m for modern continental
-    /// datums, which drift relative to WGS-84, and locally tens of metres for old datums.
+    /// metres from WGS-84. Datum shifts use the three or seven parameters of the register. Compared with the national
+    /// grid-shift file, the error is about 3 m for the British National Grid. It is up to 2 m for modern continental
+    /// datums, which drift relative to WGS-84. For old datums, it is locally tens of metres.
     ///
     /// # Errors
     /// Fails for an unknown code, projection or transformation to WGS-84, such as of datums defined by a grid-shift
@@ -70,17 +70,17 @@ impl Crs {
         self.code
     }
 
-    /// Its name in the EPSG register, such as `WGS 84 / UTM zone 54S`.
+    /// Name in the EPSG register, such as `WGS 84 / UTM zone 54S`.
     pub fn name(&self) -> &'static str {
         self.wkt.split('"').nth(1).unwrap_or_default()
     }
 
-    /// Its definition as well-known text (WKT 1).
+    /// Definition as well-known text (WKT 1).
     pub fn wkt(&self) -> &'static str {
         self.wkt
     }
 
-    /// Its PROJ definition.
+    /// PROJ definition.
     pub fn definition(&self) -> &'static str {
         self.definition
     }
@@ -117,7 +117,7 @@ impl Crs {
     }
 }
 
-/// Systems with wrong axes or units in the definitions; they differ from PROJ by kilometres.
+/// Systems whose definitions have wrong axes or units. Their results differ from those of PROJ by kilometres.
 const MISTAKEN: [u16; 5] = [2065, 3167, 5513, 8044, 8045];
 
 /// Reason why a defined system cannot be used.

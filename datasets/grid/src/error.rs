@@ -12,7 +12,7 @@ impl ReadError {
     /// A fault in the bytes of `path`.
     pub fn data(path: &Path, what: impl Into<String>) -> Self {
         let fault = Fault::data(what);
-        // A computed map is not in a file.
+        // A computed map has no file.
         Self(Box::new(if path.as_os_str().is_empty() { fault } else { fault.in_file(&path.display().to_string()) }))
     }
 

@@ -5,7 +5,7 @@ use numerics::maps::plane_grid::EvenAxis;
 /// Maximum deviation of 360 degrees from a whole number of steps, in steps.
 const SLACK: f64 = 1e-3;
 
-/// The wrapped axis, and the file's column for each of its columns; `None` if no change is needed.
+/// The wrapped axis, and for each of its columns the column in the file; `None` if no change is needed.
 ///
 /// A map around the earth begins at its first meridian east of -180 degrees. Any other map keeps its columns and is
 /// shifted by multiples of 360 degrees until its middle lies between -180 and 180 degrees. A map across the date line

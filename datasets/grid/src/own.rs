@@ -20,7 +20,7 @@ impl AnomalyGrid {
     /// with eastings and northings ([`NativeGrid`]). Nothing is interpolated.
     ///
     /// # Errors
-    /// Fails for coordinates that are invalid in their system, and in the cases of [`AnomalyGrid::new`].
+    /// Fails for coordinates that are invalid in their system. Also fails in the cases of [`AnomalyGrid::new`].
     pub fn table(&self) -> Result<RecordBatch, ReadError> {
         if self.crs.is_wgs84_at(self.middle().1, self.middle().0) {
             return Ok(MapTable::from_grid(self)?.batch);
@@ -79,7 +79,7 @@ fn within(axis: &EvenAxis, coordinate: f64) -> bool {
 /// The map in latitude and longitude of a table that [`AnomalyGrid::table`] made: unchanged or resampled.
 ///
 /// # Errors
-/// Fails for a table that is not a map, and in the cases of [`AnomalyGrid::to_geographic`].
+/// Fails for a table that is not a map. Also fails in the cases of [`AnomalyGrid::to_geographic`].
 pub fn geographic(table: &RecordBatch) -> Result<MapTable, ReadError> {
     AnomalyGrid::of_table(table)?.to_geographic()
 }

@@ -29,12 +29,11 @@ type CoordinateRange = (f64, f64);
 
 impl AnomalyGrid {
     /// The map in degrees: unchanged if its coordinates are WGS-84 degrees (within 1 m), else resampled to a regular
-    /// grid of latitude and longitude that covers the map. The spacing is at most the map's. Nodes of a resampled map
-    /// that are outside the map, or within two nodes of an unknown node, are NaN.
+    /// grid of latitude and longitude that covers the map. The spacing is at most that of the map. Nodes of a resampled
+    /// map that are outside the map, or within two nodes of an unknown node, are NaN.
     ///
     /// # Errors
-    /// Fails for a map of fewer than 4 x 4 nodes, a map around a pole, and coordinates that are invalid in their
-    /// system.
+    /// Fails for a map of fewer than 4 x 4 nodes, a map around a pole, or coordinates that are invalid in their system.
     pub fn to_geographic(&self) -> Result<MapTable, ReadError> {
         if self.crs.is_wgs84_at(self.middle().1, self.middle().0) {
             return MapTable::from_grid(self);
@@ -43,11 +42,11 @@ impl AnomalyGrid {
     }
 
     /// The map in another coordinate system, on a grid that covers it. The nodes are whole multiples of `spacing` (in
-    /// units of that system, or degrees). By default the spacing is at most the map's, and the grid begins at its edge.
-    /// Nodes outside the map, or within two nodes of an unknown node, are NaN.
+    /// units of that system, or degrees). By default, the spacing is at most that of the map, and the grid begins at
+    /// the edge of the map. Nodes outside the map, or within two nodes of an unknown node, are NaN.
     ///
     /// # Errors
-    /// Fails for an unknown system, an invalid spacing, and in the cases of [`AnomalyGrid::to_geographic`].
+    /// Fails for an unknown system or an invalid spacing. Also fails in the cases of [`AnomalyGrid::to_geographic`].
     pub fn to_crs(&self, epsg: u16, spacing: Option<f64>) -> Result<AnomalyGrid, ReadError> {
         let target = Crs::from_epsg(&self.source, epsg)?;
         if self.crs == target && spacing.is_none() {

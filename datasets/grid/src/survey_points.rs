@@ -58,7 +58,7 @@ impl SurveyPointSet {
     /// points. They have no values, no heights and one unnamed line; the caller adds these.
     ///
     /// # Errors
-    /// Fails without points, for an unknown system or a system in degrees, without a UTM zone, and for points that are
+    /// Fails without points, for an unknown system or a system in degrees, without a UTM zone, or for points that are
     /// invalid in the system.
     pub fn at(lat_deg: Vec<f64>, lon_deg: Vec<f64>, to_epsg: Option<u16>) -> Result<SurveyPointSet, ReadError> {
         let nowhere = Path::new("");
@@ -131,7 +131,7 @@ pub fn no_metres(path: &Path, crs: &Crs) -> ReadError {
 /// The projection of points in degrees: the requested one, else their UTM zone.
 ///
 /// # Errors
-/// Fails for an unknown system, a system in degrees, and points without a UTM zone.
+/// Fails for an unknown system, a system in degrees, or points without a UTM zone.
 pub fn plane(path: &Path, to_epsg: Option<u16>, lat: &[f64], lon: &[f64]) -> Result<Crs, ReadError> {
     let crs = match to_epsg {
         Some(code) => Crs::from_epsg(path, code)?,

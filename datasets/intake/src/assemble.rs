@@ -1,4 +1,4 @@
-//! Assembly of the rows of a file into lines. A faulty row affects only its line.
+//! Assembles the rows of a file into lines. A faulty row affects only its line.
 
 use arrow_array::{Array, RecordBatch, StringArray, cast::AsArray};
 use datasets::{FlightOptions, RowFault};
@@ -9,15 +9,15 @@ pub const MISSING: &str = "(missing)";
 
 /// A line with all its rows; or rows without a line, which have no parts.
 pub struct LineBatches {
-    /// Its flight.
+    /// Flight.
     pub flight: String,
-    /// Its name; [`MISSING`] if the rows have none.
+    /// Name; [`MISSING`] if the rows have none.
     pub line: String,
-    /// Its rows, in the order of the file.
+    /// Rows, in the order of the file.
     pub parts: Vec<RecordBatch>,
     /// The number of its rows.
     pub rows: usize,
-    /// Its first fault; the row counts within the line.
+    /// First fault; the row is counted within the line.
     pub fault: Option<Fault>,
 }
 

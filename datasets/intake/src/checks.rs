@@ -1,5 +1,6 @@
-//! The quality of a line's data as figures: sampling, dropouts, spikes, noise, quantisation, saturation and stuck
-//! channels of each column, dead zones and lags of magnetometers. Each check is one file with one function of numbers.
+//! Figures of the quality of a line's data: sampling, dropouts, spikes, noise, quantisation, saturation and stuck
+//! channels of each column, and dead zones and lags of magnetometers. Each check is one file with one function of
+//! numbers.
 
 mod dead_zone;
 mod dropouts;
@@ -39,7 +40,7 @@ pub enum QualityFigure {
     Gaps,
     /// Longest gap.
     LongestGap,
-    /// Rows with the time of the row before.
+    /// Rows that repeat the time of the previous row.
     RepeatedTime,
     /// Rows with an earlier time.
     BackwardTime,
@@ -141,11 +142,11 @@ pub struct QualityMeasure {
     pub check: QualityFigure,
     /// The figure.
     pub value: f64,
-    /// Its unit.
+    /// Unit.
     pub unit: String,
     /// Number of affected samples.
     pub count: u64,
-    /// Time of the first affected sample, s; NaN if all are affected.
+    /// Time of the first affected sample, in seconds; NaN if all are affected.
     pub first_tt: f64,
 }
 

@@ -78,7 +78,7 @@ mod tests {
         ] {
             assert_eq!(minute_after(&digits(from_s, step_s, n)), Some(row), "{from_s} {step_s}");
         }
-        // Hours and minutes, such as the times of a base station.
+        // Times in hours and minutes, such as those of a base station.
         let hhmm: Vec<f64> = (0..90).map(|i| f64::from(1000 + i / 60 * 100 + i % 60)).collect();
         assert_eq!((minute_after(&hhmm), formats(&hhmm)), (Some(60), "`%H%M` for hhmm, `%H%M%S` for hhmmss"));
         let mut holes = digits(36_000.0, 0.1, 1_800);

@@ -204,7 +204,7 @@ fn radians_at_the_equator(line: &ConsistencyLine, set: MotionColumns) -> Option<
     Some(line.contradiction((set.lat, row, lat[row], "deg"), lat.len(), what, &line.in_radians(set)))
 }
 
-/// Fault of a position that jumps further than any aircraft flies.
+/// Fault of a position that jumps farther than any aircraft can fly.
 fn jump(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     let (tt, lat, lon) = (line.get("tt")?, line.get("lat")?, line.get("lon")?);
     let mut before: Option<usize> = None;
@@ -232,7 +232,7 @@ fn jump(line: &ConsistencyLine) -> Option<(Fault, Finding)> {
     None
 }
 
-/// Pairs of heights that differ by at most a few hundred metres in the same unit.
+/// Pairs of heights that differ by at most a few hundred metres if both have the same unit.
 const HEIGHTS: [(&str, &str); 3] = [("alt", "ins_alt"), ("alt", "msl"), ("alt", "baro")];
 
 /// Heights that agree only if one of them is in feet.

@@ -31,9 +31,9 @@ pub const VERSION: &str = "found lines 2";
 pub struct LineDetection {
     /// Motion of the flight at even times.
     pub motion: FlightMotion,
-    /// Its segments.
+    /// Segments.
     pub parts: FlightSegments,
-    /// Its lines, in the order of their times.
+    /// Lines, in the order of their times.
     pub lines: Vec<DetectedLine>,
 }
 
@@ -46,7 +46,7 @@ impl LineDetection {
         LineDetection { motion, parts, lines }
     }
 
-    /// First and last time of a line, s past midnight UTC, rounded to 0.1 s so that text holds them exactly.
+    /// First and last time of a line, in seconds past midnight UTC, rounded to 0.1 s so that text holds them exactly.
     pub fn times_s(&self, line: &DetectedLine) -> (f64, f64) {
         let at = |row: usize| self.motion.tt_s.get(row).map_or(f64::NAN, |t| (10.0 * t).round() / 10.0);
         (at(line.rows.start), at(line.rows.end.saturating_sub(1)))
@@ -61,8 +61,8 @@ impl LineDetection {
         self.lines.iter().map(one).collect()
     }
 
-    /// Replaces the detected lines by `lines`: name, first and last time, s past midnight UTC. The name determines the
-    /// kind by its first letters.
+    /// Replaces the detected lines by `lines`: name, first and last time, in seconds past midnight UTC. The name
+    /// determines the kind by its first letters.
     pub fn divide(&mut self, lines: &[(String, f64, f64)]) {
         let tt = &self.motion.tt_s;
         let one = |(name, from, to): &(String, f64, f64)| {
@@ -103,7 +103,7 @@ pub fn csv(flights: &[(String, LineDetection)]) -> String {
             let words =
                 ["roll", "pitch", "yaw"].into_iter().zip(line.manoeuvres).filter(|(_, has_manoeuvre)| *has_manoeuvre);
             let manoeuvres: Vec<&str> = words.map(|(word, _)| word).collect();
-            // Writing into a text cannot fail.
+            // Writing into a string cannot fail.
             let _ = writeln!(
                 text,
                 "{},{},{from:.1},{to:.1},{},{},{},{},{}",
@@ -126,7 +126,7 @@ fn quoted(text: &str) -> String {
 }
 
 impl LineDetection {
-    /// Length of the track along a line, m; `None` without positions.
+    /// Length of the track along a line, in metres; `None` without positions.
     pub fn length_m(&self, line: &DetectedLine) -> Option<f64> {
         let north = self.motion.north_m.get(line.rows.clone())?;
         let east = self.motion.east_m.get(line.rows.clone())?;
@@ -135,7 +135,7 @@ impl LineDetection {
         (length > 0.0).then_some(length)
     }
 
-    /// The mean height of a line, m.
+    /// The mean height of a line, in metres.
     pub fn height_m(&self, line: &DetectedLine) -> Option<f64> {
         let all = self.motion.alt_m.get(line.rows.clone())?;
         let known: Vec<f64> = all.iter().copied().filter(|x| x.is_finite()).collect();

@@ -20,7 +20,7 @@ pub fn flight_formats() -> &'static [FlightFormat] {
 /// Opens a flight log, or a synth spec whose simulated flight is read like a log.
 ///
 /// # Errors
-/// Fails as [`datasets::open_flight`].
+/// Returns the errors of [`datasets::open_flight`].
 pub fn open_flight(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Result<FlightReader, ReadError> {
     open_flight_among(flight_formats(), path, options, reading)
 }
@@ -28,7 +28,7 @@ pub fn open_flight(path: &Path, options: &FlightOptions, reading: &ReadHints) ->
 /// Opens a log, through the mapping `mapped` if any. With a mapping, the options rename columns of the mapping.
 ///
 /// # Errors
-/// Fails as [`open_flight`], for a mapping that does not fit the file, and for a wrong new name.
+/// Returns the errors of [`open_flight`]. Also fails for a mapping that does not fit the file, or for a wrong new name.
 pub fn open_log(
     path: &Path,
     options: &FlightOptions,

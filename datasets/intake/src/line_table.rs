@@ -35,7 +35,7 @@ pub enum FlightDivision {
 }
 
 impl FlightDivision {
-    /// Key for everything that depends on the division.
+    /// Key of the division, for results that depend on it.
     pub fn key(&self) -> HashKey {
         match self {
             FlightDivision::Table(table) => table.key(),
@@ -66,7 +66,7 @@ impl LineTable {
     ///
     /// # Errors
     /// Fails for a file that cannot be read or lacks one of the four columns, missing or decreasing times, duplicate
-    /// lines, and lines of a flight whose times overlap.
+    /// lines, or lines of a flight whose times overlap.
     pub fn read(path: &Path) -> Result<LineTable, Fault> {
         let label = path.display().to_string();
         let wrong = |e: ReadError| Fault::from(e);
@@ -123,7 +123,7 @@ impl LineTable {
         LineTable { label: label.to_owned(), spans: spans.collect() }
     }
 
-    /// Key for everything that depends on the table.
+    /// Key of the table, for results that depend on it.
     pub fn key(&self) -> HashKey {
         let spelt = self.spans.iter().flat_map(|(flight, spans)| {
             spans.iter().map(move |s| format!("{flight}\0{}\0{:?}\0{:?}", s.line, s.start_s, s.end_s))

@@ -16,7 +16,7 @@ pub struct LogReader {
     pub notes: Vec<String>,
     /// The result of scanning the whole file, for `Reading::found`.
     pub found: Option<String>,
-    /// Lists the inputs of the flight, if there are more inputs than its file.
+    /// Returns the inputs of the flight, if its file is not the only input.
     pub made_from: Option<FlightInputLister>,
     /// The rows.
     pub parts: FlightBatches,

@@ -44,7 +44,7 @@ const VERSION: &str = "mapping 2";
 /// A mapping.
 #[derive(Clone, Debug)]
 pub struct Mapping {
-    /// Its file, or the name of a built-in mapping with `.toml`.
+    /// File, or the name of a built-in mapping with `.toml`.
     pub label: String,
     text: String,
     document: MappingDocument,
@@ -61,7 +61,7 @@ impl Mapping {
     /// Reads a mapping: the built-in mapping `name`, or the file that `locate` finds by that name.
     ///
     /// # Errors
-    /// Fails as `locate`, for a missing mapping, and for all faults of the mapping's form.
+    /// Returns the errors of `locate`. Also fails for a missing mapping, or for all faults of the mapping's form.
     pub fn load(name: &str, locate: impl FnOnce(&str) -> Result<PathBuf, Fault>) -> Result<Mapping, Fault> {
         if let Some(ready) = READY.iter().find(|r| r.name == name) {
             return Mapping::of_text(format!("{name}.toml"), ready.text.to_owned());
@@ -91,7 +91,7 @@ impl Mapping {
         }
     }
 
-    /// Its text.
+    /// Text.
     pub fn text(&self) -> &str {
         &self.text
     }
@@ -128,10 +128,10 @@ impl Mapping {
         self.document.tables.iter().map(|t| t.name.as_str()).collect()
     }
 
-    /// Its table `name`; by default the only table.
+    /// Table `name`; by default the only table.
     ///
     /// # Errors
-    /// Fails for an unknown table, and for several tables without `name`.
+    /// Fails for an unknown table, or for several tables without `name`.
     pub fn table(self: &Arc<Self>, name: Option<&str>) -> Result<MappingTable, Fault> {
         let tables = self.tables();
         let table = match (name, tables.as_slice()) {
@@ -162,7 +162,7 @@ impl Mapping {
     }
 }
 
-/// Whether a fault already shows its place in a mapping, so that no place in a spec is required.
+/// Whether a fault already shows its position in a mapping, so that no position in a spec is required.
 pub fn is_shown(fault: &Fault) -> bool {
     fault.what.contains("\n --> ") || fault.what.contains("\n  --> ") || fault.what.contains("\n   --> ")
 }
@@ -183,7 +183,7 @@ impl MappingTable {
         self.decl().map_or("", |d| &d.name)
     }
 
-    /// Its mapping.
+    /// Mapping.
     pub fn mapping(&self) -> &Arc<Mapping> {
         &self.mapping
     }
@@ -229,7 +229,7 @@ impl MappingTable {
     /// Opens a file through the table.
     ///
     /// # Errors
-    /// Fails when the file cannot be read, and for all mismatches of mapping and file.
+    /// Fails if the file cannot be read. Also fails for all mismatches of mapping and file.
     pub fn open(
         &self,
         path: &Path,

@@ -12,8 +12,8 @@ use schemas::Fault;
 
 const DAY_S: f64 = 86_400.0;
 
-/// Maximum distance from midnight at which a backward step to the next day may begin and end, s. Any other backward
-/// step of a time stamp is an error of the log.
+/// Maximum distance from midnight at which a backward step to the next day may begin and end, in seconds. Any other
+/// backward step of a time stamp is an error of the log.
 const NEAR_S: f64 = 3_600.0;
 
 /// Line of the flight table across midnight, with `tt` increasing past 86,400 s. The columns `year` and `doy` hold the
@@ -54,7 +54,7 @@ fn risen(tt: &[f64]) -> Vec<f64> {
     tt.iter().map(|t| rise.next(*t)).collect()
 }
 
-/// Unwrapper of time at midnight, sample by sample, in s.
+/// Unwrapper of time at midnight, sample by sample, in seconds.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MidnightUnwrapper {
     before: f64,
@@ -68,7 +68,7 @@ impl Default for MidnightUnwrapper {
 }
 
 impl MidnightUnwrapper {
-    /// The time of the next sample, s past the midnight before the first sample.
+    /// The time of the next sample, in seconds past the midnight before the first sample.
     pub(super) fn next(&mut self, t: f64) -> f64 {
         let ends = (DAY_S - NEAR_S..DAY_S + NEAR_S).contains(&self.before);
         if ends && (0.0..NEAR_S).contains(&t) {
@@ -88,7 +88,7 @@ fn days(tt: &[f64]) -> Vec<i64> {
     tt.iter().map(|t| if t.is_finite() { (day(*t) - first) as i64 } else { 0 }).collect()
 }
 
-/// Year and day of each sample. A log may advance its date late, early or not at all; a missing date stays missing.
+/// Year and day of each sample. A log may advance its date late, early or not at all. A missing date remains missing.
 fn moved_on(year: Option<&[f64]>, doy: &[f64], days: &[i64]) -> Result<(Vec<f64>, Vec<f64>), Fault> {
     let year_of = |i: usize| year.and_then(|y| y.get(i)).copied();
     let known = |i: usize| doy[i].is_finite() && year_of(i).is_none_or(f64::is_finite);

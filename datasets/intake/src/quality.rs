@@ -2,8 +2,8 @@
 //! make the line unusable.
 //!
 //! Infinities, readings of exactly 0 of a scalar magnetometer, and a few impossible values of a sensor become missing
-//! values; each kind is a finding. An impossible position, attitude or date, and a sensor that is impossible for more
-//! than a tenth of its samples, is a fault.
+//! values; each of these kinds is a finding. An impossible position, attitude or date, and a sensor that is impossible
+//! for more than a tenth of its samples, is a fault.
 
 use std::sync::Arc;
 
@@ -32,7 +32,7 @@ const CONSTANT_ROWS: usize = 10;
 
 /// Result of the examination of a line.
 pub struct LineExamination {
-    /// Its samples, with NaN for values that count as missing.
+    /// Samples, with NaN for values that count as missing.
     pub batch: RecordBatch,
     /// The findings, in the order of the columns.
     pub findings: Vec<Finding>,
@@ -43,7 +43,7 @@ pub struct LineExamination {
 /// Examines a whole line.
 ///
 /// # Errors
-/// Fails when the batch cannot be rebuilt, which data cannot cause.
+/// Fails if the batch cannot be rebuilt, which data cannot cause.
 pub fn examine(
     batch: &RecordBatch,
     origins: &FileColumns,

@@ -145,8 +145,8 @@ fn rates(
     Ok(ahead.iter().zip(behind).map(|(ahead, behind)| (ahead - behind) / (2.0 * STEP_S)).collect())
 }
 
-/// Core field, crustal field and temporal variation (north, east, down; nT), `by_s` seconds ahead on the tangent of the
-/// track.
+/// Core field, crustal field and temporal variation (north, east, down; nT) at the position that is `by_s` seconds
+/// ahead on the tangent of the track.
 fn parts(
     scene: &SynthLineContext,
     truth: &TrueTrajectory,

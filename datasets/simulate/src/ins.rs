@@ -56,7 +56,7 @@ pub(super) const COLUMNS: [&str; 13] = [
 pub(super) struct FlightIns {
     member: usize,
     carried: Option<InsCarryover>,
-    /// Time of the last alignment, in s; NaN before the first line.
+    /// Time of the last alignment, in seconds; NaN before the first line.
     aligned_s: f64,
 }
 
@@ -86,7 +86,7 @@ impl FlightIns {
     /// the truth.
     ///
     /// # Errors
-    /// Fails for a trajectory or a parameter outside the error model, and for an INS whose error exceeds the limit.
+    /// Fails for a trajectory or a parameter outside the error model, or for an INS whose error exceeds the limit.
     pub(super) fn line(
         &mut self,
         scene: &SynthLineContext,
@@ -228,8 +228,8 @@ fn refuse_runaway(scene: &SynthLineContext, truth: &TrueTrajectory, errors: &[St
         .help("shorten the flight, set `align = \"line\"`, choose a better `grade` or raise `error_limit_m`"))
 }
 
-/// INS = truth - error. For any error, latitude and longitude are valid and the
-/// attitude is a rotation: an error beyond a pole continues on the other side of it.
+/// INS = truth - error. For any error, latitude and longitude are valid, and the attitude is a rotation. A position
+/// beyond a pole continues on the other side of the pole.
 fn columns(truth: &TrueTrajectory, errors: &[StateVector], extras: &MechanisationErrors) -> [Vec<f64>; 12] {
     let mut columns: [Vec<f64>; 12] = Default::default();
     for (i, e) in errors.iter().enumerate() {

@@ -2,7 +2,7 @@
 //!
 //! A synth spec (TOML) describes a map, the INS, the aircraft's sensors and the flights. Every number depends on the
 //! spec alone. Each random draw has its own stream, derived by hashing the seed and the names of flight, line and
-//! sensor. The same spec therefore gives the same bytes, and adding a flight or a sensor does not change the others.
+//! sensor. The same spec therefore gives the same bytes, and an added flight or sensor does not change the others.
 //! Flights and lines are simulated in parallel, with few lines in memory.
 //!
 //! Heights are above the WGS-84 ellipsoid. A map height above sea level is treated as a height above the ellipsoid, in
@@ -74,7 +74,7 @@ impl Simulation {
     /// Reads a spec.
     ///
     /// # Errors
-    /// Fails with all faults of the spec, and for a map that does not exist.
+    /// Fails with all faults of the spec, or for a map that does not exist.
     pub fn open(path: &Path) -> Result<Simulation, ReadError> {
         let spec = SynthSpec::read(path)?;
         if let Some((what, file)) = spec.earth.files().into_iter().find(|(_, file)| !file.exists()) {
@@ -169,8 +169,8 @@ impl SimulationContext {
 /// written under a temporary name, and all are renamed when the last is complete. Returns the paths.
 ///
 /// # Errors
-/// Fails with all faults of the spec, for a line that leaves the map, and when a file cannot be written. After a
-/// failure no new file exists.
+/// Fails with all faults of the spec, or for a line that leaves the map. Also fails if a file cannot be written. After
+/// a failure no new file exists.
 pub fn synthesise(spec: &Path, to: &Path) -> Result<Vec<PathBuf>, ReadError> {
     synthesise_with(spec, to, &|_, _| ())
 }

@@ -1,4 +1,4 @@
-//! The inputs of the simulation of a line.
+//! Inputs for simulating a line.
 
 use std::path::Path;
 

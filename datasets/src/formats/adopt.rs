@@ -12,7 +12,7 @@ use crate::ReadError;
 /// The column of the flight table that a column of the file becomes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct FlightColumnTarget {
-    /// Its name in the flight table.
+    /// Name in the flight table.
     pub(super) name: String,
     /// The unit that its values have; empty for the canonical unit.
     pub(super) unit: String,
@@ -24,7 +24,7 @@ pub(super) struct FlightColumnTarget {
 /// unit in the options takes precedence, then the unit in the file, then the unit in the name.
 ///
 /// # Errors
-/// Fails for a unit that does not convert to the unit of the column, and for a name whose unit contradicts the unit in
+/// Fails for a unit that does not convert to the unit of the column, or for a name whose unit contradicts the unit in
 /// the file.
 pub(super) fn named(
     path: &Path,
@@ -219,7 +219,7 @@ fn settled(path: &Path, source: &Field, unstated: bool, options: &FlightOptions)
 /// The name and unit of a column with a head such as `alt [ft]`.
 ///
 /// # Errors
-/// Fails as [`named`], and for a unit that does not convert to the unit of the name.
+/// Returns the errors of [`named`]. Also fails for a unit that does not convert to the unit of the name.
 fn of_head(
     path: &Path,
     head: &str,
@@ -244,7 +244,8 @@ pub fn unit_of_name(name: &str) -> Option<String> {
     unit_name::kept_unit(name)
 }
 
-/// [`unit_of_name`], or an unknown text that looks like a unit, so that it is an error wherever the unit matters.
+/// The unit of [`unit_of_name`], or an unknown string that looks like a unit. The unknown string causes an error
+/// wherever the unit matters.
 pub(super) fn any_unit_of_name(name: &str) -> Option<String> {
     unit_of_name(name).or_else(|| unit_name::unknown_unit(name))
 }

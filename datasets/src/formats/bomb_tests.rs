@@ -78,7 +78,7 @@ fn unit_a_text_of_a_dictionary_is_not_repeated_in_memory() {
     assert!(bytes.len() < 100_000);
     let message = case.flight("texts.parquet", &bytes);
     assert!(message.contains("the text in 600 rows exceeds 256 MB") && message.contains("line"), "{message}");
-    // Texts of every length are unchanged.
+    // Strings of every length are unchanged.
     let texts: Vec<String> = (0..40).map(|k| "é".repeat(k)).collect();
     let batch = table(vec![("line".into(), Arc::new(StringArray::from(texts)))]);
     let path = case.file("plain.parquet", &parquet(&batch));
@@ -200,7 +200,7 @@ fn packed(attributes: &[(&str, AttrValue)], stored: &[i16]) -> Vec<u8> {
     file.finish().unwrap()
 }
 
-/// Its values and notes.
+/// Values and notes.
 fn magnetometer(attributes: &[(&str, AttrValue)], stored: &[i16]) -> Result<(Vec<f64>, Vec<String>), String> {
     let case = Case::new();
     let path = case.file("packed.h5", &packed(attributes, stored));

@@ -61,7 +61,7 @@ impl FlightBatch {
 /// Iterator over the rows of a file, in batches.
 pub type FlightBatches = Box<dyn Iterator<Item = Result<FlightBatch, ReadError>> + Send>;
 
-/// The output of a format before names and keys are assigned.
+/// Output of a format, before names and keys are assigned.
 pub struct RawFlight {
     /// The schema of every batch.
     pub schema: SchemaRef,
@@ -71,8 +71,8 @@ pub struct RawFlight {
     pub own: Option<Vec<String>>,
     /// Whether the values still contain numbers that mark missing values.
     pub fillers: bool,
-    /// Whether a column without a unit may be in any unit, even if its name is standard: `lat` of an autopilot is in
-    /// 1e-7 degrees.
+    /// Whether a column without a unit may be in any unit, even if its name is a standard name. For example, `lat` of
+    /// an autopilot is in 1e-7 degrees.
     pub unstated: bool,
     /// Notes for the user.
     pub notes: Vec<String>,
@@ -180,7 +180,7 @@ pub struct FlightFormat {
     pub name: &'static str,
     /// Short description.
     pub about: &'static str,
-    /// Its file extensions.
+    /// File extensions.
     pub extensions: &'static [&'static str],
     /// Whether a file is of this format, by its start.
     pub recognise: fn(&FileHead) -> bool,
@@ -204,7 +204,7 @@ pub struct MapFormat {
     pub name: &'static str,
     /// Short description.
     pub about: &'static str,
-    /// Its file extensions.
+    /// File extensions.
     pub extensions: &'static [&'static str],
     pub(super) recognise: fn(&FileHead) -> bool,
     /// The companion files of a map, for a format that may have some.

@@ -150,7 +150,7 @@ fn check_time(path: &Path, names: &[String], options: &FlightOptions) -> Result<
     Err(ReadError::options(path, what).in_column(name).help(help))
 }
 
-/// Whether a text looks like a date (`2024-06-03`, `3/6/2024`) or a time of day (`14:00:00`).
+/// Whether a string looks like a date (`2024-06-03`, `3/6/2024`) or a time of day (`14:00:00`).
 fn is_clock(text: &str) -> bool {
     let starts = |part: &str| part.starts_with(|c: char| c.is_ascii_digit());
     let parts =

@@ -1,9 +1,9 @@
-//! Decimal numbers in the bytes of a text, bit-identical to `str::parse`.
+//! Decimal numbers in the bytes of a string, bit-identical to `str::parse`.
 //!
 //! Digits up to 2^53 and a power of ten up to 10^22 are both exact as f64, so that their product or quotient is
 //! correctly rounded [Clinger 1990]. `str::parse` reads every other spelling.
 
-/// Number of bytes after a number that permits reading it without bounds checks.
+/// Number of bytes that must follow a number so that it can be read without bounds checks.
 pub(super) const PAD: usize = 8;
 
 /// The powers of ten that are exact.
@@ -78,7 +78,7 @@ fn spelt(text: &[u8], start: usize) -> Option<DecimalLiteral> {
     Some(DecimalLiteral { negative: sign == b'-', digits, count, exponent, end })
 }
 
-/// `value` continued by the digits at `at`, and the position after them.
+/// Appends the digits at `at` to `value`. Returns the number, and the position after the digits.
 #[inline(always)]
 fn run(text: &[u8], mut at: usize, mut value: u64) -> (u64, usize) {
     const TENS: [u64; 9] = [1, 10, 100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];
@@ -121,7 +121,7 @@ mod tests {
 
     use super::*;
 
-    /// Numbers, and texts that resemble numbers, in many spellings.
+    /// Numbers, and strings that resemble numbers, in many spellings.
     pub(in crate::formats) fn spellings() -> Vec<String> {
         let mut all: Vec<String> = [
             "0",

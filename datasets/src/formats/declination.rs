@@ -13,7 +13,7 @@ use crate::ReadError;
 
 /// A converted sample, and the angles used in its conversion.
 pub(super) struct DeclinationSample {
-    /// North, east and down, nT.
+    /// North, east and down, in nT.
     pub(super) ned_nt: [f64; 3],
     /// The declination that was added to the declination of the sample, or the direction of H.
     pub(super) baseline_rad: f64,
@@ -27,16 +27,16 @@ pub(super) struct DeclinationSample {
     pub(super) date: (i32, u32),
 }
 
-/// Horizontal intensity below which the declination is too uncertain for a comparison, nT.
+/// Horizontal intensity below which the declination is too uncertain for a comparison, in nT.
 const LEAST_HORIZONTAL_NT: f64 = 2000.0;
-/// Component normal to the IGRF's meridian above which a wrong unit or baseline is assumed, nT. The crustal anomaly is
-/// smaller at most stations.
+/// Component normal to the IGRF's meridian above which a wrong unit or baseline is assumed, in nT. The crustal anomaly
+/// is smaller at most stations.
 const ACROSS_NT: f64 = 250.0;
-/// Component normal to the IGRF's meridian above which a note is made even without an explanation, nT.
+/// Component normal to the IGRF's meridian above which a note is made even without an explanation, in nT.
 const REMARKABLE_NT: f64 = 1000.0;
 /// Maximum fraction of that component that may remain if an explanation is valid.
 const EXPLAINED: f64 = 0.25;
-/// Difference of inclinations that a local anomaly cannot cause, degrees.
+/// Difference of inclinations that a local anomaly cannot cause, in degrees.
 const DIP_DEG: f64 = 10.0;
 
 /// The text after `DECBAS` in a comment of a header.
@@ -158,7 +158,7 @@ fn disoriented(record: &mut ObservatoryRecord) {
     }
 }
 
-/// North, east and down of the IGRF at a station, nT; `None` if position or date is unknown or outside the model.
+/// North, east and down of the IGRF at a station, in nT; `None` if position or date is unknown or outside the model.
 fn igrf(record: &ObservatoryRecord, (year, doy): (i32, u32)) -> Option<[f64; 3]> {
     if !(record.lat_deg.abs() <= 90.0 && record.lon_deg.abs() <= 360.0) {
         return None;
@@ -207,7 +207,7 @@ mod tests {
         let hez = "20050.00 30.00 44000.00 48400.00";
         let words = ["H and E are relative", "`field_n` and `field_e` are unknown", "# DECBAS <tenths"];
         unknown(read(VARIATION, "HEZF", hez).unwrap(), &words);
-        // H has no direction in definitive data either; a missing-value marker is not a baseline.
+        // In definitive data, H has no direction either. A missing-value marker is not a baseline.
         unknown(read(DEFINITIVE, "HEZF", hez).unwrap(), &words);
         unknown(read(&format!("{VARIATION} # DECBAS 99999 |\n"), "HEZF", hez).unwrap(), &words);
         let hdz = "20050.00 5.14 44000.00 48400.00";
@@ -269,7 +269,7 @@ mod tests {
         assert!(xyz.notes[0].contains("their magnitude is 13 nT, but the IGRF gives 48") && xyz.ned_nt[0][0] == 12.0);
         let hdz = read(&format!("{VARIATION} # DECBAS 2622 |\n"), "HDZF", "12.00 5.00 5.00 48400.00").unwrap();
         assert!(hdz.notes[0].contains("`field_n` and `field_e` are unknown") && hdz.ned_nt[0][0].is_nan());
-        // Components along sensor axes with the names of geographic ones.
+        // Components along sensor axes that have the names of geographic components.
         let xyz = read(VARIATION, "XYZF", "20050.00 30.00 44000.00 48400.00").unwrap();
         assert!(xyz.notes[0].contains("check the orientation") && xyz.ned_nt[0][1] == 30.0, "{:?}", xyz.notes);
     }

@@ -86,8 +86,8 @@ fn kind(text: &str, width: Option<usize>) -> GeosoftTextLine {
     }
 }
 
-/// The words of a line, separated by commas or tabs if there are any, otherwise by blanks. A text in double quotes is one
-/// word.
+/// The words of a line, separated by commas or tabs if there are any, otherwise by blanks. A string in double quotes is
+/// one word.
 fn words(text: &str) -> Vec<String> {
     // A single quote character is part of a word.
     let quotes = text.matches('"').count();
@@ -101,7 +101,7 @@ fn words(text: &str) -> Vec<String> {
     }
 }
 
-/// [`words`] of a line with double quotes.
+/// Same as [`words`], for a line with double quotes.
 fn quoted_words(text: &str) -> Vec<String> {
     let parts: Vec<(bool, &str)> = text.split('"').enumerate().map(|(i, part)| (i % 2 == 0, part)).collect();
     let is_outside = |separator: &char| parts.iter().any(|(outside, part)| *outside && part.contains(*separator));
@@ -228,7 +228,7 @@ impl GeosoftScan {
         !self.lines.is_empty() || self.unknown.is_some()
     }
 
-    /// Whether rows begin with a number, so that a text that begins with a word is not a row.
+    /// Whether rows begin with a number, so that a string that begins with a word is not a row.
     fn has_numbers_first(&self) -> bool {
         self.numbers.first() == Some(&true)
     }

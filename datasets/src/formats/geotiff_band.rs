@@ -45,7 +45,7 @@ pub(super) fn damaged(path: &Path, error: &tiff::TiffError) -> ReadError {
 /// The values as stored, NaN where unknown, and the number of further images of full size.
 ///
 /// # Errors
-/// Fails for a band of colours, a mask that cannot be read, and a no-data value that is not a number.
+/// Fails for a band of colours, a mask that cannot be read, or a no-data value that is not a number.
 pub(super) fn values(path: &Path, decoder: &mut TiffDecoder) -> Result<(Vec<f64>, usize), ReadError> {
     let (width, height) = decoder.dimensions().map_err(|e| damaged(path, &e))?;
     let (width, height) = (width as usize, height as usize);

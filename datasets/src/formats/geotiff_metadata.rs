@@ -25,7 +25,7 @@ impl<'a> GdalMetadata<'a> {
     /// Reads the text of the tag.
     ///
     /// # Errors
-    /// Fails for an item without an end, and for a band that is not a number.
+    /// Fails for an item without an end, or for a band that is not a number.
     pub(super) fn read(path: &'a Path, xml: &str) -> Result<GdalMetadata<'a>, ReadError> {
         let broken = |what: &str| {
             ReadError::data(path, format!("GDAL's metadata (tag 42112) {what}"))

@@ -36,7 +36,7 @@ pub(super) fn bytes_of(path: &Path) -> Result<Vec<u8>, ReadError> {
 /// The number of nodes, if the file has at least `least` bytes for each.
 ///
 /// # Errors
-/// Fails for counts below two, and for more nodes than the bytes can hold.
+/// Fails for counts below two, or for more nodes than the bytes can hold.
 pub(super) fn nodes(path: &Path, columns: i64, rows: i64, least: u64, bytes: u64) -> Result<(usize, usize), ReadError> {
     let size = |n: i64| usize::try_from(n).ok().filter(|n| *n >= 2);
     let (Some(width), Some(height)) = (size(columns), size(rows)) else {
@@ -52,7 +52,7 @@ pub(super) fn nodes(path: &Path, columns: i64, rows: i64, least: u64, bytes: u64
     }
 }
 
-/// The next `count` numbers of a text.
+/// The next `count` numbers of a string.
 ///
 /// # Errors
 /// Fails for fewer numbers, or a word that is not a number; `at` counts from 0.

@@ -10,7 +10,7 @@ use std::{
 
 /// Maximum number of messages of a header, and of their blocks.
 const MOST: usize = 4096;
-/// The largest block of messages, bytes.
+/// The largest block of messages, in bytes.
 const BLOCK: u64 = 1 << 20;
 const LAYOUT: u16 = 0x0008;
 const CONTINUATION: u16 = 0x0010;

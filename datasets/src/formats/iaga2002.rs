@@ -39,11 +39,11 @@ const EVENNESS: f64 = 0.01;
 pub struct ObservatoryRecord {
     /// The code of the station.
     pub station: String,
-    /// Its geodetic latitude; NaN where the header has none.
+    /// Geodetic latitude; NaN where the header has none.
     pub lat_deg: f64,
-    /// Its longitude, eastward; NaN where the header has none.
+    /// Longitude, eastward; NaN where the header has none.
     pub lon_deg: f64,
-    /// Its height above the sea; NaN where the header has none.
+    /// Height above the sea; NaN where the header has none.
     pub msl_m: f64,
     /// The components in the file, such as `HDZF`.
     pub components: String,
@@ -94,7 +94,7 @@ struct IagaHeader {
 ///
 /// # Errors
 /// Fails for a file that is not an IAGA-2002 record, a line that cannot be read, samples at uneven times, a header that
-/// contradicts its columns, and a declination or inclination in a wrong unit by comparison with the IGRF.
+/// contradicts its columns, or a declination or inclination in a wrong unit by comparison with the IGRF.
 pub fn read_iaga2002(path: &Path) -> Result<ObservatoryRecord, ReadError> {
     let bytes = text_end::read(path)?;
     parse(path, &String::from_utf8_lossy(&bytes))
@@ -302,7 +302,7 @@ pub(super) fn days_between(from: (i32, u32), to: (i32, u32)) -> i64 {
 /// # Errors
 /// Fails for samples that do not ascend in time or are at uneven times.
 pub(super) fn even(path: &Path, samples: &[ObservatorySample]) -> Result<(f64, Vec<[f64; 4]>), ReadError> {
-    /// Number of steps that every record may have: one month at 1 s.
+    /// Number of steps that any record may have: one month at intervals of 1 s.
     const FREE: f64 = 3e6;
     /// Maximum number of steps per sample in a longer record; steps without a sample are gaps.
     const MOST: f64 = 256.0;

@@ -80,7 +80,7 @@ impl ImfBlockHeader {
 ///
 /// # Errors
 /// Fails for a file that is not in this format, a line that cannot be read, a truncated block, contradictory headers,
-/// and hours that are not consecutive.
+/// or hours that are not consecutive.
 pub fn read_imf(path: &Path) -> Result<ObservatoryRecord, ReadError> {
     let bytes = text_end::read(path)?;
     parse(path, &String::from_utf8_lossy(&bytes))

@@ -35,7 +35,7 @@ impl DecodeLimit {
         self.file.saturating_mul(MOST_EXPANSION).max(FREE)
     }
 
-    /// [`DecodeLimit::most`] as a size in memory.
+    /// The value of [`DecodeLimit::most`] as a size in memory.
     pub(super) fn most_here(&self) -> usize {
         usize::try_from(self.most()).unwrap_or(usize::MAX)
     }

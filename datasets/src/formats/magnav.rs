@@ -1,5 +1,5 @@
-//! The simple flights of MagNav.jl (`XYZ0`, `XYZ1`): derivation of columns that a file lacks. Shared by the HDF5 and
-//! the CSV reader.
+//! The simple flights of MagNav.jl (`XYZ0`, `XYZ1`): derivation of columns that a file lacks. The HDF5 and the CSV
+//! reader share this module.
 
 use std::path::Path;
 

@@ -76,7 +76,7 @@ fn unit_a_truncated_map_is_an_error() {
     fs::copy(reference().join("gdal"), folder.path().join("gdal")).unwrap();
     for name in FILES {
         let whole = fs::read(reference().join(name)).unwrap();
-        // Truncation may shorten the last number of a text without an error; headers end in words without effect,
+        // Truncation may shorten the last number of a string without an error; headers end in words without effect,
         // binary files in padding.
         let slack = match name {
             "gdal.ers" => 160,

@@ -24,7 +24,7 @@ const STRIP_VALUES: usize = 65_536;
 /// The level height is an item of GDAL's metadata, as expected by the reader.
 ///
 /// # Errors
-/// Fails for heights that vary, more than 2^32 nodes per side, and a path that cannot be written.
+/// Fails for heights that vary, more than 2^32 nodes per side, or a path that cannot be written.
 pub(super) fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadError> {
     let level_m = level_m(outputs, map, "geotiff")?;
     let mut sink = outputs.create()?;

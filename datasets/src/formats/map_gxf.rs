@@ -133,7 +133,7 @@ impl<'a> GxfObjects<'a> {
         }
     }
 
-    /// Rows and columns in the order of `#SENSE`; the origin is the bottom left corner for any sense.
+    /// Rows and columns in the order of `#SENSE`. The origin is the bottom left corner for any order.
     fn draft(&self, values: Vec<f64>, points: usize, lines: usize) -> Result<MapDraft<'a>, ReadError> {
         let sense = self.number("SENS", 1.0)?;
         // The position of the first point, and whether the first row runs along x.

@@ -11,7 +11,7 @@ use grids::{AnomalyGrid, GridHeight, WGS84};
 /// nonzero number replaces it.
 ///
 /// # Errors
-/// Fails for a map that is not in WGS-84 degrees, and a path that cannot be written.
+/// Fails for a map that is not in WGS-84 degrees, or a path that cannot be written.
 pub(super) fn write(map: &AnomalyGrid, outputs: &mut MapOutputFiles) -> Result<(), ReadError> {
     if map.crs.code() != WGS84 {
         let what = format!("a MagNav.jl map must be in WGS-84 latitude and longitude, not {}", map.crs);

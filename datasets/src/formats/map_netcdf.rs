@@ -239,8 +239,8 @@ impl<'p, 'a> NetcdfGridFile<'p, 'a> {
             || self.text(Some(v), "units").is_some_and(|u| u.starts_with(unit))
     }
 
-    /// The coordinate system: of the grid mapping, otherwise of the whole file, otherwise the system implied by the
-    /// units of the coordinates.
+    /// The coordinate system of the grid mapping, otherwise that of the whole file, otherwise the system that the units
+    /// of the coordinates imply.
     fn system(&self, map: &NcVariable, x: &NcVariable, y: &NcVariable) -> FileCrs {
         let mapping = self.text(Some(map), "grid_mapping").and_then(|n| self.find(n.split([':', ' ']).next()?));
         for from in [mapping, None].into_iter().skip(usize::from(mapping.is_none())) {

@@ -114,7 +114,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
 /// The unit of coordinates: from the metadata of the columns, else from their names.
 ///
 /// # Errors
-/// Fails for an unknown unit, and for two units.
+/// Fails for an unknown unit, or for two units.
 pub(super) fn axis_unit(
     path: &Path,
     names: [&str; 2],

@@ -29,7 +29,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// Whether the first rows of a text, except for a header, have three numbers or more.
+/// Whether the first rows of a string, except for a header, have three numbers or more.
 fn recognise(head: &FileHead) -> bool {
     if head.text().contains(&0) {
         return false;

@@ -61,7 +61,7 @@ impl NetcdfEncoding {
     /// never written have NetCDF's default fill value.
     ///
     /// # Errors
-    /// Fails for an attribute that is not a number, and a valid range without exactly two numbers.
+    /// Fails for an attribute that is not a number, or a valid range without exactly two numbers.
     pub(super) fn from_attributes(
         path: &Path,
         variable: &str,
@@ -83,7 +83,7 @@ impl NetcdfEncoding {
             [attributes.number("scale_factor")?.unwrap_or(1.0), attributes.number("add_offset")?.unwrap_or(0.0)];
         let (mut valid, mut valid_unpacked) = (ANYTHING, ANYTHING);
         let mut bound = |name: &str, which: usize, limit: f64| {
-            // A range in the type of the unpacked values applies to these.
+            // A range in the type of the unpacked values applies to the unpacked values.
             match packing != PLAIN && is_whole(&kind) && attributes.is_real(name) {
                 true => valid_unpacked[which] = limit,
                 false => valid[which] = in_type(&kind, modulus, limit),

@@ -76,7 +76,7 @@ impl ComponentConversion {
 /// there is no S. G is the vector's magnitude minus the measured total field, or the negative measured total field
 /// where the vector is missing.
 pub(super) fn total_nt(letters: &[char], values: &[f64], ned_nt: &[f64; 3]) -> f64 {
-    /// Limit below which G is a negative total field and not a difference, nT.
+    /// Limit below which G is a negative total field and not a difference, in nT.
     const NO_DIFFERENCE: f64 = -10_000.0;
     let of = |wanted: char| letters.iter().position(|l| *l == wanted).and_then(|c| values.get(c)).copied();
     let vector = ned_nt.iter().map(|x| x * x).sum::<f64>().sqrt();

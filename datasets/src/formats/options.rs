@@ -34,7 +34,7 @@ params! {
 }
 
 impl FlightOptions {
-    /// Whether a text, such as the identifier of a line, marks a missing value.
+    /// Whether a string, such as the identifier of a line, marks a missing value.
     pub fn is_missing(&self, text: &str) -> bool {
         MissingMarkers::from_options(self).is_text(text)
     }

@@ -49,7 +49,7 @@ pub fn write_grid(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Resul
 /// not depend on the map.
 ///
 /// # Errors
-/// Fails for a format that is unknown or cannot be written, and a folder that does not exist.
+/// Fails for a format that is unknown or cannot be written, or a folder that does not exist.
 pub fn check_output(path: &Path, format: Option<&str>) -> Result<(), ReadError> {
     let chosen = writer_for(path, format)?;
     if chosen.write.is_none() {

@@ -31,7 +31,7 @@ pub(super) const MAGIC: &[u8] = b"PAR1";
 
 /// Rows per batch: 64 k rows of 100 columns are 50 MB.
 const BATCH_ROWS: usize = 65_536;
-/// Maximum bytes of all texts of a batch.
+/// Maximum bytes of all strings of a batch.
 const MOST_TEXT: u64 = 256 << 20;
 
 fn open(path: &Path, _: &FlightOptions, _: &ReadHints) -> Result<RawFlight, ReadError> {
@@ -55,7 +55,7 @@ impl ParquetSource {
     /// Opens a file and checks the size that it declares.
     ///
     /// # Errors
-    /// Fails for an incomplete file, and for one that declares more bytes than its size permits.
+    /// Fails for an incomplete file, or for one that declares more bytes than its size permits.
     pub(super) fn new(path: &Path) -> Result<ParquetSource, ReadError> {
         let file = File::open(path).map_err(|e| ReadError::io(path, &e))?;
         let bytes = file.metadata().map_err(|e| ReadError::io(path, &e))?.len();
@@ -99,7 +99,7 @@ impl ParquetSource {
     }
 }
 
-/// The bytes of all values; `None` for 2^64 or more. A text of a dictionary counts once.
+/// The bytes of all values; `None` for 2^64 or more. A string of a dictionary counts once.
 fn declared(metadata: &ParquetMetaData) -> Option<u64> {
     let chunk = |chunk: &ColumnChunkMetaData| {
         let values = u64::try_from(chunk.num_values()).ok()?;
@@ -122,7 +122,7 @@ fn declared(metadata: &ParquetMetaData) -> Option<u64> {
     groups.map(chunk).try_fold(0_u64, |sum, bytes| sum.checked_add(bytes?))
 }
 
-/// The schema with texts as views: a long text of a dictionary is then in memory only once.
+/// The schema with strings as views. A long string of a dictionary is then in memory only once.
 fn views(schema: &SchemaRef) -> SchemaRef {
     let view = |kind: &DataType| match kind {
         DataType::Utf8 | DataType::LargeUtf8 => DataType::Utf8View,
@@ -136,7 +136,7 @@ fn views(schema: &SchemaRef) -> SchemaRef {
 /// A batch in the schema of its file.
 ///
 /// # Errors
-/// Fails if the total length of the texts exceeds the limit of a batch.
+/// Fails if the total length of the strings exceeds the limit of a batch.
 fn plain(path: &Path, batch: &RecordBatch, to: &SchemaRef) -> Result<RecordBatch, ReadError> {
     let wrong = |e: ArrowError| damaged(path, &e.to_string());
     let mut texts = 0_u64;

@@ -120,7 +120,7 @@ const LINES: &[&str] = &[
 /// Points without a position are skipped and counted in the notes; points without a value are kept as NaN.
 ///
 /// # Errors
-/// Fails for a file that cannot be read, missing or non-numeric columns, units that do not convert, and coordinates in
+/// Fails for a file that cannot be read, missing or non-numeric columns, units that do not convert, or coordinates in
 /// an unknown system.
 pub fn read_points(path: &Path, options: &PointOptions) -> Result<SurveyPointSet, ReadError> {
     let table = load(path, options.format.as_deref())?;
@@ -137,7 +137,7 @@ pub fn read_points(path: &Path, options: &PointOptions) -> Result<SurveyPointSet
 pub fn doubts(points: &SurveyPointSet) -> Vec<String> {
     /// π and π/2: positions in radians that are read as degrees lie in this area of open sea.
     const TURNS: (f64, f64) = (std::f64::consts::FRAC_PI_2, std::f64::consts::PI);
-    /// Minimum range of the values of a survey, nT.
+    /// Minimum range of the values of a survey, in nT.
     const LEAST_NT: f64 = 1e-3;
     let mut suspicions: Vec<String> = vec![];
     let mut places = points.lat_deg.iter().zip(&points.lon_deg);

@@ -44,7 +44,7 @@ pub(super) struct PointTable {
 /// Loads a table in the named or detected format.
 ///
 /// # Errors
-/// Fails for a format that is unknown, and a file that cannot be read.
+/// Fails for a format that is unknown, or a file that cannot be read.
 pub(super) fn load(path: &Path, format: Option<&str>) -> Result<PointTable, ReadError> {
     let head = FileHead::read(path)?;
     match format {
@@ -147,7 +147,7 @@ impl PointTable {
         known.iter().find_map(|name| self.column(name)).or_else(|| known.iter().find_map(with_unit))
     }
 
-    /// [`PointTable::named_or`] of a coordinate, whose name may end in a unit.
+    /// Same as [`PointTable::named_or`], for a coordinate, whose name may end in a unit.
     ///
     /// # Errors
     /// Fails for a named column that does not exist.
@@ -250,7 +250,7 @@ impl PointColumn {
     /// The numbers in a unit; unchanged if the unit is empty or the file gives none.
     ///
     /// # Errors
-    /// Fails for values that are not numbers, and a unit that does not convert.
+    /// Fails for values that are not numbers, or a unit that does not convert.
     pub(super) fn in_unit(&self, path: &Path, wanted: &str) -> Result<Vec<f64>, ReadError> {
         let factor = if wanted.is_empty() { 1.0 } else { self.factor(path, wanted)?.0 };
         let mut out = vec![];

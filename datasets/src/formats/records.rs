@@ -1,4 +1,4 @@
-//! Conversion of fixed-length records of binary logs to columns of numbers and texts.
+//! Conversion of fixed-length records of binary logs to columns of numbers and strings.
 
 use std::{path::Path, sync::Arc};
 
@@ -29,7 +29,7 @@ pub(super) enum RecordFieldType {
 }
 
 impl RecordFieldType {
-    /// Its length in bytes.
+    /// Length in bytes.
     pub(super) fn bytes(self) -> usize {
         match self {
             RecordFieldType::I8 | RecordFieldType::U8 => 1,

@@ -1,5 +1,5 @@
-//! The SGL surveys: the meaning of their fields, and their conversion. Shared by the HDF5 and
-//! the `.xyz` reader. [MagNav.jl, readmes/sgl_2020_fields_readme.txt]
+//! The SGL surveys: the meaning of their fields, and their conversion. The HDF5 and the `.xyz` reader share this
+//! module. [MagNav.jl, readmes/sgl_2020_fields_readme.txt]
 
 use std::path::Path;
 

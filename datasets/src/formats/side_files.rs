@@ -45,7 +45,7 @@ impl SideFiles {
     /// Reads the side files of a map of this size; `None` if there are none.
     ///
     /// # Errors
-    /// Fails for a side file that cannot be read, and a mask of another size.
+    /// Fails for a side file that cannot be read, or a mask of another size.
     pub(crate) fn read(path: &Path, width: usize, height: usize) -> Result<Option<SideFiles>, ReadError> {
         let files = existing(path);
         let mut side = SideFiles { width, ..SideFiles::default() };

@@ -38,7 +38,7 @@ impl<R: Read> ForwardReader<R> {
         ForwardReader { input, bytes: vec![], at: 0, before: 0, ended: false }
     }
 
-    /// The bytes from the position on: at least `least` of them, fewer only at the end of the file.
+    /// The bytes from the position on. At least `least` bytes are returned, except at the end of the file.
     #[inline]
     pub(super) fn ahead(&mut self, least: usize) -> io::Result<&[u8]> {
         if self.bytes.len() - self.at < least && !self.ended {

@@ -13,7 +13,7 @@ const MARK: u8 = 0x1a;
 /// The number of bytes at the end of a file that are searched for a mark. CP/M fills records of 128 bytes with marks.
 const TAIL: usize = 4096;
 
-/// The length of a text without its end-of-file mark; the full length if it has none.
+/// The length of a string without its end-of-file mark; the full length if it has none.
 fn length(text: &[u8]) -> usize {
     let blank = |b: &u8| b.is_ascii_whitespace() || [MARK, 0].contains(b);
     let last = text.iter().rposition(|b| !blank(b)).map_or(0, |at| at + 1);
@@ -21,7 +21,7 @@ fn length(text: &[u8]) -> usize {
     mark.map_or(text.len(), |at| last + at)
 }
 
-/// The bytes of a text without its end-of-file mark.
+/// The bytes of a string without its end-of-file mark.
 pub(super) fn without_mark(text: &[u8]) -> &[u8] {
     text.get(..length(text)).unwrap_or(text)
 }
@@ -86,7 +86,7 @@ impl Read for TextFile {
     }
 }
 
-/// Whether a text ends with a newline, or with an end-of-file mark.
+/// Whether a string ends with a newline, or with an end-of-file mark.
 ///
 /// # Errors
 /// Fails for a file that cannot be read.

@@ -40,7 +40,7 @@ enum TextTableLine<'t, 'w> {
 /// Reads a whole table.
 ///
 /// # Errors
-/// Fails for a file that cannot be read or has no rows, and rows of unequal length.
+/// Fails for a file that cannot be read or has no rows, or rows of unequal length.
 pub(super) fn read(path: &Path) -> Result<TextTable, ReadError> {
     let bytes = text_end::read(path)?;
     if bytes.contains(&0) {
@@ -185,7 +185,7 @@ impl TextTable {
         known.iter().find_map(|k| self.names.iter().position(|n| lower(n) == *k))
     }
 
-    /// [`TextTable::find`] of a coordinate, whose name may end in a unit.
+    /// Same as [`TextTable::find`], for a coordinate, whose name may end in a unit.
     pub(super) fn find_axis(&self, known: &[&str]) -> Option<usize> {
         let base = |n: &String| lower(split_unit(n).0);
         self.find(known).or_else(|| known.iter().find_map(|k| self.names.iter().position(|n| base(n) == *k)))

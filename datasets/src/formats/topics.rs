@@ -10,11 +10,11 @@ use crate::ReadError;
 /// A table of a file: a message of a log, an array or a structure.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LogTopic {
-    /// Its name in [`FlightOptions::topic`]; empty for a format with one table.
+    /// Name in [`FlightOptions::topic`]; empty for a format with one table.
     pub name: String,
     /// Number of rows.
     pub rows: u64,
-    /// Its columns, in the file's order.
+    /// Columns, in the file's order.
     pub columns: Vec<TopicColumn>,
     /// The reason why a topic has no rows; empty if it has rows.
     pub note: String,
@@ -46,7 +46,7 @@ pub fn topics(path: &Path, options: &FlightOptions) -> Result<Vec<LogTopic>, Rea
     topics_among(FLIGHT_FORMATS, path, options)
 }
 
-/// [`topics`] in one of `formats`, such as those of [`flight_formats`](super::flight_formats).
+/// Same as [`topics`], but tries only `formats`, such as those of [`flight_formats`](super::flight_formats).
 ///
 /// # Errors
 /// Fails in the cases of [`topics`].
@@ -77,13 +77,13 @@ pub fn topics_among(
 /// `rename`, `units`, `flight` and `line` are ignored; markers of missing values apply.
 ///
 /// # Errors
-/// Fails for a file that is missing, empty, unreadable or in no known format, and for a file of several tables if
+/// Fails for a file that is missing, empty, unreadable or in no known format, or for a file of several tables if
 /// `topic` does not name one of them.
 pub fn open_raw(path: &Path, options: &FlightOptions, reading: &ReadHints) -> Result<RawReader, ReadError> {
     open_raw_among(FLIGHT_FORMATS, path, options, reading)
 }
 
-/// [`open_raw`] in one of `formats`, such as those of [`flight_formats`](super::flight_formats).
+/// Same as [`open_raw`], but tries only `formats`, such as those of [`flight_formats`](super::flight_formats).
 ///
 /// # Errors
 /// Fails in the cases of [`open_raw`].
@@ -102,7 +102,7 @@ pub fn open_raw_among(
 /// `tables` are names and row counts; `asked` is the name in the format's spelling.
 ///
 /// # Errors
-/// Fails for an unknown name, and for several tables without a name; the error lists them.
+/// Fails for an unknown name, or for several tables without a name; the error lists them.
 pub(super) fn chosen(path: &Path, asked: Option<&str>, tables: &[(String, u64)]) -> Result<usize, ReadError> {
     let names: Vec<&str> = tables.iter().map(|(name, _)| name.as_str()).collect();
     match (asked, tables) {

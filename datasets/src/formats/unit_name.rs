@@ -201,7 +201,7 @@ const OTHERS: &[&str] = &[
     "fortnight",
 ];
 
-/// Prefixes of units of one letter, and of longer ones.
+/// Prefixes of units of one letter, and of longer units.
 const PREFIXES: [&[&str]; 2] =
     [&["k", "m", "u", "µ", "μ", "n", "p", "f"], &["G", "M", "k", "h", "d", "c", "m", "u", "µ", "μ", "n"]];
 
@@ -212,7 +212,7 @@ const PREFIXED: [&[&str]; 2] =
 /// Denominators that indicate a quotient, for any numerator.
 const TIMES: [&str; 9] = ["s", "sec", "min", "h", "hr", "hour", "day", "week", "fortnight"];
 
-/// The end of a name without a known unit: nothing, or a text that looks like a unit. Such a text is a quotient, a
+/// The end of a name without a known unit: nothing, or a string that looks like a unit. Such a string is a quotient, a
 /// known unit with a prefix or more letters, or a unit that does not convert.
 fn unknown_end(name: &str) -> ImpliedUnit {
     if let Some(quotient) = unknown_quotient(name) {
@@ -274,7 +274,7 @@ pub(super) enum UnitNameError {
 /// implies none.
 ///
 /// # Errors
-/// Fails for a name with a unit that does not convert, and for an ambiguous name.
+/// Fails for a name with a unit that does not convert, or for an ambiguous name.
 pub(super) fn unit_of_renamed(name: &str, ours: &str, wanted: &str) -> Result<Option<String>, UnitNameError> {
     let factor = |unit: &str| convert(unit, wanted);
     match implied_unit(name) {

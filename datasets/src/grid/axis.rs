@@ -25,7 +25,7 @@ impl FileAxis {
     /// An axis from its first coordinate, its step and its length.
     ///
     /// # Errors
-    /// Fails for fewer than two coordinates and for an invalid step.
+    /// Fails for fewer than two coordinates, or for an invalid step.
     pub(crate) fn new(path: &Path, name: &str, first: f64, step: f64, len: usize) -> Result<FileAxis, ReadError> {
         let wrong = |what: String| Err(ReadError::data(path, what).in_column(name));
         if len < 2 {
@@ -52,7 +52,7 @@ impl FileAxis {
     /// The axis of coordinates.
     ///
     /// # Errors
-    /// Fails for fewer than two coordinates, duplicates, and uneven spacing.
+    /// Fails for fewer than two coordinates, duplicates, or uneven spacing.
     pub(crate) fn from_coordinates(path: &Path, name: &str, coordinates: &[f64]) -> Result<FileAxis, ReadError> {
         let first = coordinates.first().copied().unwrap_or(0.0);
         let last = coordinates.last().copied().unwrap_or(0.0);

@@ -58,7 +58,7 @@ const LENGTHS: [(&[&str], f64); 9] = [
     (&["fathom", "fathoms"], 1.8288),
 ];
 
-/// Texts without a unit.
+/// Strings without a unit.
 const NOTHING: [&str; 12] =
     ["", "1", "none", "unknown", "user x unit", "user y unit", "x", "y", "x units", "y units", "natural", "raw"];
 
@@ -66,7 +66,7 @@ const NOTHING: [&str; 12] =
 const SAME: f64 = 1e-5;
 
 impl AxisUnit {
-    /// The unit of a text; `Ok(None)` for a text without a unit.
+    /// The unit of a string; `Ok(None)` for a string without a unit.
     ///
     /// # Errors
     /// Fails for an unknown unit.
@@ -110,7 +110,7 @@ impl AxisUnit {
         }
     }
 
-    /// The unit of a text; `None` for an unknown unit.
+    /// The unit of a string; `None` for an unknown unit.
     pub(crate) fn from_text(text: &str) -> Option<AxisUnit> {
         let (_, inside) = bracketed(text).unwrap_or(("", ""));
         if let Some(unit) = Some(inside).filter(|t| !t.is_empty()).and_then(AxisUnit::from_text) {
@@ -141,7 +141,7 @@ impl AxisUnit {
     /// The factor that converts coordinates to the unit of a system.
     ///
     /// # Errors
-    /// Fails for lengths in a system of degrees, degrees in a projected system, and feet in a system of metres (or the
+    /// Fails for lengths in a system of degrees, degrees in a projected system, or feet in a system of metres (or the
     /// reverse) if the file itself gives both.
     pub(crate) fn to_system(
         &self,
@@ -201,7 +201,7 @@ fn plain(text: &str) -> String {
     words.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// A text without the brackets at its end, and the text in the brackets.
+/// A string without the brackets at its end, and the text in the brackets.
 fn bracketed(text: &str) -> Option<(&str, &str)> {
     [('(', ')'), ('[', ']'), ('{', '}')].into_iter().find_map(|(open, close)| {
         let (base, inside) = text.trim().strip_suffix(close)?.rsplit_once(open)?;

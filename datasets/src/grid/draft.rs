@@ -92,8 +92,8 @@ impl<'a> MapDraft<'a> {
     /// The map: rows from the south, columns from the west, nT, longitudes wrapped to -180 to 180 degrees.
     ///
     /// # Errors
-    /// Fails for a unit of another quantity than the field, an unknown coordinate system, and in the cases of
-    /// [`AnomalyGrid::new`].
+    /// Fails for a unit that is not a unit of the field, or for an unknown coordinate system. Also fails in the cases
+    /// of [`AnomalyGrid::new`].
     pub(crate) fn finish(mut self, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         let nodes = self.x.len().saturating_mul(self.y.len());
         check_count(self.path, self.values.len(), nodes)?;

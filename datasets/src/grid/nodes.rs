@@ -16,7 +16,7 @@ const SPARSEST: usize = 64;
 /// coordinate has its name in the file. Missing nodes are NaN.
 ///
 /// # Errors
-/// Fails for coordinates that do not form a regular grid, and for a duplicate node.
+/// Fails for coordinates that do not form a regular grid, or for a duplicate node.
 pub(crate) fn from_nodes(
     path: &Path,
     (x_name, x): (&str, &[f64]),

@@ -23,7 +23,7 @@ pub(crate) fn number(value: f64) -> String {
 
 /// The unit of values before their conversion to nT or a unit of a derivative.
 pub(crate) struct ValueUnit<'a> {
-    /// Its name.
+    /// Name.
     pub(crate) name: &'a str,
     /// The factor that converts to `canonical`.
     pub(crate) factor: f64,
@@ -34,7 +34,7 @@ pub(crate) struct ValueUnit<'a> {
 /// Rejects impossible values. `wrong` returns the error for a value's index.
 ///
 /// # Errors
-/// Fails for values outside the limits of an anomaly (of a total field, if most values are total fields), and for a
+/// Fails for values outside the limits of an anomaly (of a total field, if most values are total fields), or for a
 /// largest value that consists of nines, such as 9999, and is far above the next value.
 pub(crate) fn check(
     values: &[f64],

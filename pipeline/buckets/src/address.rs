@@ -58,7 +58,7 @@ pub enum StorageLocation {
 /// Reads a location: `s3://`, `gs://` or `az://` with a bucket, `file://` with an absolute path, or a path.
 ///
 /// # Errors
-/// Fails for other addresses, and for an invalid bucket name.
+/// Fails for other addresses, or for an invalid bucket name.
 pub fn place(text: &str) -> Result<StorageLocation, Fault> {
     let Some((scheme, rest)) = text.split_once("://") else { return Ok(StorageLocation::Path(text.into())) };
     if scheme == "file" {

@@ -29,7 +29,7 @@ use super::{
     redact::redacted,
 };
 
-/// Size of a part, bytes: longer objects are read and written in parts.
+/// Size of a part, in bytes: longer objects are read and written in parts.
 const PART: u64 = 16 << 20;
 /// Maximum number of concurrent requests.
 const AT_ONCE: usize = 16;
@@ -49,7 +49,7 @@ pub struct ObjectVersion(UpdateVersion);
 pub struct ObjectEntry {
     /// Name below the address.
     pub key: String,
-    /// Size, bytes.
+    /// Size, in bytes.
     pub size: u64,
     /// Version, if the server reports a version.
     pub tag: Option<String>,
@@ -83,7 +83,7 @@ fn wait<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> Re
 /// work.
 ///
 /// # Errors
-/// Fails when `work` fails.
+/// Fails if `work` fails.
 pub fn each<T: Sync, A: Send>(items: &[T], work: impl Fn(&T) -> Result<A, Fault> + Sync) -> Result<Vec<A>, Fault> {
     let next = AtomicUsize::new(0);
     let answers: Vec<Mutex<Option<Result<A, Fault>>>> = items.iter().map(|_| Mutex::new(None)).collect();
@@ -172,7 +172,7 @@ impl Bucket {
     /// Object and its version; `None` if missing.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn get_tagged(&self, key: &str) -> Result<Option<(Vec<u8>, ObjectVersion)>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
         let read = move || async move {
@@ -203,7 +203,7 @@ impl Bucket {
     /// Object; `None` if missing.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn get(&self, key: &str) -> Result<Option<Vec<u8>>, Fault> {
         Ok(self.get_tagged(key)?.map(|(bytes, _)| bytes))
     }
@@ -211,7 +211,7 @@ impl Bucket {
     /// Size, version and time of an object; `None` if missing.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn about(&self, key: &str) -> Result<Option<ObjectEntry>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
         match wait(async move { objects.head(&name).await })? {
@@ -224,7 +224,7 @@ impl Bucket {
     /// Range of bytes of an object; `None` if missing.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error, and when the object is shorter.
+    /// Fails if the server cannot be reached or reports an error, or if the object is shorter.
     pub fn range(&self, key: &str, range: Range<u64>, tag: Option<&str>) -> Result<Option<Vec<u8>>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
         let want = range.end.saturating_sub(range.start);
@@ -250,7 +250,7 @@ impl Bucket {
     /// Writes an object to the file `to`, which is on the disk on return. Returns whether the object exists.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error, the object does not have the given `size`, or the
+    /// Fails if the server cannot be reached or reports an error, the object does not have the given `size`, or the
     /// file cannot be written.
     pub fn fetch(&self, key: &str, to: &Path, size: Option<u64>) -> Result<bool, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
@@ -309,7 +309,7 @@ impl Bucket {
     /// Writes an object, replacing an existing one.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn put(&self, key: &str, bytes: Vec<u8>) -> Result<(), Fault> {
         self.put_as(key, bytes, PutMode::Overwrite)?.map(drop).map_err(|e| self.fault("write", key, &e))
     }
@@ -317,7 +317,7 @@ impl Bucket {
     /// Creates an object. Returns `false` if the object exists.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn create(&self, key: &str, bytes: &[u8]) -> Result<bool, Fault> {
         self.on_condition(key, bytes, PutMode::Create)
     }
@@ -326,7 +326,7 @@ impl Bucket {
     /// was written.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn replace(&self, key: &str, bytes: &[u8], tag: Option<ObjectVersion>) -> Result<bool, Fault> {
         self.on_condition(key, bytes, tag.map_or(PutMode::Create, |tag| PutMode::Update(tag.0)))
     }
@@ -358,7 +358,7 @@ impl Bucket {
     /// Writes the file `from` as an object, which appears when it is complete.
     ///
     /// # Errors
-    /// Fails when the file cannot be read, or the server cannot be reached or reports an error.
+    /// Fails if the file cannot be read, or the server cannot be reached or reports an error.
     pub fn put_file(&self, key: &str, from: &Path) -> Result<(), Fault> {
         let fail = |e: std::io::Error| Fault::machine(format!("cannot read {}: {e}", from.display()));
         let mut file = File::open(from).map_err(fail)?;
@@ -393,7 +393,7 @@ impl Bucket {
     /// All objects whose names begin with the folder `folder`; all objects if `folder` is empty.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn list(&self, folder: &str) -> Result<Vec<ObjectEntry>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(folder)?);
         let list = move || async move { objects.list(Some(&name)).try_collect::<Vec<_>>().await };
@@ -403,7 +403,7 @@ impl Bucket {
     /// Objects directly in the folder `folder`.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn list_flat(&self, folder: &str) -> Result<Vec<ObjectEntry>, Fault> {
         let (objects, name) = (self.objects.clone(), self.name(folder)?);
         let list = move || async move { objects.list_with_delimiter(Some(&name)).await.map(|list| list.objects) };
@@ -434,7 +434,7 @@ impl Bucket {
     /// Removes an object; succeeds if it is missing.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn remove(&self, key: &str) -> Result<(), Fault> {
         let (objects, name) = (self.objects.clone(), self.name(key)?);
         let delete = move || async move { objects.delete(&name).await };
@@ -455,7 +455,7 @@ impl Bucket {
     /// Renames an object.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn rename(&self, from: &str, to: &str) -> Result<(), Fault> {
         let (objects, old, new) = (self.objects.clone(), self.name(from)?, self.name(to)?);
         let done = wait(async move {

@@ -19,7 +19,7 @@ use super::{address::ObjectAddress, connect::endpoint};
 /// Folder of the cache.
 ///
 /// # Errors
-/// Fails when the environment specifies none.
+/// Fails if the environment specifies none.
 fn folder() -> Result<PathBuf, Fault> {
     let set = |name: &str| env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     let own = set("MAGLINE_CACHE");
@@ -39,7 +39,7 @@ fn hash(parts: &[&str], digits: usize) -> String {
 /// Folder of the store at `address`.
 ///
 /// # Errors
-/// Fails when the environment specifies no folder for the cache.
+/// Fails if the environment specifies no folder for the cache.
 pub fn of_store(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     let text = address.to_string();
     let name: String = text.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).take(60).collect();
@@ -50,7 +50,7 @@ pub fn of_store(address: &ObjectAddress) -> Result<PathBuf, Fault> {
 /// Folder of the objects of the bucket of `address`.
 ///
 /// # Errors
-/// Fails when the environment specifies no folder for the cache.
+/// Fails if the environment specifies no folder for the cache.
 pub fn of_files(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     let scheme = address.scheme.as_str();
     let place = match endpoint(address.scheme) {

@@ -39,7 +39,7 @@ pub fn endpoint(scheme: ObjectStoreScheme) -> String {
 /// Objects below `address`.
 ///
 /// # Errors
-/// Fails if this program is built without object stores, and when the environment is invalid. The first request checks
+/// Fails if this program is built without object stores, or if the environment is invalid. The first request checks
 /// that the bucket exists and is accessible.
 pub fn connect(address: &ObjectAddress) -> Result<Bucket, Fault> {
     supported()?;

@@ -95,7 +95,8 @@ impl BucketCache {
             let what = format!("{} was removed during reading", self.bucket.address().below(&about.key));
             Err(Fault::machine(what).help("run again"))
         });
-        // The note is removed before the copy is replaced, so that it never names the version of another copy.
+        // The note on the copy is removed before the copy is replaced, so that a note never names the version of
+        // another copy.
         let settled = fetched.and_then(|()| {
             match fs::remove_file(&note) {
                 Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(io_fault("remove", &note, &e)),
@@ -139,10 +140,10 @@ fn is_hidden(key: &str, folder: &str) -> bool {
 }
 
 /// Copies of the flights at an address: one object, objects that match a pattern, or objects of a folder whose names
-/// `fit`. Companions of the same name are copied too.
+/// `fit` accepts. Companions of the same name are copied too.
 ///
 /// # Errors
-/// Fails when no object matches, or the server cannot be reached or reports an error.
+/// Fails if no object matches, or the server cannot be reached or reports an error.
 pub fn find(address: &ObjectAddress, fit: &dyn Fn(&str) -> bool) -> Result<Vec<PathBuf>, Fault> {
     let copies = BucketCache::from_address(address)?;
     let key = address.key.as_str();
@@ -183,7 +184,7 @@ pub fn find(address: &ObjectAddress, fit: &dyn Fn(&str) -> bool) -> Result<Vec<P
 /// Copy of one object.
 ///
 /// # Errors
-/// Fails when the object does not exist, or the server cannot be reached or reports an error.
+/// Fails if the object does not exist, or the server cannot be reached or reports an error.
 pub fn fixed(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     let copies = BucketCache::from_address(address)?;
     match copies.bucket.about(&address.key)? {
@@ -195,7 +196,7 @@ pub fn fixed(address: &ObjectAddress) -> Result<PathBuf, Fault> {
 /// Copy of an object with its companions of the same name, or of a folder.
 ///
 /// # Errors
-/// Fails when the object does not exist, or the server cannot be reached or reports an error.
+/// Fails if the object does not exist, or the server cannot be reached or reports an error.
 pub fn whole(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     let copies = BucketCache::from_address(address)?;
     let key = address.key.as_str();
@@ -224,7 +225,7 @@ pub fn whole(address: &ObjectAddress) -> Result<PathBuf, Fault> {
 /// Copies the object of `path`, a file of the cache that another file in the cache refers to; ignores other paths.
 ///
 /// # Errors
-/// Fails when the server cannot be reached or reports an error.
+/// Fails if the server cannot be reached or reports an error.
 pub fn fetch_companion(path: &Path) -> Result<(), Fault> {
     match place(&cache::shown(path))? {
         StorageLocation::Object(address) => {

@@ -54,7 +54,7 @@ impl AwsProfile {
     /// Profile that the environment names, or `default` if it exists.
     ///
     /// # Errors
-    /// Fails for a named profile that is missing, and for an unreadable file.
+    /// Fails for a named profile that is missing, or for an unreadable file.
     pub fn chosen() -> Result<Option<AwsProfile>, Fault> {
         let named = set("AWS_PROFILE").or_else(|| set("AWS_DEFAULT_PROFILE"));
         let name = named.clone().unwrap_or_else(|| "default".to_owned());
@@ -76,7 +76,7 @@ impl AwsProfile {
         }
     }
 
-    /// Profile `name` in these texts; later ones take precedence over earlier ones.
+    /// Profile `name` in these strings; later ones take precedence over earlier ones.
     fn from_texts(texts: &[String], name: &str) -> Option<AwsProfile> {
         let mut all: Option<HashMap<String, String>> = None;
         for keys in texts.iter().filter_map(|text| section(text, name)) {

@@ -1,6 +1,6 @@
-//! Removal of secrets from texts: answers of a server, addresses with passwords, credentials of the environment.
+//! Removal of secrets from strings: answers of a server, addresses with passwords, credentials of the environment.
 
-/// Maximum length of a text.
+/// Maximum length of a string.
 const LONGEST: usize = 400;
 /// Replacement of a secret.
 const HIDDEN: &str = "***";

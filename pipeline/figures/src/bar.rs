@@ -60,7 +60,8 @@ impl ColourBar<'_> {
         (if below { POINT } else { 0.0 }, if above { POINT } else { 0.0 })
     }
 
-    /// Position at `along` the bar, 0 to 1, and `across` it, 0 on the side without numbers.
+    /// Position on the paper of the fraction `along` the bar (0 to 1) and the fraction `across` it (0 on the side
+    /// without numbers).
     fn at(&self, rect: &Rect, along: f64, across: f64) -> PaperPoint {
         match self.upward {
             true => (rect.x + across * rect.w, rect.bottom() - along * rect.h),

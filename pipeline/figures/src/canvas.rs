@@ -10,9 +10,9 @@ use super::{
     ticks::{fixed, linear, round_below},
 };
 
-/// Width of a picture, px.
+/// Width of a picture, in pixels.
 pub const SIDE: f64 = 440.0;
-/// Left edge of the widest area in the picture, px.
+/// Left edge of the widest area in the picture, in pixels.
 pub const LEFT: f64 = 74.0;
 const RIGHT: f64 = 22.0;
 const TOP: f64 = 6.0;
@@ -34,7 +34,7 @@ impl Canvas {
         Canvas { bounds, width: (wide * scale).max(150.0), height: (high * scale).max(100.0) }
     }
 
-    /// Length of a degree of longitude in the picture, px.
+    /// Length of a degree of longitude in the picture, in pixels.
     pub fn per_degree_east(&self) -> f64 {
         self.width / (self.bounds.lon.1 - self.bounds.lon.0)
     }
@@ -59,7 +59,7 @@ impl Canvas {
         (near(x, self.width) && near(y, self.height)).then_some((x, y))
     }
 
-    /// Whether a latitude and longitude is in the picture.
+    /// Whether a position (latitude and longitude) is in the picture.
     pub fn holds(&self, (lat, lon): (f64, f64)) -> bool {
         (0.0..self.width).contains(&self.x(lon)) && (0.0..self.height).contains(&self.y(lat))
     }

@@ -7,7 +7,7 @@ use super::ticks::{self, AxisTick};
 const WIDTH: f64 = 940.0;
 /// Width of a chart in a row of two, with letters of the same size.
 const HALF: f64 = 466.0;
-/// Least width of the labels of the vertical axis, and width of a digit.
+/// Minimum width of the labels of the vertical axis, and width of a digit.
 const LEFT: f64 = 64.0;
 const DIGIT: f64 = 6.6;
 const RIGHT: f64 = 14.0;
@@ -40,18 +40,18 @@ impl ChartAxis {
 /// Line through points; NaN interrupts it.
 #[derive(Clone, Debug)]
 pub struct ChartLine {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// Class in the style sheet, which gives the colour.
     pub class: &'static str,
-    /// Its points.
+    /// Points.
     pub points: Vec<(f64, f64)>,
 }
 
 /// Area between two curves.
 #[derive(Clone, Debug)]
 pub struct ChartBand {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// Abscissa, lower and upper ordinate.
     pub points: Vec<(f64, f64, f64)>,
@@ -60,9 +60,9 @@ pub struct ChartBand {
 /// A plot.
 #[derive(Clone, Debug, Default)]
 pub struct LineChart {
-    /// Its title.
+    /// Title.
     pub title: String,
-    /// Its caption.
+    /// Caption.
     pub caption: String,
     /// Horizontal axis.
     pub x: ChartAxis,
@@ -78,7 +78,7 @@ pub struct LineChart {
     pub stretch: Option<(String, f64, f64)>,
     /// Highlighted points: name and coordinates.
     pub marks: Vec<(String, f64, f64)>,
-    /// Height of the picture, px.
+    /// Height of the picture, in pixels.
     pub height: f64,
     /// Whether the chart has half the width, for a row of two.
     pub half: bool,

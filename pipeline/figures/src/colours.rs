@@ -15,7 +15,7 @@ const SCALE_NODES: usize = 1024;
 /// Colour scale of a map.
 ///
 /// # Errors
-/// Fails as [`ColourScale::new`].
+/// Returns the errors of [`ColourScale::new`].
 pub fn colour_scale(picture: &MapPicture, look: &MapStyle) -> Result<ColourScale, Fault> {
     let reduced = sheet(picture, &MapWindow::from_picture(picture), (SCALE_NODES, SCALE_NODES));
     ColourScale::new(&reduced.values, look.scale, look.palette)

@@ -22,7 +22,7 @@ const CELL: f64 = 2.5;
 /// Lines at multiples of `step`, and their entry in the legend.
 ///
 /// # Errors
-/// Fails when `step` is not positive or gives too many lines.
+/// Fails if `step` is not positive or gives too many lines.
 pub fn marks(frame: &MapFrame, step: f64) -> Result<(Vec<SceneMark>, LegendEntry), Fault> {
     if !(step > 0.0 && step.is_finite()) {
         return Err(

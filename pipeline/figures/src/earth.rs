@@ -40,11 +40,11 @@ pub fn patches(window: &MapWindow) -> Vec<GlobePatch> {
 /// Sample of a track: latitude, longitude, height and, if known, time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackFix {
-    /// Latitude, degrees.
+    /// Latitude, in degrees.
     pub lat: f64,
-    /// Longitude, degrees.
+    /// Longitude, in degrees.
     pub lon: f64,
-    /// Height, m.
+    /// Height, in metres.
     pub alt: f64,
     /// Seconds since 1970 UTC.
     pub time_s: Option<f64>,

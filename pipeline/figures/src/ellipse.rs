@@ -3,17 +3,17 @@
 /// Region of a horizontal position, with a scale of `sigmas` standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ellipse {
-    /// Semi-major axis, m.
+    /// Semi-major axis, in metres.
     pub major_m: f64,
-    /// Semi-minor axis, m.
+    /// Semi-minor axis, in metres.
     pub minor_m: f64,
     /// Direction of the major axis, degrees east of north, 0 up to 180.
     pub azimuth_deg: f64,
 }
 
 impl Ellipse {
-    /// Ellipse from the standard deviations north and east, m, and their covariance, m²: the offsets e with eᵀ P⁻¹ e at
-    /// most the square of `sigmas`. `None` if a value is unknown, or the values are not a covariance.
+    /// Ellipse from the standard deviations north and east, in metres, and their covariance, in m²: the offsets e with
+    /// eᵀ P⁻¹ e at most the square of `sigmas`. `None` if a value is unknown, or the values are not a covariance.
     pub fn new(sd_n: f64, sd_e: f64, cov_ne: f64, sigmas: f64) -> Option<Ellipse> {
         let (nn, ee) = (sd_n * sd_n, sd_e * sd_e);
         let root = (0.5 * (nn - ee)).hypot(cov_ne);
@@ -24,7 +24,7 @@ impl Ellipse {
         known.then(|| Ellipse { major_m: sigmas * large.sqrt(), minor_m: sigmas * small.max(0.0).sqrt(), azimuth_deg })
     }
 
-    /// Offsets of `corners` points on the ellipse, north and east of its centre, m.
+    /// Offsets of `corners` points on the ellipse, north and east of its centre, in metres.
     pub fn outline(self, corners: usize) -> impl Iterator<Item = (f64, f64)> {
         let (along_e, along_n) = self.azimuth_deg.to_radians().sin_cos();
         (0..corners).map(move |k| {

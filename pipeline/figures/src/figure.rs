@@ -46,7 +46,7 @@ struct FigureLayout {
 /// Figure of a map.
 ///
 /// # Errors
-/// Fails when there is nothing to draw, sizes disagree, or `look` cannot be satisfied.
+/// Fails if there is nothing to draw, sizes disagree, or `look` cannot be satisfied.
 pub fn scene(picture: &MapPicture, look: &MapStyle, lines: &[TrackLine]) -> Result<FigureScene, Fault> {
     check(picture, look)?;
     let scale = colour_scale(picture, look)?;

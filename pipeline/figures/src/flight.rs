@@ -17,7 +17,7 @@ use super::{
 /// Part of a flight with a name.
 #[derive(Clone, Debug)]
 pub struct FlightPart {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// Kind, an index of [`FlightPicture::kinds`].
     pub kind: usize,
@@ -46,9 +46,9 @@ pub struct FlightPicture<'a> {
     pub time: &'a [f64],
     /// Label of the time axis.
     pub time_label: &'a str,
-    /// Position east of a reference point, m, one per time; NaN breaks the track. Empty without positions.
+    /// Position east of a reference point, in metres, one per time; NaN breaks the track. Empty without positions.
     pub east_m: &'a [f64],
-    /// Position north of the reference point, m, one per time.
+    /// Position north of the reference point, in metres, one per time.
     pub north_m: &'a [f64],
     /// Kind of each sample, an index of [`FlightPicture::kinds`].
     pub kind: &'a [usize],
@@ -80,7 +80,7 @@ const NARROW: f64 = 8.0;
 /// Picture as a PNG file, `width_px` pixels wide, 200 to 10,000.
 ///
 /// # Errors
-/// Fails when there are fewer than two times, lengths differ, or the width is out of range.
+/// Fails if there are fewer than two times, lengths differ, or the width is out of range.
 pub fn flight_png(picture: &FlightPicture, width_px: usize) -> Result<Vec<u8>, Fault> {
     pixels::png(&scene(picture, width_px)?)
 }
@@ -88,7 +88,7 @@ pub fn flight_png(picture: &FlightPicture, width_px: usize) -> Result<Vec<u8>, F
 /// Picture as an SVG file.
 ///
 /// # Errors
-/// Fails as [`flight_png`].
+/// Returns the errors of [`flight_png`].
 pub fn flight_svg(picture: &FlightPicture) -> Result<String, Fault> {
     svg::document(&scene(picture, WIDTH as usize)?)
 }

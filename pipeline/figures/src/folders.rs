@@ -12,28 +12,28 @@ use super::{
 /// Area at one height, such as the error ellipse of a position.
 #[derive(Clone, Debug)]
 pub struct EarthArea {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// Text that a click shows.
     pub about: String,
     /// Latitudes of the corners, degrees, counterclockwise; the first is not repeated.
     pub lat_deg: Vec<f64>,
-    /// Longitudes of the corners, degrees.
+    /// Longitudes of the corners, in degrees.
     pub lon_deg: Vec<f64>,
-    /// Height, m, as in [`EarthTrack`].
+    /// Height, in metres, as in [`EarthTrack`].
     pub alt_m: f64,
-    /// Its colour.
+    /// Colour.
     pub colour: [u8; 3],
 }
 
 /// Tracks, areas and further folders under one name.
 #[derive(Clone, Debug, Default)]
 pub struct EarthFolder<'a> {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its tracks.
+    /// Tracks.
     pub tracks: Vec<EarthTrack<'a>>,
-    /// Its areas.
+    /// Areas.
     pub areas: Vec<EarthArea>,
     /// Subfolders.
     pub folders: Vec<EarthFolder<'a>>,
@@ -43,7 +43,7 @@ pub struct EarthFolder<'a> {
 /// [`crate::kml()`]; pictures of several maps are named `<stem>_1_map.png` and so on.
 ///
 /// # Errors
-/// Fails when a map is not geographic or has nothing to draw, or columns of a track or an area have different lengths.
+/// Fails if a map is not geographic or has nothing to draw, or columns of a track or an area have different lengths.
 pub fn folders_kml(
     title: &str,
     maps: &[MapPicture],

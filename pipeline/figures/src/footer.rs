@@ -18,7 +18,7 @@ const NAMED: usize = 24;
 /// Entry of the legend.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LegendEntry {
-    /// Length on the paper and on the ground, m.
+    /// Length on the paper and on the ground, in metres.
     Scale(f64, f64),
     /// North arrow.
     North,
@@ -39,7 +39,7 @@ impl LegendEntry {
         LegendEntry::Scale(metres / metres_per_unit, metres)
     }
 
-    /// Entries of the tracks, the first ones by name.
+    /// Entries of the tracks; the first tracks are listed by name.
     pub fn tracks(drawn: &[tracks::TrackDrawing]) -> impl Iterator<Item = LegendEntry> + '_ {
         let named = if drawn.len() > NAMED { NAMED - 1 } else { drawn.len() };
         let more = (drawn.len() > named).then(|| LegendEntry::More(drawn.len() - named));

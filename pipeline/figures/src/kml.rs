@@ -25,18 +25,18 @@ use crate::png_file::{PixelFormat, encode};
 /// Track for Google Earth. NaN in any of its columns interrupts it.
 #[derive(Clone, Copy, Debug)]
 pub struct EarthTrack<'a> {
-    /// Its name.
+    /// Name.
     pub name: &'a str,
-    /// Latitudes, degrees.
+    /// Latitudes, in degrees.
     pub lat_deg: &'a [f64],
-    /// Longitudes, degrees, of any turn.
+    /// Longitudes, in degrees, of any turn.
     pub lon_deg: &'a [f64],
-    /// Heights, m. KML interprets them as above mean sea level; heights above the ellipsoid are off by the geoid's
-    /// height.
+    /// Heights, in metres. KML interprets them as above mean sea level; heights above the ellipsoid are off by the
+    /// geoid's height.
     pub alt_m: &'a [f64],
     /// Times, s since 1970 UTC, if the date is known: the track can then be played.
     pub time_unix_s: Option<&'a [f64]>,
-    /// Colour; `None` for the next one of a fixed order.
+    /// Colour; `None` for the next colour of a fixed order.
     pub colour: Option<[u8; 3]>,
 }
 
@@ -53,7 +53,7 @@ impl Kml {
     /// Document and pictures in one file.
     ///
     /// # Errors
-    /// Fails when the files do not fit into a zip file.
+    /// Fails if the files do not fit into a zip file.
     pub fn kmz(&self) -> Result<Vec<u8>, Fault> {
         let zipped = || {
             let mut zip = ZipWriter::new(Cursor::new(vec![]));
@@ -76,14 +76,14 @@ impl Kml {
 
 /// Maximum number of pixels per side of an overlay: the limit of common viewers.
 const MOST_PIXELS: f64 = 4096.0;
-/// Tolerance of a thinned track, m.
+/// Tolerance of a thinned track, in metres.
 const TOLERANCE_M: f64 = 1.0;
 
 /// Map as a ground overlay, its colour bar on the screen, and the tracks at their heights. The pictures are named
 /// `<stem>_map.png` (`_map_1`, `_map_2` if the map crosses the date line) and `<stem>_bar.png`.
 ///
 /// # Errors
-/// Fails when the map is not geographic or has nothing to draw, or columns of a track have different lengths.
+/// Fails if the map is not geographic or has nothing to draw, or columns of a track have different lengths.
 pub fn kml(picture: &MapPicture, look: &MapStyle, tracks: &[EarthTrack], stem: &str) -> Result<Kml, Fault> {
     let mut files = vec![];
     let mut features = map(picture, look, look.colour_bar, stem, &mut files)?;

@@ -81,7 +81,7 @@ pub struct MapPicture<'a> {
 pub struct MapStyle {
     /// Width of the picture in pixels, 200 to 10,000. Above 800 pixels, the size of the letters grows with the width.
     pub width_px: usize,
-    /// Its colours.
+    /// Colours.
     pub palette: Palette,
     /// The mapping of values to colours.
     pub scale: ColourMapping,
@@ -124,7 +124,7 @@ pub struct TrackLine<'a> {
     pub x: &'a [f64],
     /// Latitudes or northings, one per x.
     pub y: &'a [f64],
-    /// Colour; `None` for the next one of a fixed order.
+    /// Colour; `None` for the next colour of a fixed order.
     pub colour: Option<[u8; 3]>,
 }
 
@@ -140,7 +140,7 @@ fn track_colour(given: Option<[u8; 3]>, index: usize) -> [u8; 3] {
 /// Map as a PNG file.
 ///
 /// # Errors
-/// Fails when the map has no known value or its sizes disagree, or `look` cannot be satisfied.
+/// Fails if the map has no known value or its sizes disagree, or `look` cannot be satisfied.
 pub fn png(picture: &MapPicture, look: &MapStyle, tracks: &[TrackLine]) -> Result<Vec<u8>, Fault> {
     let scene = figure::scene(picture, look, tracks)?;
     pixels::png(&scene)
@@ -149,7 +149,7 @@ pub fn png(picture: &MapPicture, look: &MapStyle, tracks: &[TrackLine]) -> Resul
 /// Map as an SVG file: real text and lines, the colours as an embedded picture.
 ///
 /// # Errors
-/// Fails as [`png()`].
+/// Returns the errors of [`png()`].
 pub fn svg(picture: &MapPicture, look: &MapStyle, tracks: &[TrackLine]) -> Result<String, Fault> {
     let scene = figure::scene(picture, look, tracks)?;
     svg::document(&scene)

@@ -17,7 +17,7 @@ const MOST: f64 = 200e6;
 /// Scene as a PNG, opaque on paper.
 ///
 /// # Errors
-/// Fails when it has too many pixels.
+/// Fails if it has too many pixels.
 pub fn png(scene: &FigureScene) -> Result<Vec<u8>, Fault> {
     let pixmap = paint(scene)?;
     let size = (pixmap.width() as usize, pixmap.height() as usize);

@@ -15,7 +15,7 @@ pub enum PixelFormat {
 /// PNG of `size` (width, height) of the `pixels`, by rows from the top.
 ///
 /// # Errors
-/// Fails when the number of pixels does not match the size, or is zero.
+/// Fails if the number of pixels does not match the size, or is zero.
 pub fn encode(kind: &PixelFormat, size: (usize, usize), pixels: &[u8]) -> Result<Vec<u8>, Fault> {
     write(kind, size, pixels).map_err(|e| Fault::machine(format!("cannot draw the map: {e}")))
 }

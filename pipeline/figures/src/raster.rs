@@ -37,7 +37,7 @@ pub struct Raster {
     pub size: (usize, usize),
     /// Picture as a PNG file.
     pub png: Vec<u8>,
-    /// Values at even steps of the colour scale, from first to last, nT.
+    /// Values at even steps of the colour scale, from first to last, in nT.
     pub scale: Vec<f64>,
 }
 
@@ -51,7 +51,7 @@ struct PixelGrid {
 /// Part of `grid` within `bounds`; `None` if picture and map share no known cell.
 ///
 /// # Errors
-/// Fails when the picture cannot be encoded.
+/// Fails if the picture cannot be encoded.
 pub fn raster(grid: &GeographicGrid, bounds: &Bounds) -> Result<Option<Raster>, Fault> {
     let Some(pixels) = cut(grid, bounds) else { return Ok(None) };
     let mut known: Vec<f64> = pixels.values.iter().copied().filter(|v| v.is_finite()).collect();
@@ -173,7 +173,7 @@ mod tests {
     #[test]
     fn unit_equal_areas_have_equal_shares_of_the_colours() {
         let lat: Vec<f64> = (0..16).map(f64::from).collect();
-        // A long tail, as in anomalies: without equalisation most of the map would have one colour.
+        // The values have a long tail, as anomalies do. Without equalisation, most of the map would have one colour.
         let values: Vec<f64> = (0..256).map(|k| (f64::from(k) / 20.0).exp()).collect();
         let grid = GeographicGrid::new(&lat, &lat, &values).unwrap();
         let drawn = raster(&grid, &Bounds { lat: (-1.0, 17.0), lon: (-1.0, 17.0) }).unwrap().unwrap();

@@ -88,7 +88,7 @@ impl ShadedPalette {
         ShadedPalette { palette, steps }
     }
 
-    /// Colour at `part` of the palette under `light`; 1 gives the palette's own colour.
+    /// Colour at the position `part` of the palette under `light`. A light of 1 gives the colour of the palette.
     pub fn colour(&self, part: f64, light: f64) -> [u8; 3] {
         // Interpolated light may differ slightly from 1.
         if (light - 1.0).abs() < 1e-9 || !light.is_finite() {

@@ -28,7 +28,8 @@ const QUANTILES: usize = 256;
 /// Colours of values.
 #[derive(Clone, Debug)]
 pub struct ColourScale {
-    /// Value and fraction of the palette, both ascending, linear in between. At least two.
+    /// Values with their positions on the palette, both ascending, with linear interpolation in between. There are at
+    /// least two.
     knots: Vec<(f64, f64)>,
     palette: Palette,
     equalised: bool,
@@ -40,7 +41,7 @@ impl ColourScale {
     /// Colour scale for `values`, ignoring values that are not finite.
     ///
     /// # Errors
-    /// Fails when no value is known, or percentiles or range are not ascending.
+    /// Fails if no value is known, or percentiles or range are not ascending.
     pub fn new(values: &[f64], scale: ColourMapping, palette: Palette) -> Result<ColourScale, Fault> {
         let mut known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
         known.sort_unstable_by(f64::total_cmp);
@@ -75,7 +76,7 @@ impl ColourScale {
         self.knots.last().map_or(f64::NAN, |k| k.0)
     }
 
-    /// Fraction of the palette, 0 to 1, of a value.
+    /// Position of a value on the palette, 0 to 1.
     pub fn part(&self, value: f64) -> f64 {
         follow(&self.knots, value, |k| *k)
     }
@@ -138,7 +139,7 @@ fn in_order(what: &str, low: f64, high: f64, within: (f64, f64)) -> Result<(), F
     Err(Fault::new(format!("{low} and {high} are not valid {what}")).help(help))
 }
 
-/// Linear from `low` to `high`; symmetric about zero if the palette is.
+/// Linear from `low` to `high`, and symmetric about zero if the palette is symmetric.
 fn even(low: f64, high: f64, palette: Palette) -> Vec<(f64, f64)> {
     let largest = low.abs().max(high.abs());
     if palette == Palette::Diverging && largest > 0.0 {

@@ -6,23 +6,23 @@ pub type PaperPoint = (f64, f64);
 /// A rectangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rect {
-    /// Its left edge.
+    /// Left edge.
     pub x: f64,
-    /// Its upper edge.
+    /// Upper edge.
     pub y: f64,
-    /// Its width.
+    /// Width.
     pub w: f64,
-    /// Its height.
+    /// Height.
     pub h: f64,
 }
 
 impl Rect {
-    /// Its right edge.
+    /// Right edge.
     pub fn right(&self) -> f64 {
         self.x + self.w
     }
 
-    /// Its lower edge.
+    /// Lower edge.
     pub fn bottom(&self) -> f64 {
         self.y + self.h
     }
@@ -64,14 +64,14 @@ pub const BLACK: Ink = Ink::full([26, 26, 26]);
 /// Colour of the paper.
 pub const WHITE: Ink = Ink::full([255, 255, 255]);
 
-/// Part of a text at its position.
+/// Part of a string at its position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TextAnchor {
-    /// Its beginning.
+    /// Beginning.
     Start,
-    /// Its middle.
+    /// Middle.
     Middle,
-    /// Its end.
+    /// End.
     End,
 }
 
@@ -80,9 +80,9 @@ pub enum TextAnchor {
 pub enum SceneMark {
     /// Filled outline.
     Fill {
-        /// Its corners.
+        /// Corners.
         points: Vec<PaperPoint>,
-        /// Its colour.
+        /// Colour.
         ink: Ink,
     },
     /// Lines of one pen.
@@ -91,14 +91,14 @@ pub enum SceneMark {
         lines: Vec<Vec<PaperPoint>>,
         /// Width of the pen.
         width: f64,
-        /// Its colour.
+        /// Colour.
         ink: Ink,
         /// The clipping rectangle.
         within: Option<Rect>,
     },
     /// Circle with a rim.
     Disc {
-        /// Its centre.
+        /// Centre.
         at: PaperPoint,
         /// Radius, to the middle of the rim.
         radius: f64,
@@ -109,7 +109,7 @@ pub enum SceneMark {
     },
     /// A picture.
     Picture {
-        /// Its position, on whole pixels.
+        /// Position, on whole pixels.
         rect: Rect,
         /// Size in pixels.
         size: (usize, usize),
@@ -118,7 +118,7 @@ pub enum SceneMark {
     },
     /// A colour gradient.
     Fade {
-        /// Its position.
+        /// Position.
         rect: Rect,
         /// Colours at even distances, from the bottom or the left.
         colours: Vec<[u8; 3]>,
@@ -129,7 +129,7 @@ pub enum SceneMark {
     Text {
         /// Position of its anchor, on the base line.
         at: PaperPoint,
-        /// Its text.
+        /// Text.
         text: String,
         /// Size of its letters.
         size: f64,
@@ -170,11 +170,11 @@ impl SceneMark {
 /// A figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FigureScene {
-    /// Its description, for screen readers.
+    /// Description, for screen readers.
     pub name: String,
     /// Width of the paper.
     pub width: f64,
-    /// Its height.
+    /// Height.
     pub height: f64,
     /// Pixels per unit of length.
     pub scale: f64,

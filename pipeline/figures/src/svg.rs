@@ -13,7 +13,7 @@ use crate::{
 /// Scene as an SVG file.
 ///
 /// # Errors
-/// Fails when its picture cannot be encoded.
+/// Fails if its picture cannot be encoded.
 pub fn document(scene: &FigureScene) -> Result<String, Fault> {
     let marks: Result<Vec<Markup>, Fault> = scene.marks.iter().enumerate().map(|(k, mark)| element(mark, k)).collect();
     let (width, height) = (px(scene.width), px(scene.height));

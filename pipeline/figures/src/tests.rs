@@ -66,8 +66,8 @@ fn texts(marks: &[scene::SceneMark]) -> Vec<String> {
     marks.iter().filter_map(text).collect()
 }
 
-/// Checks that a text is well-formed XML: fails for tags that do not close, an attribute without quotes, a stray `<` or
-/// `&`.
+/// Checks that a string is well-formed XML: fails for tags that do not close, an attribute without quotes, a stray `<`
+/// or `&`.
 pub(crate) fn well_formed(xml: &str) -> Result<usize, String> {
     let mut open: Vec<&str> = vec![];
     let mut elements = 0;
@@ -333,7 +333,7 @@ fn extent(mark: &scene::SceneMark) -> (scene::PaperPoint, scene::PaperPoint) {
     }
 }
 
-/// Two texts that overlap, or a text that overlaps the map.
+/// Two strings that overlap, or a string that overlaps the map.
 fn overlap(marks: &[scene::SceneMark]) -> Option<(String, String)> {
     let solid = |m: &&scene::SceneMark| {
         matches!(m, scene::SceneMark::Text { .. } | scene::SceneMark::Picture { .. } | scene::SceneMark::Fade { .. })

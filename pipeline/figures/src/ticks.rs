@@ -5,7 +5,7 @@
 pub struct AxisTick {
     /// The value.
     pub at: f64,
-    /// Its label.
+    /// Label.
     pub label: String,
 }
 
@@ -41,8 +41,8 @@ pub fn fixed(x: f64, decimals: usize) -> String {
     }
 }
 
-/// Powers of ten within `low` to `high`, both positive; if there are fewer than three powers, also their multiples by 2
-/// and 5.
+/// Powers of ten within `low` to `high`, which are positive. If there are fewer than three powers, their multiples by 2
+/// and 5 are included.
 pub fn logarithmic(low: f64, high: f64) -> Vec<AxisTick> {
     if !(low > 0.0 && high > low && high.is_finite()) {
         return vec![];

@@ -20,9 +20,9 @@ pub const START: f64 = 4.2;
 
 /// Track drawn on the map.
 pub struct TrackDrawing {
-    /// Its marks.
+    /// Marks.
     pub marks: Vec<SceneMark>,
-    /// Its colour.
+    /// Colour.
     pub colour: [u8; 3],
     /// Text in the legend.
     pub name: String,
@@ -31,7 +31,7 @@ pub struct TrackDrawing {
 /// Track, thinned to within `tolerance` on the paper and clipped at the frame; its index gives the colour.
 ///
 /// # Errors
-/// Fails when its coordinates have different lengths.
+/// Fails if its coordinates have different lengths.
 pub fn drawn(track: &TrackLine, index: usize, frame: &MapFrame, tolerance: f64) -> Result<TrackDrawing, Fault> {
     check_lengths(track.name, &[track.x.len(), track.y.len()])?;
     let colour = track_colour(track.colour, index);

@@ -18,7 +18,7 @@ use polars::prelude::{LazyFrame, PlRefPath, PolarsError, PolarsResult, ScanArgsP
 /// The tables that are published in `store`, each as `<pipeline>.<table>`, sorted.
 ///
 /// # Errors
-/// Fails when the folder of tables cannot be read.
+/// Fails if the folder of tables cannot be read.
 pub fn tables(store: &Path) -> PolarsResult<Vec<String>> {
     let mut found = vec![];
     for pipeline in names(&store.join("tables"))? {
@@ -30,7 +30,7 @@ pub fn tables(store: &Path) -> PolarsResult<Vec<String>> {
     Ok(found)
 }
 
-/// The names of the folders in a folder.
+/// Names of the folders in a folder.
 fn names(folder: &Path) -> PolarsResult<Vec<String>> {
     let is_folder = |path: &Path| fs::metadata(path).is_ok_and(|what| what.is_dir());
     let entries = fs::read_dir(folder)?.collect::<io::Result<Vec<_>>>()?;

@@ -5,7 +5,7 @@ use schemas::{Fault, Literal, SpecEntries, SpecEntry, SpecSection};
 use super::grid::SweepPoint;
 use crate::spec::{Spec, SpecSpan, StageDecl, TRIAL};
 
-/// The names after `$` in a text; `$$` is a literal `$`.
+/// The axis names after `$` in a string; `$$` is a literal `$`.
 fn mentions(text: &str) -> Vec<&str> {
     let mut found = vec![];
     let mut rest = text;
@@ -34,7 +34,7 @@ fn mentions_in<'a>(value: &'a Literal, found: &mut Vec<&'a str>) {
 /// The axes in the declaration of a stage, as positions in the spec.
 ///
 /// # Errors
-/// Fails for a mention of an axis that the spec does not have.
+/// Fails if the stage mentions an axis that the spec does not have.
 pub fn mentioned(stage: &StageDecl, spec: &Spec) -> Result<Vec<usize>, Vec<Fault>> {
     let mut found: Vec<(&str, SpecSpan)> = vec![];
     for given in stage.args.values() {
@@ -80,7 +80,7 @@ pub fn axes_of(value: &Literal, spec: &Spec) -> Vec<usize> {
     known(names, spec)
 }
 
-/// Axes of the spec that a text mentions, as positions.
+/// Axes of the spec that a string mentions, as positions.
 pub fn axes_in(text: &str, spec: &Spec) -> Vec<usize> {
     known(mentions(text), spec)
 }
@@ -92,8 +92,8 @@ fn known(names: Vec<&str>, spec: &Spec) -> Vec<usize> {
     axes
 }
 
-/// Substitutes the axes in a value. `"$axis"` gives the axis value with its type; a reference inside a text gives its
-/// spelling.
+/// Substitutes the axes in a value. `"$axis"` gives the axis value with its type; a reference inside a string inserts
+/// the value as text.
 pub fn put_in(value: &Literal, point: &SweepPoint) -> Literal {
     match value {
         Literal::Text(text) => match text.strip_prefix('$').and_then(|name| point.get(name)) {
@@ -102,7 +102,7 @@ pub fn put_in(value: &Literal, point: &SweepPoint) -> Literal {
         },
         Literal::List(items) => {
             let flat = |v: &Literal| match (v, put_in(v, point)) {
-                // A list-valued axis mentioned in a list adds its values to it.
+                // If a list mentions an axis whose value is a list, the entries of that value are added to the list.
                 (Literal::Text(_), Literal::List(inner)) => inner,
                 (_, one) => vec![one],
             };
@@ -115,7 +115,7 @@ pub fn put_in(value: &Literal, point: &SweepPoint) -> Literal {
     }
 }
 
-/// The text with every mention replaced by its value.
+/// The text with every reference to an axis replaced by the axis value.
 pub fn spelt_in(text: &str, point: &SweepPoint) -> String {
     let mut out = String::new();
     let mut rest = text;
@@ -134,7 +134,7 @@ pub fn spelt_in(text: &str, point: &SweepPoint) -> String {
     out + rest
 }
 
-/// Spelling of a value inside a text; list entries are separated by commas.
+/// Text of a value inside a string; list entries are separated by commas.
 fn spelt(value: &Literal) -> String {
     match value {
         Literal::List(items) => items.iter().map(Literal::to_string).collect::<Vec<_>>().join(","),

@@ -182,7 +182,7 @@ impl PlanBuilder<'_> {
 
     /// Fault of a stage with too many sweep points.
     fn too_many(&self, decl: &StageDecl, axes: &[usize]) -> Fault {
-        // The axes that are searched together count once.
+        // Axes that are searched together count once.
         let is_own_axis = |i: &&usize| !self.spec.searched.contains(i) || **i == self.spec.searched.start;
         let axes = axes.iter().filter(is_own_axis).filter_map(|i| self.spec.axes.get(*i));
         let product: Vec<String> = axes.clone().map(|a| format!("{} ({})", a.name, a.values.len())).collect();

@@ -36,12 +36,12 @@ pub struct PlanBuilder<'a> {
     pub recorded: Option<&'a RecordedPlan>,
     pub faults: Vec<Fault>,
     pub flights: Vec<Flights>,
-    /// Schema of each of `flights` as seen by stages.
+    /// Schema that stages see, for each table of `flights`.
     pub shapes: Vec<Arc<Table>>,
     pub maps: Vec<MapSource>,
     /// Schemas of a map without and with the error of each node.
     pub map_shapes: [Arc<Table>; 2],
-    /// Schema of each of `maps` as seen by stages.
+    /// Schema that stages see, for each map of `maps`.
     pub wholes: Vec<Arc<Table>>,
     /// Tables of files already opened, by name and use; `None` if a file could not be opened.
     pub sources: BTreeMap<(String, TableUse), Option<InputTarget>>,
@@ -49,7 +49,7 @@ pub struct PlanBuilder<'a> {
     /// Faulty stages; their dependents are not checked.
     pub broken: Vec<String>,
     pub notes: Vec<String>,
-    /// Parsed predicates, by text and visible columns: most points of a sweep share one predicate.
+    /// Parsed predicates, by their text and the columns that they can use. Most points of a sweep share one predicate.
     pub predicates: HashMap<(String, Option<*const Table>), Arc<Predicate>>,
 }
 

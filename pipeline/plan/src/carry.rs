@@ -53,7 +53,7 @@ impl PlanBuilder<'_> {
     }
 }
 
-/// The fault of `keep = false`.
+/// Fault for `keep = false` where it is not permitted.
 fn kept(decl: &StageDecl, of_lines: bool) -> Option<Fault> {
     if !of_lines {
         let what = format!("`keep` applies only to tables of flight lines, and `{}` is not one", decl.name);

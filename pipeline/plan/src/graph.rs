@@ -34,11 +34,11 @@ pub struct PlanGraph<'a> {
     pub bytes: Vec<Vec<FileDigest>>,
     /// Folders with the quality figures of each table of flights.
     pub quality: Vec<Vec<PathBuf>>,
-    /// The key of each map.
+    /// Key of each map.
     pub maps: Vec<HashKey>,
-    /// The lines of each point.
+    /// The lines of each point of each table.
     pub(super) sets: LineSets,
-    /// The names of columns.
+    /// Column names, by number.
     pub(super) names: ColumnNames,
     /// For each table of flights, the keys of each column that stages read, by line.
     pub(super) sources: Vec<HashMap<ColumnNumber, Vec<Option<HashKey>>>>,
@@ -121,7 +121,7 @@ impl<'a> PlanGraph<'a> {
         let names: BTreeSet<(String, String)> =
             sources.iter().flatten().map(|l| (l.flight.clone(), l.line.clone())).collect();
         let lines: Vec<(String, String)> = names.into_iter().collect();
-        // Every record is among the lines, which are made from the records.
+        // The lines come from the records, so each record is found among them.
         let known = |l: LineRecord| Some((lines.binary_search(&(l.flight.clone(), l.line.clone())).ok()?, l));
         let records: Vec<BTreeMap<LineId, LineRecord>> =
             sources.into_iter().map(|s| s.into_iter().filter_map(known).collect()).collect();
@@ -181,7 +181,7 @@ impl<'a> PlanGraph<'a> {
         self.sets.set(table, instance)
     }
 
-    /// The lines that any point of a table has, sorted.
+    /// All lines of a table, over all its points, sorted.
     pub fn all_lines_of(&self, table: usize) -> Vec<LineId> {
         let each: BTreeSet<LineId> = self.sets.each(table, 1).flat_map(|(set, _)| set).copied().collect();
         each.into_iter().collect()
@@ -214,7 +214,7 @@ impl<'a> PlanGraph<'a> {
         }
     }
 
-    /// Location of the column `column` of `r`: the stage that made it, found upstream of all stages that pass it on.
+    /// Origin of the column `column` of `r`: the stage that made it, upstream of all stages that only pass it on.
     pub fn origin(&self, r: TableRef, column: &str) -> ColumnLocation {
         let made_by = match self.names.known.get(column) {
             Some(name) => self.made_by(r, *name).0,
@@ -254,7 +254,7 @@ impl<'a> PlanGraph<'a> {
     /// The map `r` on its native grid, from a file or a stage.
     ///
     /// # Errors
-    /// Fails when `r` is not in the store, or is not a map.
+    /// Fails if `r` is not in the store, or is not a map.
     pub fn map(&self, store: &Store, r: TableRef) -> Result<RecordBatch, Fault> {
         let key = self.whole(r)?;
         match r {

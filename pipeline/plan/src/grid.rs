@@ -152,7 +152,7 @@ pub struct SweepValues<T> {
 }
 
 impl<T: Clone + PartialEq> SweepValues<T> {
-    /// Values for the points of `grid`, looked up by the points of `whole`. Axes without effect are dropped.
+    /// Creates a look-up from the points of `whole` to values at the points of `grid`. Axes without effect are dropped.
     pub fn new(whole: &SweepGrid, grid: SweepGrid, values: Vec<T>) -> SweepValues<T> {
         let (grid, values) = reduced(grid, values);
         SweepValues { onto: whole.onto(&grid), grid, values }
@@ -168,7 +168,7 @@ impl<T: Clone + PartialEq> SweepValues<T> {
         &self.values
     }
 
-    /// The value at the point `i` of the whole.
+    /// Value at the point `i` of the whole grid.
     pub fn at(&self, i: usize) -> &T {
         &self.values[self.onto.at(i)]
     }
@@ -210,7 +210,7 @@ mod tests {
                 let digits: Vec<(usize, usize)> = all.place(i).filter(|(a, _)| some.contains(a)).collect();
                 assert_eq!(part.place(there.at(i)).collect::<Vec<_>>(), digits);
             }
-            // Every point of the whole grid is a point of the part plus a point of the remaining axes.
+            // A point of the whole grid is a point of the partial grid combined with a point of the remaining axes.
             let rest = all.without(&part);
             let rest_back = rest.onto(&all);
             let mut seen: Vec<usize> = (0..part.len())

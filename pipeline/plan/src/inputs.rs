@@ -18,7 +18,7 @@ use crate::{
     spec::{SourceDecl, StageDecl},
 };
 
-/// The maximum number of names that the axes of one text can give.
+/// Maximum number of different names from one string with axes.
 const MOST_NAMES: usize = 1_000_000;
 
 impl PlanBuilder<'_> {
@@ -87,7 +87,7 @@ impl PlanBuilder<'_> {
         })
     }
 
-    /// Target of one entry of an input, and the minimum number of its tables at a point.
+    /// Target of one entry of an input, and the smallest number of tables that the entry gives at any point.
     fn slot(
         &mut self,
         item: &Literal,
@@ -257,7 +257,7 @@ fn wrong_name(input: &InputDecl, given: &SpecEntry) -> Fault {
     Fault::new(format!("`{}` must be the name of {}", input.name, kind_words(input.kind))).at(given.at.clone())
 }
 
-/// The entries of an input; one value is one entry.
+/// The entries of an input. A value that is not a list is one entry.
 fn items(value: &Literal) -> &[Literal] {
     match value {
         Literal::List(items) => items,

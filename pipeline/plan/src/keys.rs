@@ -60,9 +60,9 @@ pub(super) struct VariantKeys {
     pub(super) made: Vec<ColumnNumber>,
     /// The inputs of each of the columns in `made`.
     from: Vec<Vec<(usize, ColumnNumber)>>,
-    /// Columns read from each input.
+    /// Columns that are read from each input.
     reads: Vec<Vec<ColumnNumber>>,
-    /// Key of the restriction of rows.
+    /// Key of the predicate in `where`, which restricts rows.
     rows: HashKey,
 }
 
@@ -94,7 +94,7 @@ impl PlanGraph<'_> {
     /// The key of the columns `columns` of all lines of a record.
     ///
     /// # Errors
-    /// Fails when one of its lines lacks an input.
+    /// Fails if one of its lines lacks an input.
     pub fn record(&self, r: TableRef, columns: &[String]) -> Result<HashKey, Fault> {
         let mut text = b"record".to_vec();
         for line in self.lines_in(r) {
@@ -111,7 +111,7 @@ impl PlanGraph<'_> {
     /// Key of the object with the result of `r` for `line`.
     ///
     /// # Errors
-    /// Fails when the line lacks a required column.
+    /// Fails if the line lacks a required column.
     pub fn object(&self, r: TableRef, line: LineId) -> Result<HashKey, Fault> {
         match r {
             TableRef::Flights(i) => self.records[i].get(&line).map(|l| l.object).ok_or_else(|| self.no_line(line)),
@@ -126,7 +126,7 @@ impl PlanGraph<'_> {
     /// Key of the object with the model or map `r`, which has no lines.
     ///
     /// # Errors
-    /// Fails when one of its inputs is missing, or when `r` has lines.
+    /// Fails if one of its inputs is missing, or if `r` has lines.
     pub fn whole(&self, r: TableRef) -> Result<HashKey, Fault> {
         match r {
             TableRef::Map(i) => Ok(self.maps[i]),
@@ -147,7 +147,7 @@ impl PlanGraph<'_> {
         }
     }
 
-    /// The index of a line among those of an instance; absent lines are not cached.
+    /// Index of a line among the lines of an instance. A line that the instance does not have is not cached.
     fn position(&self, t: usize, i: usize, line: Option<LineId>) -> Option<u64> {
         match line {
             None => Some(0),
@@ -168,7 +168,7 @@ impl PlanGraph<'_> {
     /// Key of a unit: stage, version, parameters and the keys of its inputs.
     ///
     /// # Errors
-    /// Fails when a line lacks a column that is read.
+    /// Fails if a line lacks a column that is read.
     pub fn key(&self, unit: PlanUnit) -> Result<HashKey, Fault> {
         let PlanUnit { table: t, instance: i, line } = unit;
         let keys = &self.nodes[t];
@@ -208,7 +208,7 @@ impl PlanGraph<'_> {
                         word(&mut text, if seen { "in sample" } else { "held out" });
                         continue;
                     }
-                    // A fit skips a line that lacks a column; a line stage cannot.
+                    // A fit skips a line that lacks a column; a stage of single lines cannot compute it.
                     let name = &self.names.words[*column as usize];
                     self.part(&mut text, name, self.column_of(*r, *line, *column), lenient)?;
                 }
@@ -258,7 +258,7 @@ impl PlanGraph<'_> {
     /// The key of one column of one line.
     ///
     /// # Errors
-    /// Fails when the line lacks the column or an input of the column.
+    /// Fails if the line lacks the column or an input of the column.
     pub fn column(&self, r: TableRef, line: LineId, name: &str) -> Result<HashKey, Fault> {
         match (self.names.known.get(name), self.bottom(r)) {
             (Some(number), _) => self.column_of(r, line, *number),

@@ -1,7 +1,7 @@
 //! The plan: the tables, their points of the sweep, and their inputs.
 //!
-//! All faults of a spec are found here, before anything runs. A sweep is counted, not listed: a table
-//! stores the differences between its points, and the position of a point is arithmetic on its index.
+//! All faults of a spec are found here, before anything runs. The points of a sweep are not listed. A table stores only
+//! the differences between its points, and the axis values of a point are computed from its index.
 
 mod axes;
 mod build;
@@ -48,7 +48,7 @@ mod tests;
 /// Reads the spec at `path` and applies the assignments of `--set`.
 ///
 /// # Errors
-/// Fails when it cannot be read or its form is wrong.
+/// Fails if it cannot be read or its form is wrong.
 pub fn read_spec(path: &Path, sets: &[String]) -> Result<Spec, SpecFaults> {
     let file = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|e| SpecFaults {
@@ -66,7 +66,7 @@ pub fn read_spec(path: &Path, sets: &[String]) -> Result<Spec, SpecFaults> {
 /// relative to `folder`.
 ///
 /// # Errors
-/// Fails when its form is wrong, or its store cannot be prepared.
+/// Fails if its form is wrong, or its store cannot be prepared.
 pub fn parse_spec(file: &str, folder: PathBuf, text: String, sets: &[String]) -> Result<Spec, SpecFaults> {
     let spec = Spec::parse(file, folder, text, sets)?;
     if let Some((address, at)) = &spec.store_at {
@@ -120,7 +120,7 @@ impl Plan {
         (0..self.tables[table].len()).map(move |i| self.instance(table, i))
     }
 
-    /// Maximum number of points of a table; in a search, over all trials and rungs.
+    /// Maximum number of points of a table. In a search, the limit applies to all trials and rungs together.
     pub fn most_points(&self, table: &TableNode) -> usize {
         let searched = &self.spec.searched;
         let depends = table.axes.iter().any(|a| searched.contains(a));
@@ -139,7 +139,7 @@ impl Plan {
     /// The position of the table `name`.
     ///
     /// # Errors
-    /// Fails when there is no such table; the fault suggests the nearest name.
+    /// Fails if there is no such table; the fault suggests the nearest name.
     pub fn table(&self, name: &str) -> Result<usize, Fault> {
         let known: Vec<&str> = self.tables.iter().map(|t| t.name.as_str()).collect();
         let found = known.iter().position(|n| *n == name);

@@ -14,10 +14,10 @@ use crate::predicate::Predicate;
 /// A line, as a position in the lines of a [graph](super::PlanGraph).
 pub type LineId = usize;
 
-/// The lines of the points of all tables.
+/// Lines of each point of each table.
 #[derive(Default)]
 pub struct LineSets {
-    /// The different sets, each sorted.
+    /// The distinct sets of lines, each sorted.
     sets: Vec<Vec<LineId>>,
     known: HashMap<Vec<LineId>, u32>,
     /// The set of each point of each table, as a position in `sets`.
@@ -30,7 +30,8 @@ impl LineSets {
         &self.sets[self.set(t, i) as usize]
     }
 
-    /// The set of the point `i` of the table `t`; equal for points with the same lines.
+    /// Number of the set of lines that the point `i` of the table `t` uses. Points with the same lines have the same
+    /// number.
     pub fn set(&self, t: usize, i: usize) -> u32 {
         *self.of[t].at(i)
     }
@@ -40,7 +41,7 @@ impl LineSets {
         self.of[t].grid()
     }
 
-    /// The different sets of lines of the table `t`, each with the number of points that use the set.
+    /// The distinct sets of lines of the table `t`, each with the number of points that use it.
     pub fn each(&self, t: usize, points: usize) -> impl Iterator<Item = (&[LineId], usize)> {
         let of = &self.of[t];
         let times = points / of.grid().len().max(1);
@@ -50,7 +51,7 @@ impl LineSets {
     /// Determines the lines of each table in turn, from the lines of the tables of flights.
     ///
     /// # Errors
-    /// Fails for a `where` that selects nothing, and names the table of the `where`.
+    /// Fails if a `where` selects nothing; the fault names the table of the `where`.
     pub fn new(plan: &Plan, flights: Vec<Vec<LineId>>, lines: &[(String, String)]) -> Result<LineSets, (usize, Fault)> {
         let mut all = LineSets::default();
         let flights: Vec<u32> = flights.into_iter().map(|set| all.add(set)).collect();
@@ -126,7 +127,7 @@ impl LineSets {
         Ok(SweepValues::new(&node.grid, grid, found))
     }
 
-    /// The intersection of these sets of lines.
+    /// Lines that are in all of these sets.
     fn common(&self, sets: &[u32]) -> Vec<LineId> {
         let Some((first, others)) = sets.split_first() else { return vec![] };
         let others: Vec<&Vec<LineId>> = others.iter().map(|s| &self.sets[*s as usize]).collect();

@@ -1,4 +1,4 @@
-//! Keys already made, in a bounded amount of memory.
+//! Cache of computed keys with bounded memory.
 
 use std::sync::Mutex;
 

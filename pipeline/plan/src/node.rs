@@ -18,18 +18,17 @@ use crate::{
 
 /// One table: a stage at every point of the axes it depends on.
 pub struct TableNode {
-    /// Its name in the spec.
+    /// Name in the spec.
     pub name: String,
     /// The position of its declaration.
     pub at: SpecSpan,
-    /// Its declaration, as a position in the spec's stages.
+    /// Declaration, as a position in the spec's stages.
     pub decl: usize,
     /// The stage.
     pub entry: StageEntry,
     /// The axes that the table depends on, as positions in the spec.
     pub axes: Vec<usize>,
-    /// Its distinct inputs and outputs, in order of first appearance; points with equal inputs and outputs share an
-    /// entry.
+    /// Distinct inputs and outputs, in order of first appearance; points with equal inputs and outputs share an entry.
     pub variants: Vec<StageVariant>,
     /// Columns that pass through the stage and are also written to its published table.
     pub carry: Vec<String>,
@@ -47,13 +46,13 @@ pub struct TableNode {
     pub(super) questions: SweepValues<HashKey>,
 }
 
-/// The inputs and outputs of a stage at some points of the sweep.
+/// Inputs and outputs of a stage, common to some points of the sweep.
 pub struct StageVariant {
-    /// Its inputs and outputs.
+    /// Inputs and outputs.
     pub yields: Arc<StageSchema>,
     /// Schema of its table as seen by later stages.
     pub table: Arc<Table>,
-    /// Its restriction of rows.
+    /// Predicate on rows, if it has a `where`.
     pub predicate: Option<Arc<Predicate>>,
 }
 
@@ -64,11 +63,11 @@ impl StageVariant {
     }
 }
 
-/// One name, or list of names, among the inputs of a stage.
+/// Input of a stage: one name or a list of names.
 pub(super) struct InputSlot {
-    /// Its kind.
+    /// Kind.
     pub kind: InputKind,
-    /// Its target; the name may depend on axes.
+    /// Target, which may depend on axes.
     pub targets: SweepValues<Arc<[InputTarget]>>,
 }
 
@@ -102,7 +101,7 @@ impl TableNode {
         self.len() == 0
     }
 
-    /// Its points, as numbers.
+    /// The numbers of its points.
     pub fn grid(&self) -> &SweepGrid {
         &self.grid
     }
@@ -122,7 +121,7 @@ impl TableNode {
         self.slots.iter().flat_map(move |s| s.targets.at(i).iter().map(move |t| (s.kind, t.at(i))))
     }
 
-    /// Its input tables over all points, without duplicates; the table of a stage at its first point.
+    /// Input tables over all points, without duplicates; the table of a stage at its first point.
     pub fn sources(&self) -> Vec<TableRef> {
         let mut found = vec![];
         for target in self.slots.iter().flat_map(|s| s.targets.values()).flat_map(|t| t.iter()) {
@@ -152,7 +151,7 @@ impl TableNode {
         let (mut found, mut last): (Vec<Column>, &[Arc<Column>]) = (vec![], &[]);
         for table in &self.tables {
             let columns = table.shape().columns.shared();
-            // Most columns are those of the table before.
+            // Most columns equal those of the previous table.
             let is_shared = |i: usize, c: &Arc<Column>| last.get(i).is_some_and(|other| Arc::ptr_eq(other, c));
             let others = columns.iter().enumerate().filter(|(i, c)| !is_shared(*i, c)).map(|(_, c)| c.as_ref());
             found.extend(others.filter(|c| seen.insert(c.name.as_str())).cloned());
@@ -175,8 +174,8 @@ impl TableNode {
         (0..grid.len()).map(move |i| back.at(i))
     }
 
-    /// One point for each combination of the axes that its parameters depend on. With more than `most` combinations,
-    /// one point for each value of each of these axes.
+    /// One point for each combination of the axes that its parameters depend on. If there are more than `most`
+    /// combinations, returns one point for each value of each of these axes.
     pub fn parameter_points(&self, most: usize) -> Vec<usize> {
         let own = self.questions.grid();
         let back = own.onto(&self.grid);
@@ -214,12 +213,12 @@ impl<'p> StageInstance<'p> {
         self.node.grid.point(self.index, &self.plan.spec)
     }
 
-    /// Its inputs, in the order of the stage's inputs.
+    /// Inputs, in the order of the stage's inputs.
     pub fn inputs(&self) -> Vec<TableRef> {
         self.node.inputs(self.index).map(|(_, r)| r).collect()
     }
 
-    /// Its first input.
+    /// First input.
     pub fn first_input(&self) -> Option<TableRef> {
         self.node.inputs(self.index).next().map(|(_, r)| r)
     }
@@ -240,7 +239,7 @@ impl<'p> StageInstance<'p> {
         made.map_err(|faults| faults.into_iter().next().unwrap_or_else(|| Fault::bug("a stage that is refused")))
     }
 
-    /// Its parameters in canonical spelling.
+    /// Parameters in canonical spelling.
     pub fn params(&self) -> Vec<(&'static str, String)> {
         self.stage().map(|s| s.canonical()).unwrap_or_default()
     }

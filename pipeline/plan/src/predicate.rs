@@ -36,8 +36,8 @@ impl Predicate {
     /// Reads `sql` against the columns of `shape`.
     ///
     /// # Errors
-    /// Fails when it is not SQL, not a predicate, refers to a column that does not exist, is nested too deep, or is
-    /// more than a function of one row.
+    /// Fails if `sql` is not valid SQL or not a predicate, refers to a missing column, is nested too deep, or depends
+    /// on more than one row.
     pub fn new(sql: &str, shape: &TableShape) -> Result<Predicate, Fault> {
         deep::over(sql, || Self::read(sql, shape))?
     }
@@ -69,7 +69,7 @@ impl Predicate {
         Ok(Predicate { lines, rows, columns, canonical })
     }
 
-    /// Whether the predicate selects whole lines only.
+    /// Whether the predicate only selects whole lines.
     pub fn is_of_lines(&self) -> bool {
         self.rows.is_none()
     }
@@ -77,7 +77,7 @@ impl Predicate {
     /// For each (flight, line), whether any of its rows may be selected.
     ///
     /// # Errors
-    /// Fails when the predicate cannot be evaluated.
+    /// Fails if the predicate cannot be evaluated.
     pub fn lines(&self, lines: &[(String, String)]) -> Result<Vec<bool>, Fault> {
         let Some(expr) = &self.lines else { return Ok(vec![true; lines.len()]) };
         let flights: StringArray = lines.iter().map(|l| Some(l.0.as_str())).collect();
@@ -89,7 +89,7 @@ impl Predicate {
     /// For each row of a line, whether it is selected. `batch` holds [`Predicate::columns`], in that order.
     ///
     /// # Errors
-    /// Fails when the predicate cannot be evaluated on these values.
+    /// Fails if the predicate cannot be evaluated on these values.
     pub fn rows(&self, batch: &RecordBatch) -> Result<Option<Vec<bool>>, Fault> {
         self.rows.as_ref().map(|expr| evaluate(expr, batch)).transpose()
     }

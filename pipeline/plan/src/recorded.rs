@@ -1,4 +1,4 @@
-//! A plan with its lines and keys as data, for a worker that does not read the inputs.
+//! Record of a plan with its lines and keys, for a worker that does not read the inputs.
 //!
 //! The text of the spec and the recorded facts of its sources reproduce the plan and its keys.
 
@@ -17,7 +17,7 @@ use crate::{
     spec::{SearchTrial, Spec, SpecFaults},
 };
 
-/// Version of the record's form.
+/// Version of the record's format.
 const FORM: u32 = 2;
 
 /// Record of all facts that determine a plan and its keys.
@@ -26,7 +26,7 @@ const FORM: u32 = 2;
 pub struct RecordedPlan {
     form: u32,
     magline: String,
-    /// The machine's arithmetic in words, for messages and comparison.
+    /// Description of the machine's arithmetic, for messages and comparison.
     arithmetic: String,
     arithmetic_key: HashKey,
     /// Name of the spec's file, which names a pipeline without a name.
@@ -131,7 +131,7 @@ impl RecordedPlan {
     /// Writes the record of `graph` into `store`, and returns its name.
     ///
     /// # Errors
-    /// Fails when the store cannot be written.
+    /// Fails if the store cannot be written.
     pub fn keep(graph: &PlanGraph, store: &Store) -> Result<HashKey, Fault> {
         let plan = graph.plan;
         let spec = &plan.spec;
@@ -174,7 +174,7 @@ impl RecordedPlan {
     /// The record `key` of `store`.
     ///
     /// # Errors
-    /// Fails when the record is missing, damaged, or of another version.
+    /// Fails if the record is missing, damaged, or of another version.
     pub fn find(store: &Store, key: HashKey) -> Result<RecordedPlan, Fault> {
         let recorded: RecordedPlan = serde_json::from_slice(&store.plan(key)?)
             .map_err(|e| Fault::new(format!("the plan {key} was made by another version of magline: {e}")))?;
@@ -204,7 +204,7 @@ impl RecordedPlan {
     /// The plan, with the stages of `catalogue`.
     ///
     /// # Errors
-    /// Fails when `catalogue` differs from the stages of the record.
+    /// Fails if `catalogue` differs from the stages of the record.
     pub fn plan(&self, catalogue: &[StageEntry]) -> Result<Plan, SpecFaults> {
         let spec = Spec::parse(&self.file, ".".into(), self.text.clone(), &self.sets)?;
         let rows: Option<Vec<SearchTrial>> = self.trials.iter().map(RecordedTrial::row).collect();
@@ -216,7 +216,7 @@ impl RecordedPlan {
     /// The graph of `plan`, which must be the plan of this record.
     ///
     /// # Errors
-    /// Fails when the record does not belong to the plan.
+    /// Fails if the record does not belong to the plan.
     pub fn graph<'a>(&self, plan: &'a Plan) -> Result<PlanGraph<'a>, SpecFaults> {
         let unknown = |name: &str| plan.spec.faults(vec![lacking(name)]);
         let record = |l: &RecordedLine| LineRecord {
@@ -245,7 +245,7 @@ impl RecordedPlan {
     /// The columns of the table of flights `name`.
     ///
     /// # Errors
-    /// Fails when the record has no such table.
+    /// Fails if the record has no such table.
     pub(super) fn columns(&self, name: &str) -> Result<SchemaRef, Fault> {
         let found = self.flights.iter().find(|f| f.name == name).and_then(|f| schema_of(&f.schema));
         found.map(SchemaRef::new).ok_or_else(|| lacking(name))
@@ -254,7 +254,7 @@ impl RecordedPlan {
     /// Checks that the record has the map `name`.
     ///
     /// # Errors
-    /// Fails when the record contains no such map.
+    /// Fails if the record contains no such map.
     pub(super) fn has_map(&self, name: &str) -> Result<(), Fault> {
         self.maps.iter().any(|m| m.name == name && m.schema.is_none()).then_some(()).ok_or_else(|| lacking(name))
     }
@@ -262,7 +262,7 @@ impl RecordedPlan {
     /// The columns of the model `name`.
     ///
     /// # Errors
-    /// Fails when the record has no such model.
+    /// Fails if the record has no such model.
     pub(super) fn model(&self, name: &str) -> Result<SchemaRef, Fault> {
         let found = self.maps.iter().filter(|m| m.name == name).find_map(|m| schema_of(m.schema.as_deref()?));
         found.map(SchemaRef::new).ok_or_else(|| lacking(name))

@@ -13,9 +13,9 @@ use crate::{
 
 /// The goal of a search, checked.
 pub struct SearchGoal {
-    /// Its table of scores, as a position in the plan.
+    /// Table of scores, as a position in the plan.
     pub table: usize,
-    /// Its metric.
+    /// Metric.
     pub metric: Metric,
     /// Preferred values of the metric.
     better: MetricPreference,

@@ -1,4 +1,4 @@
-//! In-sample lines: the lines used by the models, noises, maps and choices behind a score.
+//! In-sample lines: lines that were used to fit the models, noises and maps behind a score, or to choose parameters.
 
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap, btree_map::Entry},
@@ -30,7 +30,7 @@ impl PlanGraph<'_> {
     /// The lines that each point of the table of scores `t` used, computed once.
     ///
     /// # Errors
-    /// Fails when the goal of the search selects no line.
+    /// Fails if the goal of the search selects no line.
     pub fn seen(&self, t: usize) -> Result<&InSampleLines, Fault> {
         let seen = self.seen.get(t).ok_or_else(|| Fault::bug("a table that the plan does not have"))?;
         seen.get_or_init(|| InSampleLines::new(self, t)).as_ref().map_err(Clone::clone)
@@ -40,7 +40,7 @@ impl PlanGraph<'_> {
     /// table that lacks this column or makes the column in its own stage.
     ///
     /// # Errors
-    /// Fails when the goal of the search selects no line.
+    /// Fails if the goal of the search selects no line.
     pub fn in_sample(&self, r: TableRef, line: LineId) -> Result<Option<bool>, Fault> {
         let TableRef::Stage(t, i) = r else { return Ok(None) };
         if self.plan.tables[t].in_sample_meaning().is_none() {
@@ -53,7 +53,7 @@ impl PlanGraph<'_> {
 /// The column [`IN_SAMPLE`] of one table.
 pub struct InSampleColumn<'a> {
     graph: &'a PlanGraph<'a>,
-    /// Data that the points of each table of scores used.
+    /// Lines that the points of each table of scores used.
     seen: BTreeMap<usize, &'a InSampleLines>,
 }
 
@@ -61,7 +61,7 @@ impl<'a> InSampleColumn<'a> {
     /// Creates the in-sample test of the table `t`; `None` if the table has no such column.
     ///
     /// # Errors
-    /// Fails when the goal of the search selects no line.
+    /// Fails if the goal of the search selects no line.
     pub fn new(graph: &'a PlanGraph<'a>, t: usize) -> Result<Option<InSampleColumn<'a>>, Fault> {
         let node = &graph.plan.tables[t];
         if node.in_sample_meaning().is_none() {
@@ -76,7 +76,7 @@ impl<'a> InSampleColumn<'a> {
         Ok(Some(InSampleColumn { graph, seen }))
     }
 
-    /// The number of in-sample lines behind the rows of a unit, and of all lines.
+    /// Number of in-sample lines and number of all lines behind the rows of a unit.
     pub fn lines(&self, unit: PlanUnit) -> (usize, usize) {
         let Some((scores, point)) = scores_of(self.graph, unit.table, unit.instance) else { return (0, 0) };
         let all: &[LineId] = match &unit.line {
@@ -108,7 +108,7 @@ impl InSampleLines {
     /// the table depends on a search, the list includes the lines of the goal.
     ///
     /// # Errors
-    /// Fails when the goal of the search selects no line.
+    /// Fails if the goal of the search selects no line.
     fn new(graph: &PlanGraph, t: usize) -> Result<InSampleLines, Fault> {
         let node = &graph.plan.tables[t];
         let searched = node.axes.iter().any(|axis| graph.plan.spec.searched.contains(axis));

@@ -39,13 +39,13 @@ const MAP_VERSION: &str = "map 3";
 /// Version of the stored form of a model from files, increased when the form changes.
 const MODEL_VERSION: &str = "model 1";
 
-/// Table of flights whose columns are known and whose lines are not read yet.
+/// Table of flights with known columns, before its lines are read.
 pub struct Flights {
-    /// Its name in the spec.
+    /// Name in the spec.
     pub name: String,
-    /// The columns of all files together.
+    /// Columns of all files together.
     pub shape: TableShape,
-    /// The fields of all files together.
+    /// Arrow fields of all files together.
     pub schema: SchemaRef,
     /// Notes on its files for the user.
     pub notes: Vec<String>,
@@ -99,10 +99,10 @@ impl Flights {
         Flights::open_trusting(decl, folder, ReusePolicy::default())
     }
 
-    /// [`Flights::open`], without scanning unchanged files that have facts in a store.
+    /// Same as [`Flights::open`], but does not scan unchanged files whose facts are in a store.
     ///
     /// # Errors
-    /// Fails as [`Flights::open`].
+    /// Returns the errors of [`Flights::open`].
     pub fn open_trusting(
         decl: &SourceDecl,
         folder: &std::path::Path,
@@ -135,7 +135,7 @@ impl Flights {
         notes.extend(note);
         let threads = threads_in_each(found.len());
         for path in found {
-            // A second file that it names may also be an object.
+            // A second file that a mapping names may also be in an object store.
             if let Some(other) = mapped.as_ref().and_then(|m| m.companion(&path)) {
                 buckets::fetch_companion(&other).map_err(|fault| vec![placed(fault)])?;
             }
@@ -159,17 +159,17 @@ impl Flights {
         Ok(Flights { notes, read_all: trust.read_all, division: lines, files, ..known })
     }
 
-    /// A table with the columns `schema` whose lines are known, without files to read.
+    /// Creates a table with the columns `schema` and known lines, which has no files to read.
     pub fn recorded(name: &str, schema: SchemaRef) -> Flights {
         let columns: Vec<Column> = schema.fields().iter().map(|f| describe_field(f)).collect();
         let shape = TableShape { columns: columns.into(), rate_hz: None };
         Flights { name: name.to_owned(), shape, schema, notes: vec![], read_all: false, division: None, files: vec![] }
     }
 
-    /// Its files, and the inputs of its simulations.
+    /// Files, and the inputs of its simulations.
     ///
     /// # Errors
-    /// Fails when the spec of a simulation cannot be read.
+    /// Fails if the spec of a simulation cannot be read.
     pub fn inputs(&self) -> Result<Vec<PathBuf>, Fault> {
         let mut found = vec![];
         for file in &self.files {
@@ -193,7 +193,7 @@ impl Flights {
 /// The number of threads for each of a number of files that are read in parallel.
 fn threads_in_each(files: usize) -> usize {
     let threads = rayon::current_num_threads();
-    // If there are at least as many files as threads, one thread reads each file. With more threads for a file, a
+    // If there are at least as many files as threads, one thread reads each file. With several threads per file, a
     // thread that waits for the others would begin another file.
     if files >= threads { 1 } else { threads.div_ceil(files.max(1)) }
 }
@@ -232,9 +232,9 @@ enum MapSourceContent {
 
 /// A map of the spec, or a model that was fitted elsewhere.
 pub struct MapSource {
-    /// Its name in the spec.
+    /// Name in the spec.
     pub name: String,
-    /// Its file or folder.
+    /// File or folder.
     pub path: PathBuf,
     /// Whether its bytes are read even if they appear unchanged.
     pub read_all: bool,
@@ -245,7 +245,7 @@ impl MapSource {
     /// A map: checks the options and that the file exists.
     ///
     /// # Errors
-    /// Fails for unknown options, and for a file that does not exist.
+    /// Fails for unknown options, or for a file that does not exist.
     pub fn open(decl: &SourceDecl, folder: &std::path::Path) -> Result<MapSource, Vec<Fault>> {
         let path = existing(decl, folder)?;
         let options = map_options(decl)?;
@@ -257,7 +257,7 @@ impl MapSource {
         MapSource { name: decl.name.clone(), path, read_all: false, content: MapSourceContent::Map { options, error } }
     }
 
-    /// A map whose key is known, without a file to read.
+    /// Creates a map with a known key, which has no file to read.
     ///
     /// # Errors
     /// Fails for unknown options.
@@ -269,15 +269,15 @@ impl MapSource {
     /// Opens a model: checks that the files hold one model.
     ///
     /// # Errors
-    /// Fails for unknown options, for a file that does not exist, and for a file that is not the table of a fit or
-    /// holds several models.
+    /// Fails for unknown options, for a file that does not exist, or for a file that is not the table of a fit or holds
+    /// several models.
     pub fn open_model(decl: &SourceDecl, folder: &std::path::Path) -> Result<MapSource, Vec<Fault>> {
         let path = existing(decl, folder)?;
         let content = MapSourceContent::Model(ModelTable::open(decl, &path)?);
         Ok(MapSource { name: decl.name.clone(), path, read_all: false, content })
     }
 
-    /// A model with these columns whose key is known, without a file to read.
+    /// Creates a model with these columns and a known key, which has no file to read.
     ///
     /// # Errors
     /// Fails for unknown options.
@@ -286,7 +286,7 @@ impl MapSource {
         Ok(MapSource { name: decl.name.clone(), path: PathBuf::new(), read_all: false, content })
     }
 
-    /// Name of its content.
+    /// Word for its content: map or model.
     pub fn word(&self) -> &'static str {
         match self.content {
             MapSourceContent::Map { .. } => "map",
@@ -329,10 +329,10 @@ impl MapSource {
     /// The key of its content, and the bytes of its files; the grid or the model itself is put into the store.
     ///
     /// # Errors
-    /// Fails when it cannot be read.
+    /// Fails if it cannot be read.
     pub fn load(&self, store: &Store) -> Result<(HashKey, Vec<FileDigest>), Fault> {
         let files = match self.content {
-            // The cells of a map may be next to its header.
+            // The values of a map may be in a second file next to its header.
             MapSourceContent::Map { .. } => map_files(&self.path).map_err(Fault::from)?,
             MapSourceContent::Model(_) if self.path.is_dir() => {
                 let mut files = vec![];
@@ -381,7 +381,7 @@ fn existing(decl: &SourceDecl, folder: &std::path::Path) -> Result<PathBuf, Vec<
 /// The whole map `key`, on its native grid.
 ///
 /// # Errors
-/// Fails when the store cannot be read.
+/// Fails if the store cannot be read.
 pub fn map_batch(store: &Store, key: HashKey) -> Result<RecordBatch, Fault> {
     store.whole(key)
 }
@@ -389,7 +389,7 @@ pub fn map_batch(store: &Store, key: HashKey) -> Result<RecordBatch, Fault> {
 /// The whole map `key` that a stage made, on its native grid.
 ///
 /// # Errors
-/// Fails when the store cannot be read.
+/// Fails if the store cannot be read.
 pub fn made_map_batch(store: &Store, key: HashKey) -> Result<RecordBatch, Fault> {
     let error = store.columns(key)?.field_with_name(schemas::map::ERROR).is_ok().then_some(schemas::map::ERROR);
     let columns: Vec<&str> = schemas::map::MADE_COLUMNS.into_iter().chain(error).collect();

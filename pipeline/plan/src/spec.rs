@@ -44,7 +44,7 @@ pub struct Spec {
     pub seed: u64,
     /// The store's folder.
     pub store: PathBuf,
-    /// Its address with position, if it is in an object store; the folder is then its copy.
+    /// Address of the store and its position, if it is in an object store. The folder is then a copy of it.
     pub store_at: Option<(ObjectAddress, SpecSpan)>,
     /// Tables read from files.
     pub tables: Vec<SourceDecl>,
@@ -58,26 +58,27 @@ pub struct Spec {
     pub trials: Vec<SearchTrial>,
     /// The stages.
     pub stages: Vec<StageDecl>,
-    /// The metadata of a published set, or their faults, which matter only to `magline publish`.
+    /// Metadata of a published set, or the faults in them, which only `magline publish` reports.
     pub publish: Option<Result<PublishFacts, Vec<Fault>>>,
-    /// Whether the bytes of every input are read, even if it appears unchanged; not part of the file.
+    /// Whether the bytes of every input are read, even if it appears unchanged. This setting is not part of the spec
+    /// file.
     pub verify_inputs: bool,
-    /// Minimum age of a flight file; newer files are skipped. Not part of the file.
+    /// Minimum age of a flight file; newer files are skipped. This setting is not part of the spec file.
     pub settle: Option<Duration>,
 }
 
 /// A table read from files.
 #[derive(Clone, Debug)]
 pub struct SourceDecl {
-    /// Its name in the spec.
+    /// Name in the spec.
     pub name: String,
     /// Position of its declaration.
     pub at: SpecSpan,
-    /// Its path, with position.
+    /// Path, with position.
     pub path: (String, SpecSpan),
     /// Restrictions on publishing.
     pub protection: ProtectionKeys,
-    /// Its other keys.
+    /// Other keys.
     pub options: SpecEntries,
 }
 
@@ -176,7 +177,7 @@ impl Spec {
     }
 }
 
-/// A text for a message, on one line and of a moderate length.
+/// String shortened for a message, on one line.
 fn plain(text: &str) -> String {
     const SHOWN: usize = 60;
     let line: String = text.chars().take(SHOWN).map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();

@@ -108,7 +108,7 @@ fn unit_points_equal_points_that_are_planned_alone() {
             let t = whole.table(&node.name).unwrap();
             let same = |i: &StageInstance| i.point().iter().all(|(axis, value)| point[axis] == *value);
             let there: Vec<StageInstance> = whole.instances(t).filter(same).collect();
-            // A name that is equal everywhere depends on fewer axes than others.
+            // A name that is the same at all points depends on fewer axes than other names.
             let (here, there) = (alone.instance(s, 0), there[0]);
             assert_eq!(node.len(), 1);
             assert!(here.point().iter().all(|(axis, value)| there.point().get(axis) == Some(value)));
@@ -143,7 +143,7 @@ fn unit_points_equal_points_that_are_planned_alone() {
             }
         }
     }
-    // Every unit of the whole plan occurred, and different units have different keys.
+    // Every unit of the plan occurs, and different units have different keys.
     let units: HashSet<_> = (0..whole.tables.len())
         .flat_map(|t| graph.units(t))
         .map(|u| (u.table, u.line, graph.key(u).unwrap()))
@@ -166,7 +166,7 @@ fn unit_equal_data_are_stored_once() {
     assert_eq!(sizes("even"), (1, 1));
     assert_eq!(sizes("raw"), (2, 2));
     assert_eq!(sizes("terms"), (4, 3));
-    // Two targets, two inputs and two predicates, but not the three ridge parameters.
+    // The variants cover two targets, two inputs and two predicates, but not the three ridge parameters.
     assert_eq!(sizes("coefficients"), (24, 8));
     let terms = plan.table("terms").unwrap();
     let names = |t: usize| plan.tables[t].sources().into_iter().map(|r| plan.name_of(r)).collect::<Vec<_>>();

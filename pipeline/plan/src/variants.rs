@@ -39,7 +39,7 @@ struct StageContext {
     predicate: Option<Arc<Predicate>>,
 }
 
-/// Contexts of a stage, indexed by the axes that the contexts depend on.
+/// Contexts of a stage, indexed by the axes that they depend on.
 struct StageContexts {
     grid: SweepGrid,
     at: Vec<u32>,
@@ -242,8 +242,8 @@ impl PlanBuilder<'_> {
     }
 }
 
-/// Parameters set directly in the spec without effect at any point so far. A value from an axis may have no effect: the
-/// axis may affect other points or another model.
+/// Parameters that the spec sets directly and that have had no effect at any point so far. A value from an axis is
+/// permitted to have no effect, because the axis may affect other points or another model.
 struct UnusedParameters<'a> {
     keys: Vec<(&'a str, &'a SpecEntry, Option<Fault>)>,
     /// Whether a point was rejected, so that the effect of its parameters is unknown.
@@ -256,7 +256,7 @@ impl<'a> UnusedParameters<'a> {
         UnusedParameters { keys: outright.map(|(key, given)| (key.as_str(), given, None)).collect(), refused: false }
     }
 
-    /// Removes the parameters that have an effect in `stage`.
+    /// Removes from the list the parameters that have an effect in `stage`.
     fn keep_unused(&mut self, stage: Option<&AnyStage>) {
         let Some(stage) = stage else {
             self.refused = true;
@@ -282,7 +282,7 @@ impl<'a> UnusedParameters<'a> {
 #[derive(Default)]
 struct VariantCollector {
     variants: Vec<StageVariant>,
-    /// Position of the table of each variant.
+    /// For each variant, the position of its table.
     table: Vec<u32>,
     tables: Vec<Arc<Table>>,
     /// Distinct schemas by hash.
@@ -324,7 +324,7 @@ impl VariantCollector {
         next
     }
 
-    /// The schema, shared with an equal one.
+    /// Returns the schema, or an equal schema that is already stored.
     fn schema(&mut self, yields: StageSchema) -> Arc<StageSchema> {
         let alike = self.schemas.entry(of_schema(&yields)).or_default();
         if let Some(known) = alike.iter().find(|known| ***known == yields) {

@@ -1,5 +1,5 @@
-//! Connections to a port. An unauthenticated client is disconnected after ten seconds, or earlier by the next one if
-//! there are too many. Idle connections thus cannot lock others out.
+//! Connections to a port. An unauthenticated client is disconnected after ten seconds. If there are too many such
+//! clients, the next client disconnects one earlier. Idle connections thus cannot lock others out.
 
 use std::{
     collections::BTreeMap,
@@ -186,7 +186,7 @@ impl PortListener {
     /// Address of the port.
     ///
     /// # Errors
-    /// Fails when the system does not report the address.
+    /// Fails if the system does not report the address.
     pub fn address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }

@@ -16,7 +16,7 @@ pub use door::{PortClient, PortListener};
 /// Cryptography provider of encrypted connections.
 ///
 /// # Errors
-/// Fails when this processor lacks the instructions that it needs.
+/// Fails if this processor lacks the instructions that it needs.
 pub fn cryptography() -> Result<Arc<CryptoProvider>, Fault> {
     #[cfg(target_arch = "x86_64")]
     let able = std::arch::is_x86_feature_detected!("aes")
@@ -43,7 +43,7 @@ pub fn cryptography() -> Result<Arc<CryptoProvider>, Fault> {
 /// TLS configuration of a server with a certificate chain and its key, PEM.
 ///
 /// # Errors
-/// Fails when the chain or the key is invalid.
+/// Fails if the chain or the key is invalid.
 pub fn encryption(certificates: &[u8], key: &[u8]) -> Result<Arc<ServerConfig>, Fault> {
     let wrong = |why: &dyn std::fmt::Display| {
         Fault::new(format!("the certificate or its key is invalid: {why}")).help("both must be PEM files")

@@ -15,7 +15,7 @@ use crate::faults::exception;
 
 /// Interval between checks for signals.
 const INTERVAL: Duration = Duration::from_millis(50);
-/// Stack of the thread, bytes: the usual stack of a main thread.
+/// Stack of the thread, in bytes: the usual stack of a main thread.
 const STACK: usize = 8 << 20;
 
 /// Runs `work` on another thread without the GIL and returns its result. On the first interrupt, `interrupt` is called
@@ -31,8 +31,8 @@ pub fn attended<T: Send + 'static>(
     attended_with(py, work, interrupt, || Ok(()))
 }
 
-/// [`attended`] that calls `look` on the calling thread at each check for signals. An exception of `look` counts as an
-/// interrupt.
+/// Same as [`attended`], but calls `look` on the calling thread at each check for signals. An exception of `look`
+/// counts as an interrupt.
 ///
 /// # Errors
 /// Fails in the cases of [`attended`], and with the exception of `look`.

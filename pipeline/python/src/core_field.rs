@@ -9,7 +9,7 @@ use crate::faults::value_error;
 /// A component of the field at each position.
 type Component<'py> = Bound<'py, PyArray1<f64>>;
 
-/// North, east and down components, nT, at geodetic positions and dates of equal length. `wmm` selects the World
+/// North, east and down components, in nT, at geodetic positions and dates of equal length. `wmm` selects the World
 /// Magnetic Model instead of IGRF-14.
 #[pyfunction]
 pub fn core_field<'py>(

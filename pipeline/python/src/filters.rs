@@ -28,7 +28,7 @@ use crate::{
 /// Name, unit and values of a column.
 type TrackColumn<'py> = (String, String, Bound<'py, PyAny>);
 
-/// Coefficients of a calibration: terms, values, standard deviations, and the sample rate of the fit, Hz.
+/// Coefficients of a calibration: terms, values, standard deviations, and the sample rate of the fit, in Hz.
 type Calibration = (Vec<String>, Vec<f64>, Vec<f64>, Option<f64>);
 
 /// Filters a line with the stage `navigate`. `keys` are the parameters of the stage. `line` has the columns of the
@@ -236,7 +236,7 @@ impl ArrayNavigation {
         Ok(LineMetrics::read(&batch(columns).map_err(|e| Fault::bug(e.to_string()))?))
     }
 
-    /// Time of the first rejected GNSS position, in s from the start of the line.
+    /// Time of the first rejected GNSS position, in seconds from the start of the line.
     fn gnss_rejected_s(&self, track: &RecordBatch) -> Option<f64> {
         let updates = track.column_by_name("gnss_update")?.as_string_opt::<i32>()?;
         let row = updates.iter().position(|update| update == Some("rejected"))?;

@@ -41,7 +41,7 @@ impl MapArrays<'_> {
     /// The map as stages read it from its file.
     ///
     /// # Errors
-    /// Fails for coordinates that are not evenly spaced, and for arrays that are not a map.
+    /// Fails for coordinates that are not evenly spaced, or for arrays that are not a map.
     pub fn table(&self, py: Python<'_>) -> PyResult<RecordBatch> {
         let Self(x, y, anomaly_nt, alt_m, epsg, error_nt, steps) = self;
         let (x, y) =

@@ -21,13 +21,13 @@ fn value(found: SampleStatistic) -> f64 {
     found.value
 }
 
-/// Distance root mean square, m.
+/// Distance root mean square, in metres.
 #[pyfunction]
 fn drms(north_m: Column<'_>, east_m: Column<'_>) -> PyResult<f64> {
     Ok(value(statistics::drms(north_m.as_slice()?, east_m.as_slice()?)))
 }
 
-/// Radius, m, that contains the fraction `part` of the samples.
+/// Radius, in metres, that contains the fraction `part` of the samples.
 #[pyfunction]
 fn radius(north_m: Column<'_>, east_m: Column<'_>, part: f64) -> PyResult<f64> {
     let mut radii: Vec<f64> = north_m.as_slice()?.iter().zip(east_m.as_slice()?).map(|(n, e)| n.hypot(*e)).collect();

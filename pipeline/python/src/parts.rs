@@ -1,7 +1,7 @@
 //! Parts of a pipeline that are written in Python: stages, models, filters and metrics.
 //!
 //! The module `magline.parts` describes a part and calls [`register_part`]. Parts belong to the process. A run adds
-//! them to the built-in catalogue ([`catalogue`]), so plans, keys, lineage and reports treat them as built-in ones.
+//! them to the built-in catalogue ([`catalogue`]), so plans, keys, lineage and reports treat them as built-in parts.
 
 mod call;
 mod filter;
@@ -120,7 +120,7 @@ pub fn catalogue() -> Vec<StageEntry> {
 /// Computes the hashes of the sources again. A module may define functions and constants after a part.
 ///
 /// # Errors
-/// `ValueError` if a source is not available.
+/// Fails with Raises `ValueError` if a source is not available.
 pub fn settle(py: Python<'_>) -> PyResult<()> {
     py.import("magline.parts")?.call_method0("_settle").map(|_| ())
 }
@@ -129,7 +129,8 @@ pub fn settle(py: Python<'_>) -> PyResult<()> {
 /// `declaration` is JSON.
 ///
 /// # Errors
-/// `ValueError` for a name that a built-in part or another function has, and for an invalid declaration.
+/// Fails with Raises `ValueError` for a name that a built-in part or another function has, or for an invalid
+/// declaration.
 #[pyfunction]
 pub fn register_part(kind: &str, declaration: &str, run: Py<PyAny>) -> PyResult<()> {
     register(kind, declaration, run).map_err(PyValueError::new_err)
@@ -198,7 +199,7 @@ fn add<T>(
 /// Adds the functions and types to the module.
 ///
 /// # Errors
-/// If Python rejects them.
+/// Fails if Python rejects them.
 pub fn register_types(module: &Bound<'_, PyModule>) -> PyResult<()> {
     stages::trained::set_external_reader(model::read);
     module.add_class::<Flight>()?;

@@ -38,7 +38,7 @@ const ROWS: usize = 100;
 pub struct SpecSource {
     /// The file, or the name of the text in messages.
     pub file: PathBuf,
-    /// Folder to which the paths of a text are relative.
+    /// Folder to which the paths of a spec given as text are relative.
     pub folder: PathBuf,
     /// The text; without it, the file is read.
     pub text: Option<String>,

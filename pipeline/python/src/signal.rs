@@ -39,7 +39,7 @@ pub fn bandpass<'py>(
     Ok(PyArray1::from_vec(py, y))
 }
 
-/// Sample rate, Hz, and the runs of finite samples without a gap in time.
+/// Sample rate, in Hz, and the runs of finite samples without a gap in time.
 fn timed_runs(x: &[f64], tt_s: &[f64]) -> PyResult<(f64, Vec<Range<usize>>)> {
     if x.len() != tt_s.len() {
         return Err(value_error(format!("`x` has {} samples, but `tt` has {}", x.len(), tt_s.len())));

@@ -17,7 +17,7 @@ use pyo3::{prelude::*, types::PyBytes};
 
 use crate::faults::value_error;
 
-/// A filter that takes one sample after the other.
+/// A filter that takes one sample at a time.
 #[pyclass(module = "magline._magline")]
 pub struct FilterStream(stream::FilterStream);
 

@@ -9,21 +9,21 @@ const COASTLINE: &[u8] = include_bytes!("html/web/vendor/coastline.bin");
 /// Steps per degree.
 const STEPS: f64 = 200.0;
 
-/// Region of longitude and latitude, deg.
+/// Region of longitude and latitude, in degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GeographicRegion {
-    /// Western longitude, deg.
+    /// Western longitude, in degrees.
     pub west: f64,
-    /// Eastern longitude, deg; at least the western one.
+    /// Eastern longitude in degrees, not below the western longitude.
     pub east: f64,
-    /// Southern latitude, deg.
+    /// Southern latitude, in degrees.
     pub south: f64,
-    /// Northern latitude, deg.
+    /// Northern latitude, in degrees.
     pub north: f64,
 }
 
 impl GeographicRegion {
-    /// The least region of some positions (latitude, longitude), deg; `None` without a finite position.
+    /// Smallest region around some positions (latitude and longitude in degrees); `None` without a finite position.
     pub fn around(positions: impl Iterator<Item = (f64, f64)>) -> Option<GeographicRegion> {
         positions.filter(|(lat, lon)| lat.is_finite() && lon.is_finite()).fold(None, |known, (lat, lon)| {
             let own = GeographicRegion { west: lon, east: lon, south: lat, north: lat };
@@ -36,7 +36,7 @@ impl GeographicRegion {
         })
     }
 
-    /// The region with a margin: its own size on each side, and at least `least` degrees.
+    /// Region with a margin on each side. The margin is as wide as the region, and at least `least` degrees.
     pub fn widened(self, least: f64) -> GeographicRegion {
         let (wide, high) = ((self.east - self.west).max(least), (self.north - self.south).max(least));
         GeographicRegion {
@@ -56,8 +56,8 @@ impl GeographicRegion {
     }
 }
 
-/// The parts of the coastlines in a region: of each the longitude and latitude of its points, deg. Longitudes are in the
-/// range of the region, which may be shifted by a full turn.
+/// Parts of the coastlines in a region, each as the longitudes and latitudes of its points, in degrees. Longitudes are
+/// in the range of the region, which may be shifted by a full turn.
 fn coastlines(region: GeographicRegion) -> Vec<Vec<[f64; 2]>> {
     let mut found = vec![];
     for turn in [-360.0, 0.0, 360.0] {
@@ -82,12 +82,12 @@ fn coastlines(region: GeographicRegion) -> Vec<Vec<[f64; 2]>> {
     found
 }
 
-/// The coastlines in a region, each as longitude and latitude by turns, deg.
+/// Coastlines in a region, each as a list of alternating longitudes and latitudes, in degrees.
 pub fn flat_coastlines(region: GeographicRegion) -> Vec<Vec<f64>> {
     coastlines(region).into_iter().map(|line| line.into_iter().flatten().collect()).collect()
 }
 
-/// All polylines, as longitude and latitude, deg.
+/// All polylines, as longitudes and latitudes in degrees.
 fn polylines() -> Vec<Vec<[f64; 2]>> {
     let mut bytes = COASTLINE.iter().copied();
     let mut next = move || -> u64 {
@@ -142,7 +142,7 @@ mod tests {
         let found = coastlines(tasmania);
         let near = |p: &&[f64; 2]| p[0] > 140.0 && p[0] < 153.0 && p[1] > -48.0 && p[1] < -36.0;
         assert!(!found.is_empty() && found.iter().flatten().all(|p| near(&p)));
-        // The same region a full turn further.
+        // The same region, shifted by a full turn.
         let turned = coastlines(GeographicRegion { west: 504.0, east: 509.0, ..tasmania });
         assert_eq!(turned.len(), found.len());
         assert_eq!(turned[0][0], [found[0][0][0] + 360.0, found[0][0][1]]);

@@ -48,7 +48,7 @@ pub trait TableWriter: Send {
     /// Writes rows.
     ///
     /// # Errors
-    /// Fails for values that the format cannot store, and on errors of writing.
+    /// Fails for values that the format cannot store, or on errors of writing.
     fn write(&mut self, batch: &RecordBatch) -> Result<(), Fault>;
 
     /// Ends the file; `schema` is for a table without rows.
@@ -65,7 +65,7 @@ fn write_failed(e: &io::Error) -> Fault {
 /// The query of the rows of `table`, a name PIPELINE.TABLE, that `lines` and the SQL condition `condition` select.
 ///
 /// # Errors
-/// Fails when the name has another form.
+/// Fails if the name has another form.
 pub fn query(table: &str, lines: &[String], condition: Option<&str>) -> Result<String, Fault> {
     let name = |part: &str| format!("\"{}\"", part.trim_matches('"').replace('"', "\"\""));
     let Some((pipeline, own)) = table.split_once('.').filter(|(a, b)| !a.is_empty() && !b.is_empty()) else {
@@ -87,7 +87,7 @@ pub fn query(table: &str, lines: &[String], condition: Option<&str>) -> Result<S
 /// table with a date also has the column `utc`. With `units`, the name of each column ends with its unit: `mag_c [nT]`.
 ///
 /// # Errors
-/// Fails when the query fails, and for a list that cannot be spread over columns.
+/// Fails if the query fails. Also fails for a list that cannot be spread over columns.
 pub fn export(question: &StoreQuery, sink: &mut dyn BatchSink, units: bool) -> Result<(), Fault> {
     sql_in_order(question, &mut SpreadSink { sink, units, utc: UtcColumn::default() })
 }

@@ -1,7 +1,7 @@
 //! `magline report`: a run as one page of tables and plots that needs only a browser, or its tracks for Google Earth.
 //!
-//! Data are read column by column and line by line, so that memory use does not grow with the sweep. The page holds no
-//! clock, host or path: the same store and spec give the same bytes.
+//! Data are read column by column and line by line, so that memory use does not grow with the sweep. The page contains
+//! no time, host name or path, so the same store and spec give the same bytes.
 
 mod against;
 mod answer;
@@ -60,7 +60,7 @@ use track::LineTracks;
 /// Checks that `spec` has a store to report on, without creating one.
 ///
 /// # Errors
-/// Fails when it has not been run.
+/// Fails if it has not been run.
 pub fn was_run(spec: &Spec) -> Result<(), Fault> {
     store::pulled(&spec.store)?;
     if spec.store.join("tables").join(&spec.name).is_dir() { Ok(()) } else { Err(not_run(spec)) }
@@ -79,7 +79,7 @@ fn not_run(spec: &Spec) -> Fault {
 /// The report of the plan's results in `store`, as HTML.
 ///
 /// # Errors
-/// Fails when there are no results of the plan, or the store is damaged.
+/// Fails if there are no results of the plan, or the store is damaged.
 pub fn report(graph: &PlanGraph, store: &Store) -> Result<String, Fault> {
     report_with(graph, store, None)
 }
@@ -87,7 +87,7 @@ pub fn report(graph: &PlanGraph, store: &Store) -> Result<String, Fault> {
 /// The report with a comparison of its scores with those of an earlier run.
 ///
 /// # Errors
-/// Fails as [`report`].
+/// Returns the errors of [`report`].
 pub fn report_with(graph: &PlanGraph, store: &Store, against: Option<&ReportComparison>) -> Result<String, Fault> {
     let source = ReportSource::new(graph, store);
     let RunScores { current, warnings, boards } = scored(&source)?;

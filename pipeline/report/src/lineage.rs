@@ -23,7 +23,7 @@ pub enum LineageFormat {
 /// The lineage of `table` (`<pipeline>.<table>`, or the table's name if it is unique) in the store at `root`.
 ///
 /// # Errors
-/// Fails when there is no such table.
+/// Fails if there is no such table.
 pub fn lineage(root: &Path, table: &str, format: LineageFormat) -> Result<String, Fault> {
     let all = snapshots(root);
     let (snapshot, found) = find(&all, table)?;

@@ -78,7 +78,7 @@ impl ParentRun {
 /// A run of a pipeline.
 #[derive(Clone, Debug)]
 pub struct LineageRun {
-    /// Its identifier.
+    /// Identifier.
     pub id: Uuid,
     /// The namespace of its jobs.
     pub namespace: String,

@@ -21,7 +21,7 @@ pub fn overview(catalogue: &[StageEntry]) -> String {
 /// Description of the stage `name`.
 ///
 /// # Errors
-/// Fails when there is no such stage.
+/// Fails if there is no such stage.
 pub fn one(catalogue: &[StageEntry], name: &str) -> Result<String, Fault> {
     let names: Vec<&str> = catalogue.iter().map(|e| e.name).collect();
     let entry = catalogue.iter().find(|e| e.name == name);

@@ -12,7 +12,7 @@ use schemas::{Fault, Role};
 
 /// Maximum number of raw rows for each pixel.
 const RAW_ROWS: usize = 2;
-/// Largest error of Float32, as a fraction of the range that holds 90 % of the values.
+/// Largest accepted error of Float32, as a fraction of the range that contains 90 % of the values.
 const COARSEST: f64 = 1e-5;
 
 /// A column with its description.
@@ -22,7 +22,7 @@ pub struct SeriesColumn {
     pub name: String,
     /// Unit.
     pub unit: String,
-    /// Role: see the metadata of a table's columns.
+    /// Role, as in the metadata of a table's columns.
     pub role: String,
     /// Description.
     pub description: String,
@@ -103,9 +103,9 @@ impl DerivedColumn {
 /// The rows of a series, and the resolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SeriesWindow {
-    /// First time, s; -∞ for the whole line.
+    /// First time, in seconds; -∞ for the whole line.
     pub from: f64,
-    /// Last time, s; ∞ for the whole line.
+    /// Last time, in seconds; ∞ for the whole line.
     pub to: f64,
     /// Number of intervals.
     pub pixels: usize,
@@ -131,9 +131,9 @@ pub struct Series {
     pub errors: Vec<f64>,
 }
 
-/// Series of `columns` over the times `tt`, s, within `window`. The nearest row on each side of the window is included.
-/// At most two rows for each pixel are returned unchanged. More rows are divided into intervals of equal time; an
-/// interval without a row is omitted.
+/// Series of `columns` over the times `tt`, in seconds, within `window`. The nearest row on each side of the window is
+/// included. At most two rows for each pixel are returned unchanged. More rows are divided into intervals of equal
+/// time; an interval without a row is omitted.
 ///
 /// # Errors
 /// Fails for columns of different lengths.
@@ -179,7 +179,7 @@ impl Series {
     /// The series as an Arrow IPC stream.
     ///
     /// # Errors
-    /// Fails when the stream cannot be encoded.
+    /// Fails if the stream cannot be encoded.
     pub fn stream(&self) -> Result<Vec<u8>, Fault> {
         let failed = |e: arrow_schema::ArrowError| Fault::machine(format!("cannot encode the series: {e}"));
         let mut writer = StreamWriter::try_new(vec![], self.batch.schema_ref()).map_err(failed)?;

@@ -11,11 +11,11 @@ const LARGEST: u32 = 12;
 /// Amplitude spectral densities of columns with the same times.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AmplitudeSpectrum {
-    /// Sample rate, Hz.
+    /// Sample rate, in Hz.
     pub rate_hz: f64,
     /// Number of samples of a segment.
     pub segment: usize,
-    /// Frequencies above zero, Hz.
+    /// Frequencies above zero, in Hz.
     pub frequency_hz: Vec<f64>,
     /// The columns.
     pub columns: Vec<ColumnSpectrum>,
@@ -40,7 +40,8 @@ pub fn segment_length(rows: usize) -> usize {
     1 << (rows / 4).max(2).ilog2().min(LARGEST)
 }
 
-/// Welch's method with a Hann taper, half overlap and segments without gaps, for columns with the times `tt` in s.
+/// Welch's method with a Hann taper, half overlap and segments without gaps, for columns with the times `tt` in
+/// seconds.
 ///
 /// # Errors
 /// Fails for times that are not increasing or not evenly spaced.

@@ -29,7 +29,7 @@ pub use session::SqlSession;
 pub use tables::{VersionPins, parts};
 pub(crate) use tables::{leads_out, names as pipeline_names};
 
-/// Stack size of the worker threads, bytes. They evaluate operators by recursion over deeply nested expressions.
+/// Stack size of the worker threads, in bytes. They evaluate operators by recursion over deeply nested expressions.
 pub const WORKER_STACK: usize = 64 << 20;
 
 /// Query of a store, with its memory limit.
@@ -38,7 +38,7 @@ pub struct StoreQuery<'a> {
     pub store: &'a Path,
     /// The query.
     pub query: &'a str,
-    /// Memory limit, bytes.
+    /// Memory limit, in bytes.
     pub memory: usize,
     /// Private folder for spilled data.
     pub spill: PathBuf,
@@ -46,10 +46,10 @@ pub struct StoreQuery<'a> {
 
 /// Receiver of a query result, batch by batch.
 pub trait BatchSink: Send {
-    /// Receives the next batch; all batches have the same schema. Returns whether more are wanted.
+    /// Receives the next batch and returns whether to continue. All batches have the same schema.
     ///
     /// # Errors
-    /// Fails when the batch cannot be written.
+    /// Fails if the batch cannot be written.
     fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault>;
 
     /// Number of bytes of this batch that the receiver will keep.
@@ -58,14 +58,14 @@ pub trait BatchSink: Send {
     /// Ends the result, which may have no batches.
     ///
     /// # Errors
-    /// Fails when it cannot be written.
+    /// Fails if it cannot be written.
     fn finish(&mut self, schema: &SchemaRef) -> Result<(), Fault>;
 }
 
 /// Runs a query.
 ///
 /// # Errors
-/// Fails when the query is wrong, refers to an unknown table, is not read-only, or exceeds its memory limit.
+/// Fails if the query is wrong, refers to an unknown table, is not read-only, or exceeds its memory limit.
 pub fn sql(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault> {
     query(question, sink, false)
 }
@@ -73,7 +73,7 @@ pub fn sql(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault>
 /// Runs a query in one partition, so that the rows of a table keep their order.
 ///
 /// # Errors
-/// Fails as [`sql`].
+/// Returns the errors of [`sql`].
 pub fn sql_in_order(question: &StoreQuery, sink: &mut dyn BatchSink) -> Result<(), Fault> {
     query(question, sink, true)
 }

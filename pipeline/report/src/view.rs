@@ -36,7 +36,7 @@ use table::ViewTable;
 
 /// Time after which a pipeline is checked for a new version.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
-/// Size of the cache of columns, bytes.
+/// Size of the cache of columns, in bytes.
 const HELD_BYTES: usize = 128 << 20;
 
 /// Values of axes by their names, as text.
@@ -119,7 +119,7 @@ impl StoreView {
     /// The store at `root`, whose scores have these metrics.
     ///
     /// # Errors
-    /// Fails when the store cannot be read.
+    /// Fails if the store cannot be read.
     pub fn new(root: &Path, metrics: Vec<Metric>) -> Result<StoreView, Fault> {
         let root = root.canonicalize().map_err(|e| Fault::machine(format!("cannot read the store: {e}")))?;
         let objects = Arc::new(PackReader::open(&root)?);
@@ -140,7 +140,7 @@ impl StoreView {
     /// The current version of a pipeline.
     ///
     /// # Errors
-    /// Fails when there is no such pipeline.
+    /// Fails if there is no such pipeline.
     pub fn pipeline(&self, name: &str) -> Result<Arc<PublishedPipeline>, ViewFault> {
         let missing = || {
             let fault = Fault::new(format!("the store has no published pipeline `{name}`"));
@@ -179,7 +179,7 @@ impl StoreView {
     /// The table of a name PIPELINE.TABLE, and its pipeline.
     ///
     /// # Errors
-    /// Fails when there is no such table, or the store is damaged.
+    /// Fails if there is no such table, or the store is damaged.
     pub fn table(&self, name: &str) -> Result<(Arc<PublishedPipeline>, Arc<ViewTable>), ViewFault> {
         let Some((pipeline, table)) = name.split_once('.') else {
             let fault = Fault::new(format!("`{name}` is not the name of a table"));
@@ -192,10 +192,10 @@ impl StoreView {
 
     /// The query for the download of a table with lists of varying length; `None` for other tables, which
     /// `magline export` writes. A CSV file omits these lists, and a Parquet file keeps them, which an export stores as
-    /// texts.
+    /// strings.
     ///
     /// # Errors
-    /// Fails when there is no such table, or the store is damaged.
+    /// Fails if there is no such table, or the store is damaged.
     pub fn download_query(&self, name: &str, is_csv: bool) -> Result<Option<String>, ViewFault> {
         let (_, table) = self.table(name)?;
         let columns = table.provider.columns();
@@ -225,13 +225,13 @@ impl StoreView {
     /// The lineage of a table PIPELINE.TABLE as JSON.
     ///
     /// # Errors
-    /// Fails when no stage made such a table.
+    /// Fails if no stage made such a table.
     pub fn lineage(&self, name: &str) -> Result<Value, ViewFault> {
         let (pipeline, table) = name.split_once('.').unwrap_or((name, ""));
         self.pipeline(pipeline)?.notes.lineage(table).map_err(ViewFault::Missing)
     }
 
-    /// A text that differs after a run has published tables.
+    /// A string that differs after a run has published tables.
     pub fn changed(&self) -> String {
         let state = |name: &String| {
             self.pipeline(name)
@@ -274,7 +274,7 @@ impl PublishedPipeline {
     /// A table, opened at first use.
     ///
     /// # Errors
-    /// Fails when there is no such table, or the store is damaged.
+    /// Fails if there is no such table, or the store is damaged.
     pub fn table(&self, name: &str) -> Result<Arc<ViewTable>, ViewFault> {
         if let Some(known) = locked(&self.tables).get(name) {
             return Ok(known.clone());

@@ -10,7 +10,7 @@ use store::Store;
 /// Units of `table` that a run would compute, with the parameter, line or input that changed each key.
 ///
 /// # Errors
-/// Fails when the plan has no such table.
+/// Fails if the plan has no such table.
 pub fn why(graph: &PlanGraph, store: &Store, table: &str) -> Result<String, Fault> {
     let plan = graph.plan;
     let t = plan.table(table)?;

@@ -1,4 +1,4 @@
-//! The history of runs: time and result of each, and the changes between two.
+//! History of runs: the time and result of each run, and the changes between two runs.
 
 use std::{
     fs,
@@ -15,7 +15,7 @@ use super::{record::Snapshot, run_changes::changes, text};
 /// One run of a pipeline.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunRecord {
-    /// Its number, from 1.
+    /// Number, from 1.
     pub number: u64,
     /// End time, UTC.
     pub time: String,
@@ -25,9 +25,9 @@ pub struct RunRecord {
     pub version: String,
     /// Version of the tables that the run published.
     pub tables: u64,
-    /// Units computed, reused, failed, skipped.
+    /// Numbers of units that were computed, reused, failed and skipped.
     pub units: [usize; 4],
-    /// Its duration, s.
+    /// Duration, in seconds.
     pub seconds: f64,
     /// The file in `runs/` with the inputs of the tables.
     pub snapshot: String,
@@ -55,7 +55,7 @@ pub fn past(root: &Path, pipeline: &str) -> Vec<RunRecord> {
     lines.filter(|p| p.sum == sum_of(p)).collect()
 }
 
-/// Whether each line of a history verifies, except a line that a power loss truncated.
+/// Whether all lines of a history are intact, except for a line that a power loss truncated.
 pub fn is_whole(bytes: &[u8]) -> bool {
     /// The last key of a line, and the length from its value to the end of the line.
     const LAST: &str = "\"sum\":\"";
@@ -69,13 +69,13 @@ pub fn is_whole(bytes: &[u8]) -> bool {
     bytes.split(|b| *b == b'\n').all(|line| line.is_empty() || fine(line))
 }
 
-/// Adds a run; the number of the run is the next number.
+/// Adds a run, which gets the next number.
 ///
 /// # Errors
-/// Fails when the store cannot be written.
+/// Fails if the store cannot be written.
 pub fn add(store: &Store, pipeline: &str, mut past_run: RunRecord, snapshot: &Snapshot) -> Result<(), Fault> {
     let root = store.root();
-    // Costs change from run to run; the inputs of the tables do not.
+    // Only the inputs are hashed, because the costs change from run to run.
     let mut plain = snapshot.clone();
     plain.tables.iter_mut().for_each(|t| t.cost = None);
     let text = serde_json::to_vec(&plain).map_err(|e| Fault::machine(e.to_string()))?;
@@ -140,7 +140,7 @@ fn names(root: &Path) -> Vec<String> {
 /// The runs of one pipeline, or of all pipelines.
 ///
 /// # Errors
-/// Fails when there is no such pipeline.
+/// Fails if there is no such pipeline.
 pub fn table(root: &Path, pipeline: Option<&str>) -> Result<String, Fault> {
     let all = names(root);
     if let Some(name) = pipeline.filter(|p| !all.iter().any(|n| n == p)) {
@@ -162,7 +162,7 @@ pub fn table(root: &Path, pipeline: Option<&str>) -> Result<String, Fault> {
 /// The run of a pipeline with this number or, if no number is given, the newest run with this id.
 ///
 /// # Errors
-/// Fails when there is no such run.
+/// Fails if there is no such run.
 pub fn find(root: &Path, pipeline: &str, run: &str) -> Result<RunRecord, Fault> {
     let all = past(root, pipeline);
     let known = all.iter().map(|p| p.number.to_string()).collect::<Vec<_>>();
@@ -176,7 +176,7 @@ pub fn find(root: &Path, pipeline: &str, run: &str) -> Result<RunRecord, Fault> 
 /// The inputs of the tables of a run.
 ///
 /// # Errors
-/// Fails when they are no longer stored, or damaged.
+/// Fails if they are no longer stored, or damaged.
 pub fn snapshot(root: &Path, pipeline: &str, past: &RunRecord) -> Result<Snapshot, Fault> {
     let bytes = paths::read_regular(&root.join("runs").join(&past.snapshot));
     let snapshot = bytes.ok().filter(|b| format!("{}.json", HashKey::from_parts([b])) == past.snapshot);
@@ -188,7 +188,7 @@ pub fn snapshot(root: &Path, pipeline: &str, past: &RunRecord) -> Result<Snapsho
 /// Differences between two runs of a pipeline.
 ///
 /// # Errors
-/// Fails when a run does not exist, or its inputs are no longer stored.
+/// Fails if a run does not exist, or its inputs are no longer stored.
 pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fault> {
     let open = |number: u64| snapshot(root, pipeline, &find(root, pipeline, &number.to_string())?);
     let found = changes(&open(a)?, &open(b)?);

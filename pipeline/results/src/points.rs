@@ -10,7 +10,7 @@ use serde::{
     de::{Error, MapAccess, SeqAccess, Visitor, value::MapAccessDeserializer},
 };
 
-/// A point's values by axis, then its parameters by name.
+/// Values of a point by axis, followed by its parameters by name.
 pub type SnapshotPoint = (BTreeMap<String, String>, BTreeMap<String, String>);
 
 /// The points of a table with their parameters. Each axis and each parameter has a list of its distinct values, so the
@@ -28,7 +28,7 @@ pub struct SnapshotPoints {
 struct RepeatedValues {
     /// The distinct values in the order of their first point.
     values: Vec<String>,
-    /// Number of successive points with the same value, if the values take turns in their order.
+    /// Number of successive points with the same value, if the values repeat in a fixed cycle.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     every: Option<usize>,
     /// Otherwise the position of the value of each point; `None` for a point without a value.

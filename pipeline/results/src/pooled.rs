@@ -30,7 +30,7 @@ pub const TABLE: &str = "scores_pooled";
 pub struct PooledMetric {
     /// The table of scores, as a position in the plan.
     pub table: usize,
-    /// Its point.
+    /// Point.
     pub instance: usize,
     /// The metric.
     pub metric: Metric,
@@ -74,7 +74,7 @@ pub fn tables(plan: &Plan) -> impl Iterator<Item = usize> + '_ {
 /// order of their declaration.
 ///
 /// # Errors
-/// Fails when the store cannot be read.
+/// Fails if the store cannot be read.
 pub fn find(
     graph: &PlanGraph,
     store: &Store,
@@ -94,7 +94,7 @@ pub fn find(
 /// The pooled scores of the results in the store.
 ///
 /// # Errors
-/// Fails when the store cannot be read.
+/// Fails if the store cannot be read.
 pub fn present(graph: &PlanGraph, store: &Store) -> Result<Vec<PooledMetric>, Fault> {
     find(graph, store, &|unit| graph.key(unit).is_ok_and(|key| store.has(key)))
 }
@@ -184,7 +184,7 @@ pub const COLUMNS: [(&str, &str); 11] = [
     ("pooled_as", "the rule that pools the values of several lines"),
 ];
 
-/// The type of a column of the table in a word, and the columns of the tables of scores that it is made from.
+/// Name of a column's type, and the columns of the tables of scores from which the column is computed.
 pub fn made_of(name: &str) -> (&'static str, &'static [&'static str]) {
     match name {
         "value" | "value_in_sample" => ("Float64", &["metric", "value", "n", SPREAD, IN_SAMPLE]),
@@ -199,7 +199,7 @@ pub fn made_of(name: &str) -> (&'static str, &'static [&'static str]) {
 /// name of one of their columns. Points that the spec no longer has are skipped.
 ///
 /// # Errors
-/// Fails when the scores exist but cannot be read.
+/// Fails if the scores exist but cannot be read.
 pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<PooledMetric>>, Fault> {
     let axes = &plan.spec.axes;
     let columns = || COLUMNS.iter().map(|(name, _)| *name);
@@ -257,7 +257,7 @@ impl SweepPointIndex {
 /// Index of the values of an axis, or of axes that are searched together.
 struct AxisValueIndex {
     axes: Vec<AxisValues>,
-    /// For several axes: the position of each combination of positions.
+    /// For axes that are searched together, the position of each combination of values.
     together: HashMap<Vec<usize>, usize>,
 }
 
@@ -285,10 +285,10 @@ impl AxisValueIndex {
     }
 }
 
-/// A note for each table that pools lines in sample with others.
+/// Notes, one for each table that pools in-sample lines with other lines.
 ///
 /// # Errors
-/// Fails when the goal of the search selects no line.
+/// Fails if the goal of the search selects no line.
 pub fn mixed(graph: &PlanGraph) -> Result<Vec<String>, Fault> {
     let mut notes = vec![];
     for (t, node) in graph.plan.tables.iter().enumerate().filter(|(_, node)| node.entry.grain == Grain::Survey) {
@@ -306,8 +306,8 @@ pub fn mixed(graph: &PlanGraph) -> Result<Vec<String>, Fault> {
     Ok(notes)
 }
 
-/// A note for each table of scores with points that are the same computation: they differ in an axis that has no effect
-/// there.
+/// Notes, one for each table of scores in which several points are the same computation, because they differ only in an
+/// axis that has no effect there.
 pub fn repeats(graph: &PlanGraph) -> Vec<String> {
     tables(graph.plan).filter_map(|t| repeated(graph, t)).collect()
 }
@@ -318,7 +318,7 @@ fn repeated(graph: &PlanGraph, t: usize) -> Option<String> {
     for i in 0..node.len() {
         let unit = |line: &usize| PlanUnit { table: t, instance: i, line: Some(*line) };
         let keys = graph.lines_of(t, i).iter().map(|line| graph.key(unit(line)).map(|key| key.to_string()));
-        // A line that lacks a column is the same for all points.
+        // A line that lacks a column lacks it at all points.
         let keys: Vec<String> = keys.filter_map(Result::ok).collect();
         if !keys.is_empty() {
             groups.entry(keys).or_default().push(i);

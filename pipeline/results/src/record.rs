@@ -20,7 +20,7 @@ use crate::{points::SnapshotPoints, pooled};
 /// A pipeline at its last run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Snapshot {
-    /// Its name.
+    /// Name.
     pub pipeline: String,
     /// The spec, as the user named it.
     pub spec: String,
@@ -29,16 +29,16 @@ pub struct Snapshot {
     pub made_by: Option<(String, String)>,
     /// The seed.
     pub seed: u64,
-    /// Its sources.
+    /// Sources.
     pub sources: Vec<SnapshotSource>,
-    /// Its tables.
+    /// Tables.
     pub tables: Vec<SnapshotTable>,
 }
 
 /// A table that was read from files.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SnapshotSource {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// `flights`, `map` or `model`.
     pub kind: String,
@@ -54,7 +54,7 @@ pub struct SnapshotSource {
 /// A table that a stage made.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SnapshotTable {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// The stage.
     pub stage: String,
@@ -64,40 +64,40 @@ pub struct SnapshotTable {
     pub tidy: bool,
     /// The axes that the table depends on.
     pub axes: Vec<String>,
-    /// Its input tables.
+    /// Input tables.
     pub inputs: Vec<String>,
-    /// Its restriction of rows.
+    /// Restriction of rows.
     pub predicate: Option<String>,
     /// The parameters at each point: the point's values, then the parameters.
     pub points: SnapshotPoints,
-    /// Its columns.
+    /// Columns.
     pub columns: Vec<SnapshotColumn>,
     /// The lines that the table contains.
     pub lines: usize,
-    /// Number of units computed when the time was last measured, and the time, s.
+    /// Number of units computed in the last measured run, and its time in seconds.
     pub cost: Option<(usize, f64)>,
 }
 
 /// A column and its inputs.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SnapshotColumn {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its type in a word.
+    /// Type in a word.
     pub kind: String,
-    /// Its unit.
+    /// Unit.
     pub unit: String,
-    /// Its description.
+    /// Description.
     pub doc: String,
     /// (table, column) of each column from which the column was computed; the column of the same name if it passed
     /// through.
     pub from: Vec<(String, String)>,
 }
 
-/// Stores the inputs of a run's tables. The tables in `left` keep the description of the previous run.
+/// Stores the inputs of a run's tables. The tables in `left` keep their description from the previous run.
 ///
 /// # Errors
-/// Fails when the store cannot be written.
+/// Fails if the store cannot be written.
 pub fn record(graph: &PlanGraph, store: &Store, costs: &[(usize, f64)], left: &[usize]) -> Result<Snapshot, Fault> {
     let plan = graph.plan;
     let before = snapshots(store.root()).into_iter().find(|s| s.pipeline == plan.spec.name);
@@ -237,7 +237,7 @@ fn made_from(plan: &Plan, it: &StageInstance, name: &str) -> Vec<(String, String
     }
 }
 
-/// The columns of a table of files that are restricted today; `*` is all of them.
+/// Columns of a table of files that are restricted today; `*` means all columns.
 fn restricted(spec: &Spec, table: &str) -> Vec<String> {
     match spec.tables.iter().find(|t| t.name == table).map(|t| t.protection.now()) {
         None | Some(ColumnRestriction::None) => vec![],
@@ -246,8 +246,7 @@ fn restricted(spec: &Spec, table: &str) -> Vec<String> {
     }
 }
 
-/// Columns of files of this plan that an earlier run of the store recorded as restricted and that are no longer
-/// restricted.
+/// Columns of this plan's files that an earlier run recorded as restricted, and that are no longer restricted.
 pub fn lifted(graph: &PlanGraph, store: &Store) -> Vec<String> {
     let plan = graph.plan;
     let names = plan.flights.iter().map(|f| &f.name).chain(plan.maps.iter().map(|m| &m.name));

@@ -13,7 +13,7 @@ use super::record::{Snapshot, SnapshotSource, SnapshotTable};
 const MOST: usize = 50;
 /// Maximum number of characters of a value.
 const LONGEST: usize = 200;
-/// Number of listed characters of a key of data.
+/// Number of characters of a data key that are listed.
 const KEY: usize = 8;
 
 /// Kind of a change.
@@ -87,7 +87,7 @@ pub fn changes(one: &Snapshot, other: &Snapshot) -> Vec<RunChange> {
     found.0
 }
 
-/// Lines of tables of flights whose data differ between two runs, as `flight/line`.
+/// Lines whose data differ between two runs, as `flight/line`.
 pub fn changed_lines(one: &Snapshot, other: &Snapshot) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for (_, pair) in paired(&one.sources, &other.sources, |s| &s.name) {

@@ -35,7 +35,7 @@ pub fn render(scores: &Scores, width: usize, most: usize) -> String {
     text + &legend(scores, best, &left_out, most)
 }
 
-/// Selection of scores for display.
+/// Scores selected for display.
 struct ScoreTableView<'a> {
     scores: &'a Scores,
     best: Option<usize>,
@@ -81,7 +81,7 @@ impl ScoreTableView<'_> {
         mark.to_owned() + if scores.is_all_in_sample(row) { "~" } else { "" }
     }
 
-    /// A value. An in-sample value in a row with other values has a separate sign.
+    /// Text of a value. An in-sample value in a row with other values has the sign `~`.
     fn cell(&self, row: usize, metric: usize) -> String {
         let scores = self.scores;
         let alone = scores.is_in_sample(row, metric) && !scores.is_all_in_sample(row);
@@ -194,8 +194,8 @@ mod tests {
             values: vec![Some(7.0); 10],
             metrics,
         };
-        // The first point has only lines in sample, the second point has lines in sample and out of sample, and the
-        // third point has one metric in sample.
+        // The first point has only in-sample lines, the second point has in-sample and held-out lines, and the third
+        // point has one metric in sample.
         let mut one = vec![false; 10];
         one[5] = true;
         some.in_sample = vec![of(9, 0, vec![true; 10]), of(1, 8, vec![false; 10]), of(1, 8, one)];

@@ -28,7 +28,7 @@ pub struct Scores {
     pub in_sample: Vec<InSampleScores>,
 }
 
-/// Scores of a point on its lines in sample: seen by its model, noise, map or search.
+/// Scores of a point on its in-sample lines, which its model, noise, map or search used.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct InSampleScores {
     /// Number of in-sample lines.
@@ -36,9 +36,9 @@ pub struct InSampleScores {
     /// Number of the other lines, over which the values of the row are pooled; if it is 0, the values are pooled over
     /// the in-sample lines.
     pub held_out: usize,
-    /// Whether the value of each metric is of lines in sample only.
+    /// For each metric, whether its value comes only from in-sample lines.
     pub metrics: Vec<bool>,
-    /// The value of each metric over the lines in sample.
+    /// The value of each metric over the in-sample lines.
     pub values: Vec<Option<f64>>,
 }
 
@@ -153,7 +153,7 @@ impl Scores {
         self.metric("drms_bound").is_some_and(|m| self.value(row, m).is_some())
     }
 
-    /// Whether the value of a metric at a row is of lines in sample only.
+    /// Whether the value of a metric in a row comes only from in-sample lines.
     pub fn is_in_sample(&self, row: usize, metric: usize) -> bool {
         self.in_sample.get(row).is_some_and(|lines| lines.metrics.get(metric) == Some(&true))
     }
@@ -186,7 +186,7 @@ impl Scores {
         self.ranked(metric).first().copied().filter(|r| !self.is_excluded(*r, metric))
     }
 
-    /// The lines that the rows are pooled over, in words.
+    /// Description of the lines that the rows are pooled over.
     pub fn over(&self) -> String {
         let counts = |of: fn(&InSampleScores) -> usize| -> (usize, usize) {
             let all = self.in_sample.iter().map(of);
@@ -208,7 +208,7 @@ impl Scores {
         format!("{held_out}; {in_sample} in sample are pooled separately")
     }
 
-    /// A remark for each numeric axis whose first or last value is the best for the leading metric.
+    /// Notes, one for each numeric axis on which the leading metric is best at the first or last value.
     pub fn at_edges(&self) -> Vec<String> {
         let Some((metric, best)) = self.headline().and_then(|m| Some((m, self.best(m)?))) else { return vec![] };
         (0..self.axes.len()).filter_map(|axis| self.at_edge(axis, metric, best)).collect()
@@ -277,7 +277,7 @@ impl AxisValues {
     }
 }
 
-/// The scores of all tables of scores of `plan` that have a row, with the flags of `warnings`.
+/// Scores of every table of scores in `plan` that has a row, with the flags from `warnings`.
 pub fn all(plan: &Plan, pooled: &[PooledMetric], warnings: &[Warning]) -> Vec<(String, Scores)> {
     let one = |t: usize| {
         let (mut found, _) = Scores::new(plan, t, pooled);

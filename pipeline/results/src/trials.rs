@@ -8,10 +8,10 @@ use schemas::Literal;
 
 use super::text::number;
 
-/// Maximum number of trials without a goal that are listed by name.
+/// Maximum number of trials without a goal value that are listed.
 const NAMED: usize = 10;
 
-/// The best of `trials` and the trials without a goal; empty for a plan without a search.
+/// Text with the best of `trials` and the trials without a goal value; empty for a plan without a search.
 pub fn trials(plan: &Plan, trials: &[SearchTrialScore]) -> String {
     let (Some(search), Ok(Some(goal))) = (&plan.spec.search, plan.goal()) else { return String::new() };
     let mut numbers: Vec<usize> = trials.iter().map(|t| t.row.trial).collect();

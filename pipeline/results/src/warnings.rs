@@ -69,7 +69,7 @@ impl Warning {
 /// plan's order, then fits, then maps and others, each in the order of the sweep and of the lines.
 ///
 /// # Errors
-/// Fails when the store cannot be read.
+/// Fails if the store cannot be read.
 pub fn find(graph: &PlanGraph, store: &Store, done: &(dyn Fn(PlanUnit) -> bool + Sync)) -> Result<Vec<Warning>, Fault> {
     let plan = graph.plan;
     let units =
@@ -94,7 +94,7 @@ pub fn find(graph: &PlanGraph, store: &Store, done: &(dyn Fn(PlanUnit) -> bool +
 /// Warnings of the results that are in the store now, for any outcome of the last run.
 ///
 /// # Errors
-/// Fails when the store cannot be read.
+/// Fails if the store cannot be read.
 pub fn present(graph: &PlanGraph, store: &Store) -> Result<Vec<Warning>, Fault> {
     find(graph, store, &|unit| graph.key(unit).is_ok_and(|key| store.has(key)))
 }
@@ -302,8 +302,8 @@ fn of_whole(graph: &PlanGraph, unit: PlanUnit, kind: WarningKind, texts: Vec<Str
 /// Maximum number of kinds listed one by one.
 const MAX_GROUPS: usize = 10;
 
-/// All warnings for the end of a run, grouped by kind and table, with the place and cause of the worst. `table` is the
-/// table of all warnings.
+/// Text of all warnings at the end of a run, grouped by kind and table, with the place and cause of the worst warning
+/// of each group. `table` is the name of the table that holds all warnings.
 pub fn summary_lines(warnings: &[Warning], table: &str) -> Vec<String> {
     let groups = groups(warnings);
     let mut out: Vec<String> = groups.iter().take(MAX_GROUPS).map(|group| group_text(warnings, group)).collect();
@@ -345,7 +345,7 @@ fn group_text(warnings: &[Warning], group: &[usize]) -> String {
         n => {
             let which = if worst.value.is_some() { "worst" } else { "first" };
             let what = worst.kind.of_many();
-            // The common text is not repeated for the worst.
+            // The text common to the group is not repeated for its worst warning.
             let figures = worst.text.strip_prefix(what).and_then(|t| t.strip_prefix(": ")).unwrap_or(&worst.text);
             format!("{}: {what} at {n} places, {which}{place}: {figures}", worst.stage)
         }

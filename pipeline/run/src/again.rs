@@ -1,7 +1,7 @@
 //! Recomputation of stored results, to compare them bit by bit.
 //!
-//! An ordinary run recomputes the results from the same inputs, in a copy of the store without them. The store itself
-//! does not change.
+//! An ordinary run recomputes the results from the same inputs. It runs in a copy of the store that lacks the results,
+//! so the store itself does not change.
 
 use std::collections::HashSet;
 
@@ -28,7 +28,7 @@ pub struct TableComparison {
 /// For a search, the trials of the plan are compared. `None` after an interrupt.
 ///
 /// # Errors
-/// Fails when a source cannot be read, or the store cannot be read or written.
+/// Fails if a source cannot be read, or the store cannot be read or written.
 pub fn again(
     plan: &Plan,
     store: &Store,
@@ -42,7 +42,7 @@ pub fn again(
         None => (0..plan.tables.len()).filter(|t| plan.tables.get(*t).is_some_and(|n| n.keep)).collect(),
     };
     let units = tables.iter().flat_map(|t| graph.units(*t));
-    // A rejected unit has no result to compare.
+    // A unit that cannot be computed has no result to compare.
     let keys: HashSet<HashKey> =
         units.filter_map(|u| graph.key(u).ok()).filter(|key| store.find(*key).is_some()).collect();
     let other = store.mirror(&store.temporary(), &keys).map_err(fail)?;
@@ -101,7 +101,7 @@ fn difference(
     Ok(first(&one.get(key, &names)?, &other.get(key, &names)?))
 }
 
-/// First value in which two batches differ, in any bit.
+/// First value that differs between two batches, compared bit by bit.
 fn first(a: &RecordBatch, b: &RecordBatch) -> Option<String> {
     if a.num_rows() != b.num_rows() {
         return Some(format!("{} rows before, {} now", a.num_rows(), b.num_rows()));

@@ -1,9 +1,9 @@
 //! Engine `ballista`: tasks run on the workers of a cluster, through Ballista's scheduler.
 //!
-//! Ballista places tasks, detects lost workers and reassigns their tasks. This module does the rest. It dispatches
-//! nothing while there is no worker. A job has a few tasks of one wave, so that receipts arrive continuously and a
-//! failed job does not affect others. Failed tasks are dispatched again. Results of lost answers are found in the
-//! store. `pipeline/CLUSTER.md` lists all cases.
+//! Ballista places tasks, detects lost workers and reassigns their tasks. All other cases are handled here. Nothing is
+//! dispatched while there is no worker. A job has a few tasks of one wave, so that receipts arrive continuously and a
+//! failed job does not affect others. Failed tasks are dispatched again. If an answer is lost, its results are found in
+//! the store. `pipeline/CLUSTER.md` lists all cases.
 
 mod client;
 mod closed;
@@ -39,7 +39,7 @@ use super::{
     task::Receipt,
 };
 
-/// Overhead of a task in a worker, s, as measured in `pipeline/CLUSTER.md`.
+/// Overhead of a task in a worker, in seconds, as measured in `pipeline/CLUSTER.md`.
 const TASK_S: f64 = 0.012;
 
 /// Cluster of a scheduler.
@@ -67,8 +67,7 @@ impl BallistaEngine {
     /// Connects to the scheduler at HOST:PORT. Calls `waits` once if no scheduler answers at first.
     ///
     /// # Errors
-    /// Fails when the scheduler does not answer for [`DispatchLimits::patience`], or has another version or another
-    /// key.
+    /// Fails if the scheduler does not answer for [`DispatchLimits::patience`], or has another version or another key.
     pub fn connect(
         authority: &str,
         trust: &ClusterTrust,
@@ -100,7 +99,7 @@ impl TaskEngine for BallistaEngine {
 /// at first.
 ///
 /// # Errors
-/// Fails when the scheduler has another version or another key, or does not answer.
+/// Fails if the scheduler has another version or another key, or does not answer.
 pub fn await_scheduler(
     authority: &str,
     trust: &ClusterTrust,
@@ -133,7 +132,7 @@ async fn stop_signal() {
     let received = |kind: SignalKind| async move {
         match signal(kind) {
             Ok(mut stream) => stream.recv().await,
-            // The process is then ended by the signal.
+            // Without a handler, the signal ends the process.
             Err(_) => std::future::pending().await,
         }
     };

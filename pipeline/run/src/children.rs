@@ -1,5 +1,5 @@
-//! Worker processes that this process starts: `magline task`, with tasks as input and receipts as output. A unit that
-//! kills its worker, or takes too long, affects no other unit.
+//! Worker processes that this process starts. Each runs `magline task` with tasks as input and receipts as output. A
+//! unit that kills its worker, or takes too long, affects no other unit.
 
 use std::{
     fmt::Display,
@@ -111,7 +111,7 @@ impl Drop for WorkerProcess {
 }
 
 impl WorkerCommand {
-    /// Computes a task in `worker` or, if it is `None`, in a new worker. Replaces a lost worker; On return, `worker`
+    /// Computes a task in `worker` or, if it is `None`, in a new worker. Replaces a lost worker. On return, `worker`
     /// holds the last worker. The receipt is partial or `None` when this process receives a stop signal. A task that
     /// the workers reject has a receipt with the reason.
     pub fn receipt(

@@ -35,7 +35,7 @@ impl PendingUnits {
         PendingUnits { units, first, of_key }
     }
 
-    /// Units that share the result of another.
+    /// Units that share the result of another unit.
     fn repeats(&self) -> HashSet<PlanUnit> {
         self.units.iter().filter(|(unit, key)| self.of_key.get(key) != Some(unit)).map(|(unit, _)| *unit).collect()
     }
@@ -103,7 +103,7 @@ fn name_of(cut: &TableAssembler, part: bool, units: &[PackedUnit]) -> HashKey {
     if part { HashKey::from_parts([b"part", id.as_ref()]) } else { id }
 }
 
-/// Writes the pack of a task: the new results and the stored ones. The rows in `made` are moved out.
+/// Writes the pack of a task with the new and the stored results. The rows in `made` are moved out.
 fn write(
     worker: &UnitWorker,
     cut: &TableAssembler,
@@ -140,7 +140,8 @@ fn write(
             match &mut own.rows {
                 Ok(rows) => {
                     let whole = cut.rows(unit, rows, &mut held)?;
-                    // The pack holds the rows now; one schema per unit would use much of the memory of a sweep.
+                    // The pack now holds the rows. The schemas of the units are dropped, because they would use much
+                    // memory in a large sweep.
                     *rows = nothing.clone();
                     NewUnit { key, passthrough_hash, rows: Ok(whole), remarks }
                 }

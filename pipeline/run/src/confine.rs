@@ -20,7 +20,7 @@ pub fn command(program: &std::path::Path) -> Command {
     command
 }
 
-/// Ends this process with its parent, because nobody waits for its result then.
+/// Ends this process when its parent ends, because nobody then waits for the result.
 pub fn end_with_parent() {
     #[cfg(target_os = "linux")]
     let _ = nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGKILL);
@@ -29,7 +29,7 @@ pub fn end_with_parent() {
 /// Limits the memory of this process to its current size plus `bytes`. A larger allocation ends the process.
 ///
 /// # Errors
-/// Fails when the system rejects the limit.
+/// Fails if the system rejects the limit.
 pub fn limit_memory(bytes: usize) -> Result<(), Fault> {
     let refused = |e: nix::errno::Errno| Fault::machine(format!("cannot limit the memory of a process: {e}"));
     let (_, hard) = getrlimit(Resource::RLIMIT_DATA).map_err(refused)?;
@@ -37,12 +37,12 @@ pub fn limit_memory(bytes: usize) -> Result<(), Fault> {
     setrlimit(Resource::RLIMIT_DATA, most, hard).map_err(refused)
 }
 
-/// Private memory of a process, without mapped files, bytes.
+/// Private memory of a process, without mapped files, in bytes.
 pub fn used(process: u32) -> Option<usize> {
     bytes_of(&process.to_string(), "RssAnon:")
 }
 
-/// Size of a process under its name in `/proc`, bytes; `None` if the system does not report it.
+/// Size of a process under its name in `/proc`, in bytes; `None` if the system does not report it.
 pub fn bytes_of(process: &str, key: &str) -> Option<usize> {
     let text = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix(key))?;

@@ -26,9 +26,9 @@ use work::WorkEstimator;
 /// The cost of a table.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TableCost {
-    /// Its name.
+    /// Name.
     pub table: String,
-    /// Its stage.
+    /// Stage.
     pub stage: String,
     /// Whether its results are kept; otherwise the work is counted in the tables that need the results.
     pub kept: bool,
@@ -42,22 +42,22 @@ pub struct TableCost {
     pub rows_there: usize,
     /// Bytes to add to the store.
     pub bytes: f64,
-    /// Processor time, s.
+    /// Processor time, in seconds.
     pub seconds: f64,
-    /// Elapsed time, s.
+    /// Elapsed time, in seconds.
     pub clock: f64,
-    /// Peak memory of the process, bytes; 0 if nothing is computed.
+    /// Peak memory of the process, in bytes; 0 if nothing is computed.
     pub memory: f64,
 }
 
 /// The cost of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunCost {
-    /// Its tables, in the order of the plan.
+    /// Tables, in the order of the plan.
     pub tables: Vec<TableCost>,
-    /// Processor time outside the tables: keys, scores, publishing, s.
+    /// Processor time outside the tables: keys, scores, publishing, in seconds.
     pub overhead_s: f64,
-    /// Elapsed time outside the tables, s.
+    /// Elapsed time outside the tables, in seconds.
     pub overhead_clock_s: f64,
     /// The number of threads.
     pub threads: usize,
@@ -70,12 +70,12 @@ pub struct RunCost {
 }
 
 impl RunCost {
-    /// Processor time, s.
+    /// Processor time, in seconds.
     pub fn seconds(&self) -> f64 {
         self.tables.iter().map(|t| t.seconds).sum::<f64>() + self.overhead_s
     }
 
-    /// Elapsed time, s.
+    /// Elapsed time, in seconds.
     pub fn clock(&self) -> f64 {
         self.tables.iter().map(|t| t.clock).sum::<f64>() + self.overhead_clock_s
     }
@@ -90,7 +90,7 @@ impl RunCost {
         self.tables.iter().map(|t| t.rows).sum()
     }
 
-    /// Peak memory, bytes.
+    /// Peak memory, in bytes.
     pub fn memory(&self) -> f64 {
         self.tables.iter().map(|t| t.memory).fold(0.0, f64::max)
     }
@@ -152,7 +152,7 @@ impl UnitTimeModel {
         UnitTimeModel { known: CostModel::new(store.root()), speed: machine::speed() }
     }
 
-    /// Mean processor time of the missing units of the table `t` on this machine, s; 0 if no unit is missing.
+    /// Mean processor time of the missing units of the table `t` on this machine, in seconds; 0 if no unit is missing.
     pub fn unit_s(&self, graph: &PlanGraph, store: &Store, t: usize) -> f64 {
         let asked = WorkEstimator::new(graph, store, &self.known.rows, 1).missing_work(t).unwrap_or_default();
         match asked.missing.len() {
@@ -162,7 +162,7 @@ impl UnitTimeModel {
     }
 }
 
-/// Time in which the program starts and reads its plan on a machine of speed 1, s; used until measured.
+/// Time in which the program starts and reads its plan on a machine of speed 1, in seconds; used until measured.
 const START_S: f64 = 0.03;
 /// Number of disk syncs per file: one for the content, one for the name.
 const SYNCS_A_FILE: f64 = 2.0;

@@ -11,7 +11,7 @@ use store::{PackedUnit, row_bytes};
 
 use super::held::LineColumnCache;
 
-/// Identifiers and time, columns of every table of flight lines.
+/// Identifiers and time, which every table of flight lines has as columns.
 const KEYS: [&str; 3] = ["flight", "line", "tt"];
 
 /// Schema and assembly of the files of one table from the results of its units.
@@ -32,7 +32,7 @@ impl<'a> TableAssembler<'a> {
     /// Schema of the table `table`.
     ///
     /// # Errors
-    /// Fails when the types of a column at different sweep points do not fit one file.
+    /// Fails if the types of a column at different sweep points do not fit one file.
     pub fn new(graph: &'a PlanGraph<'a>, table: usize) -> Result<TableAssembler<'a>, Fault> {
         let plan = graph.plan;
         let node = &plan.tables[table];
@@ -80,7 +80,7 @@ impl<'a> TableAssembler<'a> {
         Ok(TableAssembler { graph, table, schema, kind, passed, in_sample })
     }
 
-    /// Estimated memory of a unit before its computation, bytes.
+    /// Estimated memory of a unit before its computation, in bytes.
     pub fn bytes(&self, unit: PlanUnit) -> usize {
         /// Assumed number of rows of a model or of the scores of a line.
         const TIDY_ROWS: usize = 32;
@@ -130,7 +130,7 @@ impl<'a> TableAssembler<'a> {
     /// Rows of a unit as in a file, from `made`, the columns that its stage made.
     ///
     /// # Errors
-    /// Fails when the carried columns cannot be read.
+    /// Fails if the carried columns cannot be read.
     pub fn rows(&self, unit: PlanUnit, made: &RecordBatch, held: &mut LineColumnCache) -> Result<RecordBatch, Fault> {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
@@ -210,7 +210,7 @@ impl<'a> TableAssembler<'a> {
 /// Field of a column that may have several types at the points of a sweep: lists of different lengths.
 ///
 /// # Errors
-/// Fails when the types are of different kinds.
+/// Fails if the types are of different kinds.
 pub fn one_type(column: &Column, makers: &[&Column]) -> Result<Field, Fault> {
     let first = column.field();
     let types: Vec<DataType> = makers.iter().map(|c| c.column_type.data_type()).collect();

@@ -22,7 +22,7 @@ pub struct TaskWave<'a> {
     pub table: usize,
     /// Tasks of the wave.
     pub tasks: &'a [Task],
-    /// Expected time of a unit, s; 0 if unknown.
+    /// Expected time of a unit, in seconds; 0 if unknown.
     #[cfg_attr(not(feature = "cluster"), allow(dead_code))]
     pub unit_s: f64,
     /// Callback for the outcome of each unit.
@@ -43,7 +43,7 @@ impl TaskWave<'_> {
 /// Capacity of an engine, for the choice of task sizes.
 #[derive(Clone, Copy, Debug)]
 pub struct EngineCapacity {
-    /// Overhead of a task, s.
+    /// Overhead of a task, in seconds.
     pub task_s: f64,
     /// Number of simultaneous tasks; 0 if unknown.
     pub at_once: usize,
@@ -51,13 +51,13 @@ pub struct EngineCapacity {
 
 /// Maximum overhead of the division into tasks, as a fraction of the work.
 const MAX_OVERHEAD: f64 = 0.05;
-/// Maximum number of units of a task, all of which are lost with their worker.
+/// Maximum number of units of a task. All of them are lost if their worker is lost.
 const MOST_UNITS: usize = 4096;
 
 impl EngineCapacity {
     /// Number of units of a task, for a wave of `units` units of `unit_s` seconds each. The overhead of the task is
-    /// then 5 % of its time. With less work, there is one task per simultaneous task of the engine, unless its overhead
-    /// exceeds its work.
+    /// then 5 % of its time. With less work, the wave is divided into as many tasks as the engine can compute at a
+    /// time, unless the overhead of a task would then exceed its work.
     pub fn units(self, units: usize, unit_s: f64) -> usize {
         let of = |task_s: f64| (task_s / unit_s.max(1e-9)).ceil().clamp(1.0, MOST_UNITS as f64) as usize;
         let enough = of(self.task_s / MAX_OVERHEAD);

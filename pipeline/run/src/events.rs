@@ -156,7 +156,7 @@ pub enum Event<'a> {
         table: &'a str,
         /// Outcomes of its units.
         count: OutcomeCounts,
-        /// Duration, s.
+        /// Duration, in seconds.
         seconds: f64,
     },
     /// End of the run.

@@ -19,8 +19,8 @@ pub struct Failure {
     pub fault: Fault,
 }
 
-/// Metrics that could not be computed, as failures if the `metrics` of their tables list them; and all other warnings.
-/// A default metric is skipped with a warning.
+/// Separates metrics that could not be computed from all other warnings. Such a metric is a failure if the `metrics` of
+/// its table list it. A default metric is skipped with a warning.
 pub fn of_metrics(plan: &Plan, warnings: Vec<Warning>) -> (Vec<Failure>, Vec<Warning>) {
     let named = |w: &Warning| {
         let table = plan.table(&w.stage).ok().and_then(|t| plan.decl(t));
@@ -31,7 +31,8 @@ pub fn of_metrics(plan: &Plan, warnings: Vec<Warning>) -> (Vec<Failure>, Vec<War
     (failed.into_iter().map(failure).collect(), others)
 }
 
-/// Failures as reported: one message for a mistake in several lines of a file, with the number of lines.
+/// Failures in the form that is reported. A mistake in several lines of a file gives one message with the number of
+/// lines.
 pub fn deduplicated(failures: &[Failure]) -> Vec<(&Failure, usize)> {
     let shape = |f: &Failure| f.fault.what.chars().filter(|c| !c.is_ascii_digit() && !".,-e".contains(*c)).collect();
     let mistake = |f: &Failure| -> Option<(String, String, String)> {

@@ -9,7 +9,7 @@ use schemas::{Fault, TableShape, casting::cast, keys::HashKey};
 
 use super::work::UnitWorker;
 
-/// Maximum size of the cached columns of a group, bytes.
+/// Maximum size of the cached columns of a group, in bytes.
 const HELD_BYTES: usize = 256 << 20;
 
 /// Cache of columns that the points of a line share.
@@ -30,7 +30,7 @@ impl<'a> LineColumnCache<'a> {
     /// lacks.
     ///
     /// # Errors
-    /// Fails when the store cannot be read.
+    /// Fails if the store cannot be read.
     pub fn batch(&mut self, r: TableRef, line: LineId, names: &[String]) -> Result<RecordBatch, Fault> {
         let mut wanted: Vec<ColumnRequest> = vec![];
         for name in names {
@@ -126,7 +126,7 @@ struct ColumnRequest {
 /// Adds NaN or null columns for each of `columns` that the batch lacks, in their order.
 ///
 /// # Errors
-/// Fails when Arrow rejects the columns.
+/// Fails if Arrow rejects the columns.
 pub fn filled(batch: RecordBatch, columns: &[String], shape: Option<TableShape>) -> Result<RecordBatch, Fault> {
     let rows = batch.num_rows();
     let (mut fields, mut arrays) = (vec![], vec![]);

@@ -13,7 +13,7 @@ use store::{PackCatalogue, PackedUnit};
 
 use super::cut::TableAssembler;
 
-/// Size of a chunk in memory, bytes.
+/// Size of a chunk in memory, in bytes.
 const CHUNK_BYTES: usize = 8 << 20;
 /// Number of points of one line up to which a chunk may exceed its size, so that its points share the computations of
 /// the line.
@@ -61,8 +61,9 @@ pub struct PackCover {
     pub covered: Vec<bool>,
 }
 
-/// Finds packs whose units are all needed, without duplicates. `wanted` holds, for each unit of `layout`, its pack
-/// entry if it was computed or has failed; `rows` is ignored. With `strict`, only packs that are whole chunks count.
+/// Finds packs whose units are all needed, without duplicates. For each unit of `layout` that was computed or has
+/// failed, `wanted` holds its pack entry, whose `rows` is ignored. With `strict`, only packs that are whole chunks
+/// count.
 pub fn cover(
     catalogue: &PackCatalogue,
     kind: HashKey,
@@ -127,7 +128,7 @@ mod tests {
         catalogue
     }
 
-    /// First units of the packs that cover six units in chunks of three, and the number of covered units.
+    /// Returns the first units of the packs that cover six units in chunks of three, and the number of covered units.
     fn covered(packs: &[&[usize]], strict: bool) -> (Vec<usize>, usize) {
         let unit = |instance| PlanUnit { table: 0, instance, line: None };
         let layout = TableLayout { units: (0..6).map(unit).collect(), chunks: vec![0..3, 3..6] };

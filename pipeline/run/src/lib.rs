@@ -75,7 +75,7 @@ pub struct RunSummary {
     pub trials: Vec<SearchTrialScore>,
     /// Choices made automatically.
     pub notes: Vec<String>,
-    /// Duration of each table, s, in the order of `tables`.
+    /// Duration of each table, in seconds, in the order of `tables`.
     pub seconds: Vec<f64>,
     /// Hash of the computation and its data: equal for the same spec and inputs.
     pub run: String,
@@ -87,7 +87,7 @@ pub struct RunSummary {
     pub left: Vec<String>,
     /// Outcomes of the recomputation of stored tables.
     pub compared: Vec<TableComparison>,
-    /// Size of the earlier results that `gc` would remove, bytes.
+    /// Size of the earlier results that `gc` would remove, in bytes.
     pub unused: u64,
 }
 
@@ -103,13 +103,13 @@ impl RunSummary {
 pub struct RunOptions<'a> {
     /// Wait for another run of the pipeline.
     pub wait: bool,
-    /// Merge the packs of a sweep that has grown, as if it had been run at once.
+    /// Merge the packs of a sweep that has grown. The result equals that of a single run of the whole sweep.
     pub compact: bool,
     /// Maximum number of retries of a unit whose worker was lost.
     pub retries: usize,
     /// Engine that computes the tasks.
     pub engine: &'a dyn TaskEngine,
-    /// Compute only the table at this position of the plan, and its inputs. Not for a search.
+    /// Compute only the table at this position of the plan, and its inputs. Not permitted for a search.
     pub until: Option<usize>,
 }
 
@@ -126,7 +126,7 @@ impl Default for RunOptions<'_> {
 /// runs only the trials of the plan; [`search()`] runs the search to its end.
 ///
 /// # Errors
-/// Fails when a source cannot be read, the store cannot be written, or another run holds the lock of the pipeline. No
+/// Fails if a source cannot be read, the store cannot be written, or another run holds the lock of the pipeline. No
 /// task has been computed then.
 pub fn run(
     plan: &Plan,
@@ -138,7 +138,7 @@ pub fn run(
     run_locked(plan, store, &publisher, options, listener)
 }
 
-/// [`run`] by a process that has the lock of the pipeline.
+/// Same as [`run`], in a process that has the lock of the pipeline.
 fn run_locked(
     plan: &Plan,
     store: &Store,

@@ -21,7 +21,8 @@ pub struct TaskList {
     pub given_up: usize,
 }
 
-/// Overhead of a task in a process that computes only this task, s, as measured in `pipeline/benches/README.md`.
+/// Overhead of a task in a process that computes only this task, in seconds, as measured in
+/// `pipeline/benches/README.md`.
 const TASK_S: f64 = 0.1;
 
 /// Lists the units that can be computed from the results in `store`, in tasks of at most `most` units. The default size
@@ -29,7 +30,7 @@ const TASK_S: f64 = 0.1;
 /// are in the store on return. Computes nothing, but reads new sources.
 ///
 /// # Errors
-/// Fails when a source cannot be read, the table `only` is unknown, or the store cannot be written.
+/// Fails if a source cannot be read, the table `only` is unknown, or the store cannot be written.
 pub fn list(
     plan: &Plan,
     store: &Store,

@@ -27,7 +27,7 @@ use super::{
 /// Columns of a logical table: axes, then all columns that the ancestor stages pass through.
 ///
 /// # Errors
-/// Fails when the types of a column at different sweep points do not fit one table.
+/// Fails if the types of a column at different sweep points do not fit one table.
 pub fn schema(graph: &PlanGraph, node: &TableNode) -> Result<SchemaRef, Fault> {
     let spec = &graph.plan.spec;
     let axes = node.axes.iter().filter_map(|i| spec.axes.get(*i));
@@ -91,7 +91,7 @@ impl DistinctPatterns {
 /// Writes the file for the table of `cut`; `None` if the published table is complete.
 ///
 /// # Errors
-/// Fails when the store cannot be written.
+/// Fails if the store cannot be written.
 pub fn write(
     graph: &PlanGraph,
     store: &Store,

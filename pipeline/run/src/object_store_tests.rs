@@ -22,7 +22,7 @@ mod lab;
 /// Mark of the cache of a store in an object store.
 const MARK: &str = "REMOTE";
 
-/// Files of a store that are equal in all locations: those without times.
+/// Files of a store that are equal in all locations, because they contain no times.
 fn lasting(root: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut folders = vec![root.to_owned()];

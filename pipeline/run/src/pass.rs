@@ -1,4 +1,4 @@
-//! A pass over a plan: its tables are computed, the results are judged, and the tables are published and recorded.
+//! A pass over a plan: computes its tables, finds warnings about the results, and publishes and records the tables.
 
 use std::{sync::atomic::Ordering, time::Instant};
 
@@ -133,7 +133,7 @@ struct ComputedTables<'a> {
     tables: Vec<(String, OutcomeCounts)>,
     /// Packs of each table of the plan.
     packs: Vec<Vec<HashKey>>,
-    /// Number of computed units of each table of the plan, and the duration, s.
+    /// Number of computed units of each table of the plan, and the duration, in seconds.
     seconds: Vec<(usize, f64)>,
     states: UnitStates<'a>,
     failures: Vec<Failure>,

@@ -19,7 +19,7 @@ use super::{
     task::Receipt,
 };
 
-/// Overhead of a task in a running process, s, as measured in `pipeline/CLUSTER.md`.
+/// Overhead of a task in a running process, in seconds, as measured in `pipeline/CLUSTER.md`.
 const TASK_S: f64 = 0.012;
 
 /// Worker processes, which live for one wave.

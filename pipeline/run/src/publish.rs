@@ -42,7 +42,7 @@ impl Publication<'_> {
     /// Publishes all tables of the pipeline together.
     ///
     /// # Errors
-    /// Fails when the store cannot be read or written; the previous tables then stay.
+    /// Fails if the store cannot be read or written; the previous tables then stay.
     pub fn publish(
         &self,
         publisher: &PipelineLock,

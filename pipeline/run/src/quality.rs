@@ -1,4 +1,4 @@
-//! Table of the data quality: the findings in the columns of each line when it was read.
+//! Table of the data quality: findings in the columns of each line, made when the line was read.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ fn rows<'a>(graph: &'a PlanGraph) -> Vec<QualityFindingRow<'a>> {
     lines.flat_map(|(table, record)| record.findings.iter().map(move |f| (table, record, f))).collect()
 }
 
-/// Number of findings, and of the lines with findings.
+/// Number of findings, and number of lines with findings.
 pub fn count(graph: &PlanGraph) -> (usize, usize) {
     let records = graph.records.iter().flat_map(|r| r.values());
     let of_lines: Vec<usize> = records.map(|r| r.findings.len()).filter(|n| *n > 0).collect();
@@ -28,7 +28,7 @@ pub fn count(graph: &PlanGraph) -> (usize, usize) {
 /// Writes all findings, even if the table is empty.
 ///
 /// # Errors
-/// Fails when the store cannot be written.
+/// Fails if the store cannot be written.
 pub fn table(graph: &PlanGraph, store: &Store) -> Result<ExtraTable, Fault> {
     let rows = rows(graph);
     let text = |f: &dyn Fn(&QualityFindingRow) -> String| -> ArrayRef {

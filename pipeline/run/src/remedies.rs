@@ -20,7 +20,7 @@ use super::{Event, INTERRUPTED, Listener, SilentListener, held::LineColumnCache,
 /// A warning that equals one of the last run keeps its cause without a trial.
 ///
 /// # Errors
-/// Fails when the store cannot be read. A remedy that cannot be computed is skipped.
+/// Fails if the store cannot be read. A remedy that cannot be computed is skipped.
 pub(super) fn try_remedies(
     graph: &PlanGraph,
     store: &Store,

@@ -39,7 +39,7 @@ pub(super) struct PlanRunner<'a> {
     pub(super) states: UnitStates<'a>,
     /// Failures, each with its unit.
     pub(super) failures: Vec<(Option<PlanUnit>, Failure)>,
-    /// Number of computed units of each table, and the duration, s.
+    /// Number of computed units of each table, and the duration, in seconds.
     pub(super) seconds: Vec<(usize, f64)>,
 }
 
@@ -125,7 +125,8 @@ impl<'a> PlanRunner<'a> {
         self.failures.push((Some(unit), Failure { table: node.name.clone(), point, line, fault }));
     }
 
-    /// Whether a unit is not retried. In this process, a unit is retried unless it killed its workers.
+    /// Whether a unit is not retried. If units are computed in this process, a unit is retried unless it has killed its
+    /// workers.
     pub(super) fn is_given_up(&self, tries: &UnitAttempts) -> bool {
         let counted = if self.is_remote { tries.all() } else { tries.lost };
         counted > self.options.retries

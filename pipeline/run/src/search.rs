@@ -27,7 +27,7 @@ use super::{
 /// scores. Returns the plan of all computed trials.
 ///
 /// # Errors
-/// Same as [`super::run`].
+/// Returns the errors of [`super::run`].
 pub fn search(
     plan: Plan,
     catalogue: &[StageEntry],
@@ -119,7 +119,7 @@ impl<'a> EventRelay<'a> {
         self.state().last = true;
     }
 
-    /// Outcomes of each of these tables over all passes, and the time of these tables, s.
+    /// Outcomes of each of these tables over all passes, and the time of these tables, in seconds.
     pub fn sums<'t>(&self, tables: impl Iterator<Item = &'t str>) -> Vec<(OutcomeCounts, f64)> {
         let state = self.state();
         let spent = |name: &str| state.tables.get(name).copied().unwrap_or_default();

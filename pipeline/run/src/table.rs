@@ -25,7 +25,7 @@ use crate::{Event, OutcomeCounts, cost::UnitTimeModel};
 /// Unit of a table and its state.
 #[derive(Clone, Copy)]
 enum LayoutUnit {
-    /// No rows: an input is missing, or the unit cannot be computed.
+    /// The unit has no rows, because an input is missing or the unit cannot be computed.
     Nothing,
     /// Stored unit.
     There(PackedUnit),
@@ -170,7 +170,7 @@ impl<'a> PlanRunner<'a> {
         sheet.layout.chunks.iter().filter_map(of_chunk).collect()
     }
 
-    /// Expected time of a unit of the table, s.
+    /// Expected time of a unit of the table, in seconds.
     pub(super) fn unit_s(&self, sheet: &TableProgress) -> f64 {
         let rates = self.rates.get_or_init(|| UnitTimeModel::new(self.store));
         rates.unit_s(self.graph, self.store, sheet.table)

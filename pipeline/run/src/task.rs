@@ -82,7 +82,7 @@ pub struct Receipt {
     /// Whether the worker ended after this task, because a unit exceeded its time limit.
     #[serde(default, skip_serializing_if = "is_false")]
     pub ended: bool,
-    /// Wall time, s.
+    /// Wall time, in seconds.
     pub seconds: f64,
     /// Host and process of the worker.
     pub worker: String,
@@ -112,7 +112,7 @@ pub struct UnitAnswer {
     pub fault: Option<Fault>,
 }
 
-// The signature is required by serde.
+// Serde requires this signature.
 #[allow(clippy::trivially_copy_pass_by_ref)]
 fn is_false(it: &bool) -> bool {
     !it
@@ -132,7 +132,7 @@ impl Task {
     /// Parses a task from one line of text.
     ///
     /// # Errors
-    /// Fails for a text that is not JSON, not a task, or of another form.
+    /// Fails for a string that is not JSON, not a task, or of another form.
     pub fn parse(text: &str) -> Result<Task, Fault> {
         parsed(text, "task")
     }
@@ -181,7 +181,7 @@ impl Receipt {
     /// Parses a receipt from one line of text.
     ///
     /// # Errors
-    /// Same as [`Task::parse`].
+    /// Returns the errors of [`Task::parse`].
     pub fn parse(text: &str) -> Result<Receipt, Fault> {
         parsed(text, "receipt")
     }

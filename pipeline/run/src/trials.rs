@@ -38,7 +38,7 @@ enum StoredUnitState {
 /// Unreadable lines are excluded from all trials.
 ///
 /// # Errors
-/// Fails when `where` selects no line, or the store cannot be read.
+/// Fails if `where` selects no line, or the store cannot be read.
 pub fn scored(
     graph: &PlanGraph,
     store: &Store,
@@ -73,7 +73,7 @@ pub fn scored(
 /// Checks that the goal of a search covers at least one line.
 ///
 /// # Errors
-/// Fails when the goal covers no line.
+/// Fails if the goal covers no line.
 pub fn check(graph: &PlanGraph) -> Result<(), Fault> {
     graph.plan.goal()?.map_or(Ok(()), |goal| wanted(graph, &goal).map(drop))
 }
@@ -220,11 +220,11 @@ fn stored_state(graph: &PlanGraph, store: &Store, unit: PlanUnit) -> Result<Stor
     Ok(StoredUnitState::Unknown)
 }
 
-/// Plan with all trials that follow from the scores in `store`. Without a search, or if all trials are known in
-/// advance, the plan itself.
+/// Plan with all trials that follow from the scores in `store`. Returns the plan itself without a search, or if all
+/// trials are known in advance.
 ///
 /// # Errors
-/// Fails when a plan of these trials, its sources or the store cannot be read.
+/// Fails if a plan of these trials, its sources or the store cannot be read.
 pub fn settled(
     plan: Plan,
     catalogue: &[StageEntry],
@@ -238,11 +238,12 @@ pub fn settled(
     }
 }
 
-/// Plan with the maximum number of trials of a search, and the number of assumed trials. Assumed trials do not follow
-/// from the scores in `store` yet, but from invented scores. The plan gives the cost of the search, not its result.
+/// Plan with the maximum number of trials of a search, and the number of assumed trials. Assumed trials follow from
+/// invented scores, because the scores that they depend on are not in `store` yet. The plan gives the cost of the
+/// search, not its result.
 ///
 /// # Errors
-/// Same as [`settled`].
+/// Returns the errors of [`settled`].
 pub fn plan_all_trials(
     plan: Plan,
     catalogue: &[StageEntry],
@@ -261,7 +262,8 @@ pub fn plan_all_trials(
     Ok((Plan::new(plan.spec.with_trials(&rows), catalogue)?, assumed))
 }
 
-/// Row with an invented score that favours no value of an axis: multiples of the golden ratio are spread evenly.
+/// Row with an invented score that favours no value of an axis. The scores are multiples of the golden ratio, which are
+/// spread evenly.
 fn invented_score(row: &SearchTrial) -> SearchTrialScore {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     let cost = Some((row.trial as f64 * GOLDEN).fract());

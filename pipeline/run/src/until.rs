@@ -49,7 +49,7 @@ impl PlanRunner<'_> {
             return true;
         }
         let unit_needs = |unit: PlanUnit| matches!(self.look(unit), UnitLookup::Need(_));
-        // Results that are not kept need no computation until they are used.
+        // Results that are not kept are only computed when they are used.
         let kept = node.keep || node.entry.grain != Grain::Line;
         kept && self.graph.units(t).any(unit_needs)
     }

@@ -100,7 +100,7 @@ impl<'a> UnitWorker<'a> {
     /// Contents of the files of a table.
     ///
     /// # Errors
-    /// Same as [`TableAssembler::new`].
+    /// Returns the errors of [`TableAssembler::new`].
     pub fn cut(&self, table: usize) -> Result<&TableAssembler<'a>, Fault> {
         match self.cuts.get(table) {
             Some(cut) => cut.as_ref().map_err(Clone::clone),
@@ -188,7 +188,7 @@ impl<'a> UnitWorker<'a> {
     /// Columns that one unit of a line stage makes.
     ///
     /// # Errors
-    /// Fails when its inputs cannot be read, or its stage fails.
+    /// Fails if its inputs cannot be read, or its stage fails.
     pub fn alone(&self, unit: PlanUnit, line: LineId, held: &mut LineColumnCache) -> Result<RecordBatch, Fault> {
         let input = self.input(unit, line, held)?;
         let arrays = guarded(|| input.stage.of_lines()?.run(&input.line, &input.prepared));

@@ -21,7 +21,7 @@ pub struct BenchLine {
     pub flight: String,
     /// The line.
     pub line: String,
-    /// Its samples, in the order of time.
+    /// Samples, in the order of time.
     pub rows: RecordBatch,
 }
 
@@ -29,7 +29,7 @@ impl BenchLine {
     /// Numeric column.
     ///
     /// # Errors
-    /// Fails when it is missing, or lacks a value.
+    /// Fails if it is missing, or lacks a value.
     pub fn column(&self, name: &str) -> Result<&[f64], Fault> {
         let array = self.rows.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
         let array = array.filter(|a| a.null_count() == 0);
@@ -42,7 +42,7 @@ impl BenchLine {
 /// Lines of the flights in a file or of the spec of a simulation.
 ///
 /// # Errors
-/// Fails when they cannot be read.
+/// Fails if they cannot be read.
 pub fn open(path: &Path) -> Result<Vec<BenchLine>, Fault> {
     if !path.exists() {
         let fault = Fault::new(format!("there is no file {}", path.display()));
@@ -94,7 +94,7 @@ fn is_open(field: &arrow_schema::Field) -> bool {
 /// `test/<flight>.parquet` without the truth. Returns the files.
 ///
 /// # Errors
-/// Fails when the folder is not empty, or the file system reports an error.
+/// Fails if the folder is not empty, or the file system reports an error.
 pub fn data(flights: &[BenchLine], to: &Path) -> Result<Vec<String>, Fault> {
     let fail = |e: &dyn std::fmt::Display| Fault::machine(format!("cannot write {}: {e}", to.display()));
     if fs::read_dir(to).is_ok_and(|mut entries| entries.next().is_some()) {

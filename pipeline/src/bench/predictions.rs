@@ -37,7 +37,7 @@ impl Predictions {
     /// Reads a file: CSV by its extension, otherwise Parquet.
     ///
     /// # Errors
-    /// Fails when it cannot be read, lacks a key, has a column of no task, or has a missing or impossible value.
+    /// Fails if it cannot be read, lacks a key, has a column of no task, or has a missing or impossible value.
     pub fn open(path: &Path) -> Result<Predictions, Fault> {
         let is_csv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
         let file = shown(path);
@@ -81,7 +81,7 @@ impl Predictions {
     /// Columns of a task.
     ///
     /// # Errors
-    /// Fails when one of them is missing.
+    /// Fails if one of them is missing.
     pub fn columns(&self, task: &BenchTask) -> Result<Vec<&[f64]>, Fault> {
         let of = |name: &&str| {
             let missing = || {
@@ -96,7 +96,7 @@ impl Predictions {
     /// Row of each sample of each line; `None` if it is not predicted.
     ///
     /// # Errors
-    /// Fails for rows of a line that is not scored, rows at an unknown time, and duplicate rows.
+    /// Fails for rows of a line that is not scored, rows at an unknown time, or duplicate rows.
     pub fn places(&self, lines: &[&BenchLine]) -> Result<Vec<Vec<Option<usize>>>, Fault> {
         let tick = |tt_s: f64| (tt_s * TICKS_PER_S).round() as i64;
         // Maps flight and line to the line and its samples by time.

@@ -60,7 +60,7 @@ fn as_markdown(scores: &[BenchScore]) -> String {
 /// Writes the results: Parquet if the name has that extension, otherwise Markdown.
 ///
 /// # Errors
-/// Fails when the file cannot be written.
+/// Fails if the file cannot be written.
 pub fn write(path: &Path, scores: &[BenchScore]) -> Result<(), Fault> {
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("parquet")) {
         return html::write(path, &parquet(scores)?);

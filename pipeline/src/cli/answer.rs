@@ -62,7 +62,7 @@ impl AnswerWriter {
     /// Creates a writer to `output`, or to standard output.
     ///
     /// # Errors
-    /// Fails when the output cannot be written in this format.
+    /// Fails if the output cannot be written in this format.
     pub fn new(format: AnswerFormat, output: Option<&Path>) -> Result<AnswerWriter, Fault> {
         if format == AnswerFormat::Parquet && output.is_none() {
             let fault = Fault::new("a Parquet file cannot be written to the terminal");
@@ -166,7 +166,7 @@ impl BatchSink for AnswerWriter {
     }
 
     fn keeps(&self, batch: &RecordBatch) -> usize {
-        /// Memory of a cell as text in the table format, in addition to its value, bytes.
+        /// Memory of a cell as text in the table format, in addition to its value, in bytes.
         const CELL: usize = 160;
         let bytes =
             |c: &Arc<dyn Array>| c.to_data().get_slice_memory_size().unwrap_or_else(|_| c.get_array_memory_size());

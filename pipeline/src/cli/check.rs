@@ -1,4 +1,4 @@
-//! `magline check`: a spec without a run.
+//! `magline check`: checks a spec without a run.
 
 use plan::sources::Flights;
 use schemas::{Fault, StageEntry};

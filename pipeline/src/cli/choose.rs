@@ -78,7 +78,7 @@ pub fn mapping(path: &Path, format: Option<&str>, started: bool) -> Result<Optio
     Ok(Some(best.mapping.clone()))
 }
 
-/// Rejects a built-in mapping that reads no table of a log, and names those that do.
+/// Rejects a built-in mapping that reads no table of a log, and names the mappings that do.
 pub fn check(mapping: &Mapping, name: Option<&str>, path: &Path, format: Option<&str>) -> Result<(), ExitReason> {
     let builtin = name.filter(|name| mapping.label == format!("{name}.toml"));
     let Some(name) = builtin else { return Ok(()) };

@@ -125,7 +125,7 @@ fn is_loopback(host: &str) -> bool {
 /// Serves as the scheduler of a cluster until a stop signal arrives.
 ///
 /// # Errors
-/// Fails when the address cannot be listened on.
+/// Fails if the address cannot be listened on.
 pub fn scheduler(args: &SchedulerArgs) -> Result<(), ExitReason> {
     super::QUIET.store(args.quiet, std::sync::atomic::Ordering::Relaxed);
     log();
@@ -144,7 +144,7 @@ pub fn scheduler(args: &SchedulerArgs) -> Result<(), ExitReason> {
 /// Computes the tasks of a scheduler until a stop signal arrives.
 ///
 /// # Errors
-/// Fails when the scheduler is another version or cannot reach this worker.
+/// Fails if the scheduler is another version or cannot reach this worker.
 pub fn worker(args: &WorkerArgs) -> Result<(), ExitReason> {
     super::QUIET.store(args.quiet, std::sync::atomic::Ordering::Relaxed);
     log();

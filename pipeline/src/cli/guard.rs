@@ -25,11 +25,11 @@ use super::{ExitReason, invocation};
 
 /// Environment variable with the folder for temporary files. It is set only in the child.
 const CHILD: &str = "MAGLINE_QUERY_FOLDER";
-/// Memory of the program and of allocations that DataFusion does not account for, bytes.
+/// Memory of the program and of allocations that DataFusion does not account for, in bytes.
 const OWN: usize = 256 << 20;
-/// Reserved and mostly unused memory of the stack and the allocator's arenas, bytes.
+/// Reserved and mostly unused memory of the stack and the allocator's arenas, in bytes.
 const RESERVED: usize = 4 << 30;
-/// Reserved memory of each thread's stack and arenas, bytes.
+/// Reserved memory of each thread's stack and arenas, in bytes.
 const THREAD: usize = 128 << 20;
 /// Initial and maximum interval between checks of the child's memory.
 const LOOK: [Duration; 2] = [Duration::from_millis(1), Duration::from_millis(8)];
@@ -42,7 +42,7 @@ pub fn folder() -> Option<PathBuf> {
     env::var_os(CHILD).map(PathBuf::from)
 }
 
-/// Maximum total memory of a query with the limit `memory`, bytes.
+/// Maximum total memory of a query with the limit `memory`, in bytes.
 fn most(memory: usize) -> usize {
     memory.saturating_add(OWN.max(memory / 2))
 }
@@ -62,7 +62,7 @@ pub fn limit(memory: usize) {
 /// gives the file that a killed child leaves behind, by process id.
 ///
 /// # Errors
-/// Fails when the child fails. The child has already printed its message.
+/// Fails if the child fails. The child has already printed its message.
 pub fn run(memory: usize, folder: &Path, unfinished: impl Fn(u32) -> Option<PathBuf>) -> Result<(), ExitReason> {
     let failed = |e: &io::Error| Fault::machine(format!("cannot start the process of the query: {e}"));
     let program = invocation::program().map_err(|e| failed(&e))?;

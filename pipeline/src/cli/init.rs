@@ -102,7 +102,7 @@ pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> 
         drafts.push(TemporaryFile::new(path));
     }
     let mut text = writer.text();
-    // What the log and the map do not permit is a question; the other stages run.
+    // If the log or the map does not permit a stage, the spec contains a question instead. The other stages run.
     while let Err(faults) = parsed(text.clone()) {
         let why = faults.faults.first().map_or(String::new(), Fault::to_string);
         if writer.navigates {
@@ -137,8 +137,8 @@ pub fn run(catalogue: &[StageEntry], args: &InitArgs) -> Result<(), ExitReason> 
     Ok(())
 }
 
-/// Question for the columns without which no map value can be computed: those of the position of the INS, or of the
-/// true position. `None` if the log has either position. `mapping` is the file of a suggested mapping.
+/// Question about missing position columns (of the INS or the truth), without which no map value can be computed.
+/// `None` if the log has either position. `mapping` is the file of a suggested mapping.
 fn position_question(found: &LogFindings, mapping: Option<&Path>) -> Option<String> {
     let missing = |names: [&'static str; 3]| -> Vec<&'static str> {
         let has = |name: &&str| found.tables.iter().any(|table| table.has(name));

@@ -153,7 +153,7 @@ fn files(example: &Example) -> Vec<(PathBuf, Vec<u8>)> {
     texts.chain(data).collect()
 }
 
-/// A text of `datasets/examples` with the paths of the new folder.
+/// Text of a file in `datasets/examples`, with the paths of the new folder.
 fn adapted(text: &str) -> String {
     text.replace("../samples/", "data/").replace("datasets/examples/", "")
 }

@@ -99,7 +99,7 @@ UTC.";
 /// Runs a spec. With `compact`, its tables become the files of a single run.
 ///
 /// # Errors
-/// Fails when part of the run fails, or when the run is stopped.
+/// Fails if part of the run fails, or if the run is stopped.
 pub fn run(catalogue: &[StageEntry], args: &RunArgs, compact: bool) -> Result<(), ExitReason> {
     QUIET.store(args.quiet, Ordering::Relaxed);
     let engine = engine::engine(&args.engine, args.threads)?;
@@ -114,7 +114,7 @@ pub fn run(catalogue: &[StageEntry], args: &RunArgs, compact: bool) -> Result<()
     done
 }
 
-/// Minimum size of unreferenced results for a note, bytes.
+/// Minimum size of unreferenced results for a note, in bytes.
 const WORTH_A_NOTE: u64 = 1 << 20;
 
 /// The note on results that `gc` would remove.

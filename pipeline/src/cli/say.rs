@@ -1,8 +1,8 @@
 //! Text to standard output and standard error, of any kind: a closed or full stream does not panic.
 //!
-//! Results go to standard output. A closed reader (`| head -1`) ends the writing quietly; any other failure,
-//! such as a full disk, is kept by [`lost`], and sets the exit status. Text that cannot
-//! be written to standard error is dropped.
+//! Results go to standard output. If the reader has closed the stream (`| head -1`), writing ends quietly. Any other
+//! failure, such as a full disk, is recorded by [`lost`] and sets the exit status. Text that cannot be written to
+//! standard error is dropped.
 
 use std::{
     fmt::Display,

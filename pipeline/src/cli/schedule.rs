@@ -80,7 +80,7 @@ impl ScheduleArgs {
     /// Positions in `plan` of the tables of `--until` and `--force`.
     ///
     /// # Errors
-    /// Fails for an unknown table, for `--until` with a search, and for `--force` of a table that is not kept.
+    /// Fails for an unknown table, for `--until` with a search, or for `--force` of a table that is not kept.
     pub fn named(&self, plan: &Plan) -> Result<ScheduleTables, Fault> {
         if let Some(search) = plan.spec.search.as_ref().filter(|_| self.until.is_some()) {
             let fault = Fault::new("`--until` cannot be combined with a `[search]`");
@@ -105,7 +105,7 @@ impl ScheduleArgs {
     /// meanwhile, and the plan includes new files.
     ///
     /// # Errors
-    /// Fails when the spec is wrong, the store cannot be opened, or another run holds the lock.
+    /// Fails if the spec is wrong, the store cannot be opened, or another run holds the lock.
     pub fn enter(
         &self,
         read: &dyn Fn() -> Result<Plan, SpecFaults>,

@@ -114,7 +114,7 @@ fn write(args: &SqlArgs, memory: usize, spill: PathBuf) -> Result<(), ExitReason
     Ok(())
 }
 
-/// Runs a query. A panic of DataFusion, such as for a text that is too long for its offsets, becomes an error.
+/// Runs a query. A panic of DataFusion, such as for a string that is too long for its offsets, becomes an error.
 pub fn answered(
     question: &StoreQuery,
     sink: &mut dyn BatchSink,

@@ -22,7 +22,7 @@ use super::{
     threads,
 };
 
-/// Maximum length of a task on standard input, bytes.
+/// Maximum length of a task on standard input, in bytes.
 const LONGEST: u64 = 64 << 20;
 
 /// The arguments of `tasks`.
@@ -107,7 +107,7 @@ fn share(text: &str) -> Result<(usize, usize), String> {
 /// Prints the tasks of the next wave.
 ///
 /// # Errors
-/// Fails when the spec is wrong, or a source or the store cannot be read.
+/// Fails if the spec is wrong, or a source or the store cannot be read.
 pub fn tasks(catalogue: &[StageEntry], args: &TasksArgs) -> Result<(), ExitReason> {
     interrupt::listen();
     super::QUIET.store(args.quiet, Ordering::Relaxed);
@@ -144,7 +144,7 @@ pub fn tasks(catalogue: &[StageEntry], args: &TasksArgs) -> Result<(), ExitReaso
 /// Computes tasks, and prints a receipt of each.
 ///
 /// # Errors
-/// Fails when there is no store, a task is rejected, or a unit has no result.
+/// Fails if there is no store, a task is rejected, or a unit has no result.
 pub fn task(catalogue: &[StageEntry], args: &TaskArgs) -> Result<(), ExitReason> {
     interrupt::withdraw();
     args.parent.into_iter().for_each(interrupt::with_parent);

@@ -29,7 +29,7 @@ impl TemporaryFile {
         TemporaryFile(path)
     }
 
-    /// Its path.
+    /// Path.
     pub fn path(&self) -> &Path {
         &self.0
     }
@@ -76,7 +76,7 @@ impl TemporaryFolder {
         make().or_else(|_: io::Error| make()).or_else(|_| make()).map_err(failed)
     }
 
-    /// Its path.
+    /// Path.
     pub fn path(&self) -> &Path {
         self.folder.path()
     }

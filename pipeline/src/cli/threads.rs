@@ -6,7 +6,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::ExitReason;
 
-/// Number of threads accepted on every machine, so that scripts for larger machines run.
+/// Number of threads that is accepted on every machine, so that scripts for larger machines run.
 const ALWAYS: usize = 64;
 /// Maximum number of threads per core; more threads only use memory.
 const PER_CORE: usize = 4;
@@ -24,7 +24,7 @@ fn most() -> usize {
 /// Reads the value of `--threads`.
 ///
 /// # Errors
-/// Fails when it is not a number from 1 to the maximum on this machine.
+/// Fails if it is not a number from 1 to the maximum on this machine.
 pub fn count(text: &str) -> Result<usize, String> {
     match text.parse::<u64>() {
         Ok(0) => Err("it must be 1 or more; without `--threads` all cores are used".to_owned()),
@@ -37,7 +37,7 @@ pub fn count(text: &str) -> Result<usize, String> {
 /// A pool of `threads`, all cores by default.
 ///
 /// # Errors
-/// Fails when the system cannot start the threads.
+/// Fails if the system cannot start the threads.
 pub fn pool(threads: Option<usize>) -> Result<ThreadPool, ExitReason> {
     let pool = ThreadPoolBuilder::new().num_threads(threads.unwrap_or_else(cores)).build();
     pool.map_err(|e| ExitReason::Failed(format!("error: cannot start threads: {e}")))

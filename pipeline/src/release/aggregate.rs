@@ -2,8 +2,8 @@
 //!
 //! A table is an aggregate if four conditions hold. It is not a learned model that can contain single samples. No
 //! expression of the spec selects or weights the samples. Each value is computed from at least `least_samples` samples.
-//! There are at least `least_ratio` samples per number of a model or of a line's scores. Aggregates that are published
-//! together must not differ by a few samples.
+//! There are at least `least_ratio` samples for each number in a model or in the scores of a line. In addition,
+//! aggregates that are published together must not differ by only a few samples.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
@@ -22,18 +22,18 @@ const POINTS: usize = 1000;
 pub struct Aggregate {
     /// Minimum number of samples behind a value.
     samples: i64,
-    /// Minimum number of samples per number of a unit.
+    /// Minimum number of samples for each number in a unit.
     ratio: f64,
     least_samples: i64,
     least_ratio: f64,
-    /// Numbers of samples of values that differ only in their samples.
+    /// Numbers of samples behind values that differ only in the samples they use.
     counts: BTreeMap<String, BTreeSet<i64>>,
     /// Number of published numbers of each line or set of lines, and the maximum number of samples behind one.
     numbers: BTreeMap<String, (usize, i64)>,
 }
 
 impl Aggregate {
-    /// Its figures and the rule in words.
+    /// The figures and a description of the rule.
     pub fn words(&self) -> String {
         format!(
             "at least {} samples per value and {:.0} per number (minimum {} and {})",
@@ -45,7 +45,7 @@ impl Aggregate {
 /// Figures of the small table `t`, which is made from `reached`; or the reason why it is not an aggregate.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn judge(
     graph: &PlanGraph,
     store: &Store,
@@ -166,7 +166,7 @@ fn place(graph: &PlanGraph, unit: PlanUnit) -> String {
 /// Checks aggregates that are published together.
 ///
 /// # Errors
-/// Fails when two values differ by fewer samples than the minimum, or there are more numbers than samples.
+/// Fails if two values differ by fewer samples than the minimum, or there are more numbers than samples.
 pub fn together(all: &[(&str, &Aggregate)]) -> Result<(), String> {
     let least = all.iter().map(|(_, a)| a.least_samples).max().unwrap_or(0);
     let names = || all.iter().map(|(name, _)| format!("`{name}`")).collect::<Vec<_>>().join(", ");

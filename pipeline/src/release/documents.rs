@@ -38,7 +38,7 @@ pub fn all(set: &ReleaseSet) -> Result<BTreeMap<String, String>, Fault> {
     Ok(found)
 }
 
-/// JSON with line breaks, and one at the end.
+/// JSON with line breaks, including a line break at the end.
 fn pretty(value: &impl Serialize) -> Result<String, Fault> {
     serde_json::to_string_pretty(value).map(|text| text + "\n").map_err(|e| Fault::machine(e.to_string()))
 }

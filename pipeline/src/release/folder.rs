@@ -9,7 +9,7 @@ use schemas::Fault;
 
 use super::{checksums, set::FORMAT, words::DICTIONARY};
 
-/// Folder in progress; removed unless it is settled.
+/// Folder in progress, which is removed unless it gets its final name.
 pub struct FolderDraft {
     path: PathBuf,
     to: PathBuf,
@@ -60,7 +60,7 @@ fn look(path: &Path) -> Result<DestinationContent, Fault> {
 /// Paths of all files below a folder, including hidden ones and links, sorted; folders without files end in `/`.
 ///
 /// # Errors
-/// Fails when a folder cannot be read.
+/// Fails if a folder cannot be read.
 pub fn files(folder: &Path) -> io::Result<Vec<String>> {
     let mut found = vec![];
     let mut waiting = vec![(folder.to_owned(), String::new())];
@@ -88,9 +88,9 @@ impl FolderDraft {
     /// Begins a folder that is to become `to`.
     ///
     /// # Errors
-    /// Fails when `to` holds files that must be kept, or the file system reports an error.
+    /// Fails if `to` holds files that must be kept, or the file system reports an error.
     pub fn begin(to: &Path, replace: bool) -> Result<FolderDraft, Fault> {
-        // Equality with an existing set can be checked only when this one is complete.
+        // Whether the set equals an existing set can be checked only when it is complete.
         allowed(to, true)?;
         let name = to.file_name().filter(|n| !n.is_empty());
         let name = name.ok_or_else(|| Fault::new(format!("{} is not a valid folder name", to.display())))?;
@@ -98,7 +98,7 @@ impl FolderDraft {
         fs::create_dir_all(above).map_err(|e| cannot("make", above, &e))?;
         let path = above.join(format!(".{}.{}.new", name.to_string_lossy(), std::process::id()));
         match fs::create_dir(&path) {
-            // A killed process with the same number has left it behind.
+            // The folder was left by a killed process with the same number.
             Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
                 fs::remove_dir_all(&path)
                     .and_then(|()| fs::create_dir(&path))
@@ -118,7 +118,7 @@ impl FolderDraft {
     /// unchanged.
     ///
     /// # Errors
-    /// Fails when other files have appeared there, or the file system reports an error; the existing set then stays.
+    /// Fails if other files have appeared there, or the file system reports an error; the existing set then stays.
     pub fn settle(self) -> Result<bool, Fault> {
         let sums = |folder: &Path| fs::read(folder.join(checksums::NAME)).ok();
         let there = look(&self.to)?;

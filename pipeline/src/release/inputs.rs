@@ -100,7 +100,7 @@ fn is_restricted(spec: &Spec, table: &str) -> bool {
 /// Copies the spec, and with `include` the inputs, below `root`, and describes the inputs.
 ///
 /// # Errors
-/// Fails when an input has changed since it was read, must not be copied, or the file system reports an error.
+/// Fails if an input has changed since it was read, must not be copied, or the file system reports an error.
 pub fn gather(graph: &PlanGraph, root: &Path, include: bool, include_restricted: bool) -> Result<ReleaseInputs, Fault> {
     let spec = &graph.plan.spec;
     let files = all(graph)?;

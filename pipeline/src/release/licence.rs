@@ -85,14 +85,14 @@ pub fn from_facts(facts: &PublishFacts) -> Result<Licence, Fault> {
     }
 }
 
-/// Maximum size of the text of a licence, bytes.
+/// Maximum size of the text of a licence, in bytes.
 const LONGEST: u64 = 1 << 20;
 
 /// Text of the licence in `file`, from the spec's folder `folder`. Because the text is published, the file must be
 /// inside that folder and must not be reached by a link.
 ///
 /// # Errors
-/// Fails for a path that leads out of the folder, and for a file that is missing, too large, or not text.
+/// Fails for a path that leads out of the folder, or for a file that is missing, too large, or not text.
 pub fn text(file: &str, folder: &Path) -> Result<String, Fault> {
     let wrong = |why: &str| Fault::new(format!("`licence_file`: {file}: {why}"));
     let help = "copy the licence to the spec's folder, and give its path in that folder";

@@ -47,7 +47,7 @@ impl<'a> ReleaseFileWriter<'a> {
     /// Creates a file at `path` whose rows ascend by `sorted_by`.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn new(path: &'a Path, schema: &SchemaRef, sorted_by: &[String]) -> Result<ReleaseFileWriter<'a>, Fault> {
         let fail = |e: &dyn std::fmt::Display| cannot("write", path, e);
         if let Some(folder) = path.parent() {
@@ -62,7 +62,7 @@ impl<'a> ReleaseFileWriter<'a> {
     /// Adds rows, in the columns of the schema.
     ///
     /// # Errors
-    /// Fails when they have other columns, or the file system reports an error.
+    /// Fails if they have other columns, or the file system reports an error.
     pub fn add(&mut self, rows: RecordBatch) -> Result<(), Fault> {
         self.rows += rows.num_rows();
         self.waiting.push(rows);
@@ -88,7 +88,7 @@ impl<'a> ReleaseFileWriter<'a> {
     /// Writes the remaining rows and returns the number of rows in the file. The file is on the disk on return.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn finish(mut self) -> Result<u64, Fault> {
         if self.rows > 0 {
             self.group(self.rows)?;
@@ -149,7 +149,7 @@ fn is_list(kind: &DataType) -> bool {
 /// Reads a whole file: its schema, and each batch in turn.
 ///
 /// # Errors
-/// Fails when it is not Parquet, is damaged, or `each` fails.
+/// Fails if it is not Parquet, is damaged, or `each` fails.
 pub fn read(path: &Path, mut each: impl FnMut(&RecordBatch) -> Result<(), String>) -> Result<SchemaRef, String> {
     let file = paths::open_regular(path).map_err(|e| e.to_string())?;
     let reader = ParquetRecordBatchReaderBuilder::try_new(file).map_err(|e| e.to_string())?;

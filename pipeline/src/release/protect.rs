@@ -1,8 +1,8 @@
-//! Restricted data in a published set: restricted columns of tables of files, and all columns made from them row by
+//! Restricted data in a published set: restricted columns of tables of files, and all columns computed from them row by
 //! row.
 //!
 //! The lineage of columns is followed from each column to be published. It ends at tables of scores and models that are
-//! aggregates by the rules of [`aggregate`]. Lists in such tables hold single samples and are no aggregates. Maps and
+//! aggregates by the rules of [`aggregate`]. Lists in such tables hold single samples and are not aggregates. Maps and
 //! flight lines are never aggregates, at any distance from the restricted column.
 
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
@@ -38,7 +38,8 @@ pub struct Lineage<'a> {
     /// Columns that the stage of each table reads, which may affect all columns it makes.
     reads: HashMap<String, Vec<LineageColumn>>,
     sources: HashMap<&'a str, &'a ProtectionKeys>,
-    /// Small tables that depend on restricted columns, each with its figures, or the reason why it is no aggregate.
+    /// Small tables that depend on restricted columns, each with its figures, or with the reason why it is not an
+    /// aggregate.
     aggregates: HashMap<String, Result<Aggregate, String>>,
 }
 
@@ -46,7 +47,7 @@ impl<'a> Lineage<'a> {
     /// Lineage of the columns of a plan with results in `store`.
     ///
     /// # Errors
-    /// Fails when the store is damaged.
+    /// Fails if the store is damaged.
     pub fn new(graph: &'a PlanGraph, store: &Store) -> Result<Lineage<'a>, Fault> {
         let plan = graph.plan;
         let mut reads: HashMap<String, Vec<LineageColumn>> = HashMap::new();
@@ -63,7 +64,7 @@ impl<'a> Lineage<'a> {
         let stages = described(graph).into_iter().map(|t| (t.name.clone(), t)).collect();
         let sources = plan.spec.tables.iter().map(|t| (t.name.as_str(), &t.protection)).collect();
         let mut lineage = Lineage { stages, reads, sources, aggregates: HashMap::new() };
-        // Each table comes after its inputs, so that the aggregates among these are known.
+        // Each table comes after its inputs, so that the aggregates among the inputs are known.
         for (t, node) in plan.tables.iter().enumerate().filter(|(_, node)| node.is_small()) {
             let reached = lineage.reached(&node.name);
             let strictest = reached.iter().filter_map(|column| lineage.restricted(column)).collect::<Vec<_>>();
@@ -75,7 +76,7 @@ impl<'a> Lineage<'a> {
         Ok(lineage)
     }
 
-    /// Columns that a table is made from at any distance, up to the aggregates among them.
+    /// All columns upstream of a table, up to the aggregates among them.
     fn reached(&self, table: &str) -> HashSet<LineageColumn> {
         let mut waiting = self.reads.get(table).cloned().unwrap_or_default();
         let mut seen = HashSet::new();
@@ -121,7 +122,7 @@ impl<'a> Lineage<'a> {
         own.from.clone()
     }
 
-    /// Columns from `start` to the first restricted one that it is made from.
+    /// Columns on the way from `start` to the first restricted column upstream.
     fn find(&self, start: &LineageColumn) -> Option<(Vec<LineageColumn>, &'a ProtectionKeys)> {
         let mut queue = VecDeque::from([start.clone()]);
         let mut came_from: HashMap<LineageColumn, LineageColumn> = HashMap::new();
@@ -157,7 +158,7 @@ pub fn describe(lineage: &Lineage, tables: &mut [ReleaseTable]) {
     }
 }
 
-/// Columns of `tables` that are restricted or made from restricted ones row by row.
+/// Columns of `tables` that are restricted, or computed row by row from restricted columns.
 pub fn find(lineage: &Lineage, tables: &[(String, Vec<String>)]) -> Vec<RestrictedReleaseColumn> {
     let mut found = vec![];
     for (table, columns) in tables {

@@ -126,7 +126,7 @@ pub fn write(set: &ReleaseSet) -> Value {
     json!({ "@context": context, "@graph": all })
 }
 
-/// References to entities; a single one is not a list.
+/// References to entities; a single reference is not a list.
 fn refer(ids: &[String]) -> Value {
     match ids {
         [one] => json!({ "@id": one }),

@@ -89,7 +89,7 @@ pub struct Person {
 /// A licence.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Licence {
-    /// Its SPDX identifier, or another name.
+    /// SPDX identifier, or another name.
     pub name: String,
     /// Full title.
     pub title: String,
@@ -104,7 +104,7 @@ pub struct Licence {
 /// A table of a set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReleaseTable {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// `flight lines`, `scores`, `model` or `map`.
     pub kind: String,
@@ -116,13 +116,13 @@ pub struct ReleaseTable {
     pub axes: Vec<String>,
     /// Columns by which the rows of each file ascend.
     pub sorted_by: Vec<String>,
-    /// Names of the folders' keys: columns that readers of hive partitions add.
+    /// Names of the keys in folder names, which readers of hive partitions add as columns.
     pub partitions: Vec<String>,
     /// Number of rows.
     pub rows: u64,
-    /// Its columns.
+    /// Columns.
     pub columns: Vec<ReleaseColumn>,
-    /// Its files, in order.
+    /// Files, in order.
     pub files: Vec<DataFile>,
 }
 
@@ -173,12 +173,12 @@ impl fmt::Display for ColumnKind {
 /// A column of a table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReleaseColumn {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// The type of its values.
     #[serde(rename = "type")]
     pub kind: ColumnKind,
-    /// Its unit; empty for none.
+    /// Unit; empty for none.
     pub unit: String,
     /// `key`, `time`, `truth`, `sensor`, `aux` or `derived`.
     pub role: String,
@@ -211,7 +211,7 @@ pub struct ColumnValueStatistics {
 /// A file of a table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DataFile {
-    /// Its path in the set.
+    /// Path in the set.
     pub path: String,
     /// Flight, if the file holds one line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -221,9 +221,9 @@ pub struct DataFile {
     pub line: Option<String>,
     /// Number of rows.
     pub rows: u64,
-    /// Size, bytes.
+    /// Size, in bytes.
     pub bytes: u64,
-    /// Its SHA-256.
+    /// SHA-256.
     pub sha256: String,
 }
 
@@ -232,9 +232,9 @@ pub struct DataFile {
 pub struct RestrictedReleaseColumn {
     /// The table of the set.
     pub table: String,
-    /// Its column.
+    /// Column.
     pub column: String,
-    /// Columns from this one to the restricted one, as `table.column`.
+    /// Columns on the way from this column to the restricted column, as `table.column`.
     pub through: Vec<String>,
     /// Rule by which a table among them is not an aggregate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -265,7 +265,7 @@ pub struct ReleaseLockfile {
     pub format: String,
     /// The version of magline.
     pub magline: String,
-    /// Processor and identifier of its floating-point results; empty in sets of versions that did not record it.
+    /// Processor, and identifier of its floating-point results; empty in sets of versions that did not record them.
     #[serde(default)]
     pub arithmetic: String,
     /// The pipeline.
@@ -293,9 +293,9 @@ pub struct ReleaseInput {
     pub table: String,
     /// Path from the spec's folder, or the file name of an absolute path.
     pub file: String,
-    /// Size, bytes.
+    /// Size, in bytes.
     pub bytes: u64,
-    /// Its SHA-256.
+    /// SHA-256.
     pub sha256: String,
     /// First 128 bits of its BLAKE3, which identify it in magline.
     pub blake3: String,

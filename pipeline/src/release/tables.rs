@@ -249,7 +249,7 @@ impl<'a> TableFileWriter<'a> {
 /// Writes the table `t` of a plan below `root`, from its last run in `version`.
 ///
 /// # Errors
-/// Fails when the store is damaged, or the file system reports an error.
+/// Fails if the store is damaged, or the file system reports an error.
 pub fn of_stage(graph: &PlanGraph, version: &Version, t: usize, root: &Path) -> Result<ReleaseTable, Fault> {
     let plan = graph.plan;
     let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table that is not planned"))?;
@@ -293,7 +293,7 @@ pub fn of_stage(graph: &PlanGraph, version: &Version, t: usize, root: &Path) -> 
 /// Writes the pooled scores of a plan below `root`, from its last run in `version`.
 ///
 /// # Errors
-/// Fails when the store is damaged, or the file system reports an error.
+/// Fails if the store is damaged, or the file system reports an error.
 pub fn of_pooled(graph: &PlanGraph, version: &Version, root: &Path) -> Result<ReleaseTable, Fault> {
     let mut parts = StoreFileReader::open(version, pooled::TABLE)?;
     let axes = graph.plan.spec.axes.iter().map(|a| a.name.clone());
@@ -310,7 +310,7 @@ pub fn of_pooled(graph: &PlanGraph, version: &Version, root: &Path) -> Result<Re
 /// Writes the table of flights `i` of a plan below `root`, as read from files.
 ///
 /// # Errors
-/// Fails when the store is damaged, or the file system reports an error.
+/// Fails if the store is damaged, or the file system reports an error.
 pub fn of_flights(graph: &PlanGraph, store: &Store, i: usize, root: &Path) -> Result<ReleaseTable, Fault> {
     let flights = graph.plan.flights.get(i).ok_or_else(|| Fault::bug("a table that is not planned"))?;
     let keys = [("flight", "flight identifier"), ("line", "line identifier")];
@@ -344,7 +344,7 @@ pub fn of_flights(graph: &PlanGraph, store: &Store, i: usize, root: &Path) -> Re
 /// Writes the map `i` of a plan below `root`, as read from its file.
 ///
 /// # Errors
-/// Fails when the store is damaged, or the file system reports an error.
+/// Fails if the store is damaged, or the file system reports an error.
 pub fn of_map(graph: &PlanGraph, store: &Store, i: usize, root: &Path) -> Result<ReleaseTable, Fault> {
     let (map, key) =
         graph.plan.maps.get(i).zip(graph.maps.get(i)).ok_or_else(|| Fault::bug("a map that is not planned"))?;

@@ -13,7 +13,7 @@ use super::{checksums, folder::files, set::FORMAT, words::DICTIONARY};
 /// Copies the set in `folder` to `address`. Returns `false` if the same set already exists, which then stays unchanged.
 ///
 /// # Errors
-/// Fails when there are other objects that must be kept, the set cannot be read, or the server cannot be reached or
+/// Fails if there are other objects that must be kept, the set cannot be read, or the server cannot be reached or
 /// reports an error.
 pub fn upload(folder: &Path, address: &ObjectAddress, replace: bool) -> Result<bool, Fault> {
     copied(folder, &connect(address)?, replace)

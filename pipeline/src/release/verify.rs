@@ -46,7 +46,7 @@ const MISSING: &str = "it is missing";
 /// Checks the set in the folder `root`: checksums, files, every value of every table, and the documents against these.
 ///
 /// # Errors
-/// Fails when there is no published set, or the folder cannot be read.
+/// Fails if there is no published set, or the folder cannot be read.
 pub fn verify(root: &Path) -> Result<ReleaseVerification, Fault> {
     let mut found = checked(root)?;
     found.merge();
@@ -97,10 +97,10 @@ fn parsed<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     serde_json::from_str(text).map_err(|e| format!("it is unreadable: {e}"))
 }
 
-/// Maximum size of a file whose size no document lists, bytes.
+/// Maximum size of a file whose size no document lists, in bytes.
 const DOCUMENT: u64 = 256 << 20;
 
-/// Size of each file in the documents, bytes.
+/// Size of each file in the documents, in bytes.
 type DocumentedSizes = BTreeMap<String, u64>;
 
 fn sizes(dictionary: Option<&DataDictionary>, lock: Option<&ReleaseLockfile>) -> DocumentedSizes {

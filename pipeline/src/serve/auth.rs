@@ -1,4 +1,4 @@
-//! Authentication of clients by the token, as `Bearer TOKEN`, or as the password of any user.
+//! Authenticates clients by the token, which is given as `Bearer TOKEN` or as the password of any user.
 
 use base64::{Engine, prelude::BASE64_STANDARD_NO_PAD};
 use ports::PortClient;

@@ -30,7 +30,7 @@ use crate::deep;
 /// Maximum number of threads that compute a query, and of threads that wait for its files.
 const MOST_THREADS: usize = 8;
 const FILE_THREADS: usize = 4;
-/// Memory of a query that its operators do not count, such as batches in transit, bytes.
+/// Memory of a query that its operators do not count, such as batches in transit, in bytes.
 pub const UNCOUNTED_BYTES: usize = 96 << 20;
 
 /// Request to a process.
@@ -40,9 +40,9 @@ pub struct QueryRequest {
     pub store: PathBuf,
     /// Folder for spilled data.
     pub spill: PathBuf,
-    /// Memory for its operators, bytes.
+    /// Memory for its operators, in bytes.
     pub memory: usize,
-    /// Memory limit set by the kernel, bytes.
+    /// Memory limit set by the kernel, in bytes.
     pub most: usize,
     /// Text of the query.
     pub query: String,
@@ -50,16 +50,16 @@ pub struct QueryRequest {
     pub parameters: Option<String>,
     /// Versions of the tables; `None` for the current ones.
     pub pins: Option<VersionPins>,
-    /// Whether rows are requested, and not only columns.
+    /// Whether the rows are requested in addition to the columns.
     pub rows: bool,
 }
 
 /// Schema and notes of a query, before its rows.
 #[derive(Serialize, Deserialize)]
 pub struct QueryHeader {
-    /// Its columns: an IPC stream in base64.
+    /// Columns: an IPC stream in base64.
     pub columns: String,
-    /// Its open parameters, in the same form.
+    /// Open parameters, in the same form.
     pub parameters: String,
     /// Versions of the tables.
     pub pins: VersionPins,
@@ -91,7 +91,7 @@ const ROWS: u8 = b'r';
 const END: u8 = b'e';
 const FAILED: u8 = b'f';
 
-/// Maximum size of a message, bytes.
+/// Maximum size of a message, in bytes.
 const LONGEST: usize = 1 << 31;
 
 impl QueryChunk {
@@ -130,7 +130,7 @@ impl QueryChunk {
 /// Schema, or a batch with its schema, as an IPC stream.
 ///
 /// # Errors
-/// Fails when Arrow cannot write it.
+/// Fails if Arrow cannot write it.
 pub fn packed(schema: &Schema, batch: Option<&RecordBatch>) -> Result<Vec<u8>, ArrowError> {
     let mut bytes = vec![];
     let mut writer = StreamWriter::try_new_with_options(&mut bytes, schema, IpcWriteOptions::default())?;
@@ -143,16 +143,16 @@ pub fn packed(schema: &Schema, batch: Option<&RecordBatch>) -> Result<Vec<u8>, A
 /// Schema and batches of an IPC stream.
 ///
 /// # Errors
-/// Fails when it is not an IPC stream.
+/// Fails if it is not an IPC stream.
 pub fn unpacked(bytes: &[u8]) -> Result<(SchemaRef, Vec<RecordBatch>), ArrowError> {
     let reader = StreamReader::try_new(bytes, None)?;
     Ok((reader.schema(), reader.collect::<Result<_, _>>()?))
 }
 
-/// [`packed`] as text.
+/// Same as [`packed`], as text.
 ///
 /// # Errors
-/// Same as [`packed`].
+/// Returns the errors of [`packed`].
 pub fn spelt(schema: &Schema, batch: Option<&RecordBatch>) -> Result<String, ArrowError> {
     Ok(BASE64_STANDARD.encode(packed(schema, batch)?))
 }
@@ -180,7 +180,7 @@ fn plain(schema: &Schema) -> Schema {
 /// Answers the request on standard input; an invalid request is reported in the answer.
 ///
 /// # Errors
-/// Fails when the answer has no reader.
+/// Fails if the answer has no reader.
 pub fn answer() -> Result<(), Fault> {
     let lost = |e: std::io::Error| Fault::machine(format!("the server has ended: {e}"));
     confine::end_with_parent();
@@ -190,7 +190,7 @@ pub fn answer() -> Result<(), Fault> {
     // The output is not line-buffered.
     let mut out = File::from(stdout().as_fd().try_clone_to_owned().map_err(lost)?);
     let mut send = |piece: QueryChunk| piece.write(&mut out).map_err(lost);
-    // A text whose length exceeds its offsets causes a panic of DataFusion.
+    // A string that is too long for DataFusion's offsets causes a panic of DataFusion.
     let too_long = |_| {
         let what = format!("{}, or its text exceeds 2 GiB", memory::exceeded(question.memory));
         Err(Fault::new(what).help("select fewer rows or shorter texts"))

@@ -17,7 +17,7 @@ use schemas::Fault;
 /// Returns `query` with `$1`, `$2`, ... for each parameter `?`, in the order of the text.
 ///
 /// # Errors
-/// Fails when both forms are used.
+/// Fails if both forms are used.
 pub fn numbered(query: &str) -> Result<String, Fault> {
     if !query.contains('?') {
         return Ok(query.to_owned());
@@ -91,7 +91,7 @@ pub fn valued(open: &Schema) -> Result<(), Fault> {
 /// Values of the one row of `values` for the open parameters of `plan`: numbered ones by position, others by name.
 ///
 /// # Errors
-/// Fails when they differ from the parameters of the plan.
+/// Fails if they differ from the parameters of the plan.
 pub fn values(plan: &LogicalPlan, values: &RecordBatch) -> Result<ParamValues, Fault> {
     let open = open(plan);
     let names: Vec<&str> = open.fields().iter().map(|f| f.name().as_str()).collect();

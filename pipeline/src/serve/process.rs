@@ -1,4 +1,5 @@
-//! Queries as processes: a query that exceeds its time or memory is ended by the kernel without effect on others.
+//! Runs each query in a separate process. A query that exceeds its time or memory is ended without an effect on other
+//! queries.
 
 use std::{
     collections::BTreeMap,
@@ -33,9 +34,9 @@ use super::{
 
 /// Interval of checks of the memory of a query.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
-/// Memory of a process without a query: its program and threads, bytes.
+/// Memory of a process without a query: its program and threads, in bytes.
 const OWN: usize = 64 << 20;
-/// Maximum number of waiting queries; further ones are rejected at once.
+/// Maximum number of waiting queries; further queries are rejected at once.
 const MOST_WAITING: usize = 256;
 
 /// Input of a query: text, values of parameters, versions of the tables.
@@ -120,7 +121,7 @@ impl QueryProcessPool {
     /// Columns of a query.
     ///
     /// # Errors
-    /// Fails when the query is invalid, is not read-only, or exceeds its time or memory.
+    /// Fails if the query is invalid, is not read-only, or exceeds its time or memory.
     pub async fn plan(&self, asked: QueryInput) -> Result<QueryHeader, Status> {
         let (head, reader) = self.begin(asked, false).await?;
         // The slot and the memory of the process are free once it has ended.
@@ -133,7 +134,7 @@ impl QueryProcessPool {
     /// Columns of a query, and the stream of its rows.
     ///
     /// # Errors
-    /// Same as [`QueryProcessPool::plan`].
+    /// Returns the errors of [`QueryProcessPool::plan`].
     pub async fn answer(&self, asked: QueryInput) -> Result<(QueryHeader, SpoolReader), Status> {
         self.begin(asked, true).await
     }
@@ -204,7 +205,8 @@ impl QueryProcessPool {
         let mut child = command.spawn().map_err(machine)?;
         self.running().insert(number, QueryProcess { process: child.id(), bytes: 0, ended: None });
         let read = self.read(&mut child, question, spool, head_sender);
-        // From here on no signal is sent to it: its number may belong to another process after the wait.
+        // From here on, no signal is sent to the process, because after the wait its number may belong to another
+        // process.
         let ended = self.running().remove(&number).and_then(|running| running.ended);
         let _ = child.kill();
         let status = child.wait();

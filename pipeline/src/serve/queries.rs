@@ -28,7 +28,7 @@ use super::{
     process::{QueryInput, QueryProcessPool},
 };
 
-/// Maximum number of unused plans, and of prepared statements; beyond it, the oldest are dropped.
+/// Maximum number of unused plans, and of prepared statements. Beyond this number, the oldest are dropped.
 const WAITING: u64 = 1024;
 const PREPARED: u64 = 4096;
 /// Time after which an unused plan is dropped.
@@ -37,9 +37,9 @@ const FORGOTTEN: Duration = Duration::from_secs(600);
 /// Query over one state of the store.
 pub struct PlannedQuery {
     asked: QueryInput,
-    /// Its columns.
+    /// Columns.
     pub schema: SchemaRef,
-    /// Its parameters without a value, in order of position. A parameter of unknown type has the type `Null`.
+    /// Parameters without a value, in order of position. A parameter of unknown type has the type `Null`.
     pub parameters: SchemaRef,
 }
 
@@ -68,8 +68,8 @@ struct ServedTables {
 }
 
 impl ServedTables {
-    /// Versions to which the links of the pipelines point. After a removal, a pipeline starts with the same number
-    /// again, so a number alone does not identify a version.
+    /// Versions to which the links of the pipelines point. After a removal, the versions of a pipeline are numbered
+    /// from 1 again, so a number alone does not identify a version.
     fn links(&self) -> Vec<PipelineLink> {
         let tables = self.store.join("tables");
         let entries = std::fs::read_dir(&tables).into_iter().flatten().flatten();
@@ -87,7 +87,7 @@ impl ServedTables {
     /// Current tables.
     ///
     /// # Errors
-    /// Fails when the store cannot be read.
+    /// Fails if the store cannot be read.
     fn session(&self) -> Result<Arc<SqlSession>, Fault> {
         pulled(&self.store)?;
         let links = self.links();
@@ -157,7 +157,7 @@ impl QueryRegistry {
     /// Current tables.
     ///
     /// # Errors
-    /// Fails when the store cannot be read.
+    /// Fails if the store cannot be read.
     pub async fn session(&self) -> Result<Arc<SqlSession>, Status> {
         let tables = self.tables.clone();
         let done = self.runtime.spawn_blocking(move || tables.session()).await;
@@ -167,7 +167,7 @@ impl QueryRegistry {
     /// Plans `query` with its parameters, if it has any.
     ///
     /// # Errors
-    /// Fails when the query is invalid, is not read-only, or its planning exceeds the time or memory.
+    /// Fails if the query is invalid, is not read-only, or its planning exceeds the time or memory.
     pub async fn plan(&self, query: String, parameters: Option<RecordBatch>) -> Result<Arc<PlannedQuery>, Status> {
         let parameters = parameters.map(|row| child::spelt(&row.schema(), Some(&row))).transpose();
         let parameters = parameters.map_err(|e| broken(&e))?;
@@ -205,7 +205,7 @@ impl QueryRegistry {
     /// Plan of a handle. It may be requested repeatedly and gives the same rows.
     ///
     /// # Errors
-    /// Fails when it was dropped.
+    /// Fails if it was dropped.
     pub fn planned(&self, handle: &[u8]) -> Result<Arc<PlannedQuery>, Status> {
         let found = self.read(handle).and_then(|number| locked(&self.planned).get(&number).map(|(_, p)| p.clone()));
         found.ok_or_else(|| gone("the result"))
@@ -223,7 +223,7 @@ impl QueryRegistry {
     /// Statement of a handle, and its parameters.
     ///
     /// # Errors
-    /// Fails when it was closed or dropped.
+    /// Fails if it was closed or dropped.
     pub fn prepared(&self, handle: &[u8]) -> Result<(String, Option<RecordBatch>), Status> {
         let found = self.read(handle).and_then(|number| locked(&self.prepared).get(&number).cloned());
         found.map(|p| (p.query, p.parameters)).ok_or_else(|| gone("the prepared statement"))
@@ -232,7 +232,7 @@ impl QueryRegistry {
     /// Sets the parameters of a prepared statement.
     ///
     /// # Errors
-    /// Fails when it was closed or dropped.
+    /// Fails if it was closed or dropped.
     pub fn bind(&self, handle: &[u8], parameters: RecordBatch) -> Result<(), Status> {
         let mut prepared = locked(&self.prepared);
         let found = self.read(handle).and_then(|number| prepared.get_mut(&number));
@@ -258,7 +258,7 @@ impl QueryRegistry {
     /// Answers a plan: the chunks as they are computed, then their end. An answer that stops earlier is an error.
     ///
     /// # Errors
-    /// Fails when too many queries are in progress for too long, or the query cannot be started.
+    /// Fails if too many queries are in progress for too long, or the query cannot be started.
     pub async fn answer(&self, planned: Arc<PlannedQuery>) -> Result<QueryBatchStream, Status> {
         self.bound(&planned)?;
         let (_, reader) = self.processes.answer(planned.asked.clone()).await?;

@@ -15,7 +15,7 @@ use tonic::Status;
 
 /// Number of chunks in memory.
 const READY: usize = 2;
-/// Maximum size of the waiting chunks in the file, bytes; beyond it, the query waits for its client.
+/// Maximum size of the waiting chunks in the file, in bytes; beyond it, the query waits for its client.
 const MOST: u64 = 256 << 20;
 
 /// Queued chunk, in memory or in the file.
@@ -28,7 +28,7 @@ enum SpoolPiece {
 struct SpoolState {
     pieces: VecDeque<SpoolPiece>,
     file: Option<File>,
-    /// Write position in the file, bytes.
+    /// Write position in the file, in bytes.
     written: u64,
     end: Option<Result<(), Status>>,
     /// Whether the client has disconnected.
@@ -65,7 +65,7 @@ impl SpoolWriter {
     /// Queues a chunk; waits while the queue is full. Returns `false` if there is no reader any more.
     ///
     /// # Errors
-    /// Fails when the file cannot be written.
+    /// Fails if the file cannot be written.
     pub fn put(&self, piece: Vec<u8>, folder: &Path) -> io::Result<bool> {
         let mut state = self.0.state();
         while state.written >= MOST && !state.gone && state.end.is_none() {
@@ -104,7 +104,7 @@ impl SpoolWriter {
     /// Ends the answer at once, without the waiting chunks.
     pub fn cut(&self, why: Status) {
         let mut state = self.0.state();
-        // A client that has received all chunks also receives the original end.
+        // A client that has received all chunks also receives the end that the process reported.
         if !state.pieces.is_empty() || state.end.is_none() {
             *state = SpoolState { end: Some(Err(why)), gone: state.gone, ..SpoolState::default() };
         }
@@ -137,7 +137,7 @@ impl SpoolReader {
     /// Next chunk; `None` after the last one.
     ///
     /// # Errors
-    /// Fails when the answer stopped before its end.
+    /// Fails if the answer stopped before its end.
     pub async fn next(&self) -> Option<Result<Vec<u8>, Status>> {
         loop {
             let news = self.0.news.notified();

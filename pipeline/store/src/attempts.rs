@@ -30,8 +30,8 @@ use crate::clock;
 
 /// Folder of the attempts in a store.
 pub const FOLDER: &str = "attempts";
-/// Digits of a key in its mark, digits of the name, and maximum number of units per object. Some servers store objects
-/// as files, whose names have at most 255 bytes.
+/// Number of digits of a key in its mark, number of digits of the name, and maximum number of units per object. They
+/// are limited because some servers store objects as files, whose names have at most 255 bytes.
 const MARK: usize = 4;
 const NAME: usize = 16;
 const MOST: usize = 24;
@@ -55,7 +55,7 @@ impl AttemptMarker {
     }
 
     fn remove(&self) {
-        // An attempt that cannot be removed counts as a lost attempt of the unit.
+        // If an attempt cannot be removed, it counts as a lost attempt at its units.
         match self {
             AttemptMarker::File(file) => drop(fs::remove_file(file)),
             AttemptMarker::Object(remote, key) => drop(remote.bucket().remove(key)),
@@ -158,7 +158,7 @@ fn unit(line: &str) -> Option<(HashKey, &str)> {
     Some((HashKey::parse(key)?, message))
 }
 
-/// Attempts at each unit, from the texts of the records.
+/// Attempts at each unit, from the strings of the records.
 fn counted(texts: &[String]) -> HashMap<HashKey, UnitAttempts> {
     let mut found: HashMap<HashKey, UnitAttempts> = HashMap::new();
     for (key, message) in texts.iter().flat_map(|text| units(text)) {
@@ -177,7 +177,7 @@ fn may_be_of(name: &str, marks: &HashSet<String>) -> bool {
     own.as_bytes().chunks(MARK).any(|one| std::str::from_utf8(one).is_ok_and(|one| marks.contains(one)))
 }
 
-/// Texts of the attempts in an object store whose names are `wanted`.
+/// Strings of the attempts in an object store whose names are `wanted`.
 fn in_objects(remote: &RemoteStore, wanted: impl Fn(&str) -> bool) -> Vec<String> {
     // Readable attempts are counted; unreadable ones are read again when the next units begin.
     let all = remote.bucket().list(FOLDER).unwrap_or_default();
@@ -197,7 +197,7 @@ fn left_of(text: &str, old: bool, done: &dyn Fn(HashKey) -> bool) -> String {
 }
 
 impl Store {
-    /// Texts of all attempts in the folder, with the paths of the files.
+    /// Strings of all attempts in the folder, with the paths of the files.
     fn attempts_in_folder(&self) -> impl Iterator<Item = (PathBuf, String)> {
         let files = fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten();
         // An attempt that ends in the meantime is skipped.
@@ -227,7 +227,7 @@ impl Store {
     /// Begins an attempt at some units.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn attempt(&self, keys: &[HashKey]) -> Result<Attempt, Fault> {
         // Each process and thread creates a different text.
         let (kernel, process, unique) = (kernel(), std::process::id(), uuid::Uuid::new_v4());
@@ -284,7 +284,7 @@ impl Store {
     }
 }
 
-/// [`Store::drop_attempts`] in an object store.
+/// Same as [`Store::drop_attempts`], in an object store.
 fn drop_objects(
     remote: &RemoteStore,
     done: &dyn Fn(HashKey) -> bool,

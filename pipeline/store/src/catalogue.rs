@@ -28,7 +28,7 @@ pub const UNITS: &str = "magline.units";
 /// Row count of a unit that could not be computed.
 pub const FAILED: u32 = u32::MAX;
 
-/// Unit in a pack.
+/// A unit in a pack.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PackedUnit {
     /// Key of the result.
@@ -44,7 +44,7 @@ pub struct PackedUnit {
 pub struct StorePack {
     /// Name of the pack.
     pub id: HashKey,
-    /// Size, bytes.
+    /// Size, in bytes.
     pub size: u64,
     /// Time of writing, ns since 1970. Packs are immutable.
     pub modified_ns: u64,
@@ -93,7 +93,7 @@ impl PackCatalogue {
     /// Opens the packs in the store at `root`. Also returns the damaged packs.
     ///
     /// # Errors
-    /// Fails when the folder cannot be read.
+    /// Fails if the folder cannot be read.
     pub fn open(root: &Path) -> std::io::Result<(PackCatalogue, Vec<(HashKey, String)>)> {
         let mut known: HashMap<HashKey, StorePack> =
             load(root).unwrap_or_default().into_iter().map(|p| (p.id, p)).collect();
@@ -139,7 +139,7 @@ impl PackCatalogue {
     /// packs that are missing from all indexes.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn of_remote(root: &Path, remote: &RemoteStore) -> Result<(PackCatalogue, Vec<(HashKey, String)>), Fault> {
         let by_id =
             |packs: Vec<StorePack>| packs.into_iter().map(|p| (p.id, p)).collect::<HashMap<HashKey, StorePack>>();
@@ -277,7 +277,7 @@ impl PackCatalogue {
 /// Pack `id` from its file; verifies all bytes.
 ///
 /// # Errors
-/// Fails when the file is damaged, missing or unreadable.
+/// Fails if the file is damaged, missing or unreadable.
 pub fn read(root: &Path, id: HashKey, (size, modified_ns): (u64, u64)) -> Result<StorePack, StoreFileFault> {
     let file = path(root, id);
     let (kind, units) = verify(&file).and_then(|()| SealedFile::open(&file)).and_then(|s| units_of(s.text(UNITS)))?;
@@ -325,7 +325,7 @@ fn take<const N: usize>(rest: &mut &[u8]) -> Option<[u8; N]> {
 /// Kind and units of a file, from the text in its footer.
 ///
 /// # Errors
-/// Fails when the text is missing or unreadable.
+/// Fails if the text is missing or unreadable.
 pub fn units_of(text: Option<&str>) -> Result<(HashKey, Vec<PackedUnit>), StoreFileFault> {
     let text = text.ok_or_else(|| StoreFileFault::Damaged("its list of units is missing".to_owned()))?;
     let read = || {

@@ -1,4 +1,4 @@
-//! State of units that take minutes. A killed run resumes from this state.
+//! Saved states of units that take minutes. After a run is killed, the next run resumes from them.
 //!
 //! Each state is a file named by the key of its unit. It holds the hash of the state, then the state. A file that does
 //! not verify is ignored, because the unit can be recomputed.
@@ -24,7 +24,7 @@ fn hash(state: &[u8]) -> blake3::Hash {
     blake3::hash(state)
 }
 
-/// Whether a state verifies.
+/// Whether a state matches its hash.
 pub(super) fn is_whole(bytes: &[u8]) -> bool {
     bytes.split_at_checked(blake3::OUT_LEN).is_some_and(|(sum, state)| hash(state).as_bytes() == sum)
 }
@@ -44,7 +44,7 @@ impl Store {
     /// Stores the state of a unit, in place of the previous state.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn set_checkpoint(&self, key: HashKey, state: &[u8]) -> Result<(), Fault> {
         self.write(&path(self.root(), key), &[hash(state).as_bytes(), state].concat())
     }

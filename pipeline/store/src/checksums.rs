@@ -12,7 +12,7 @@ use sha2::{Digest, Sha256};
 /// Name of the file.
 pub const NAME: &str = "SHA256SUMS";
 
-/// SHA-256 of a text or bytes.
+/// SHA-256 of a string or bytes.
 pub fn of_bytes(bytes: &[u8]) -> String {
     spelt(Sha256::digest(bytes).as_slice())
 }
@@ -20,7 +20,7 @@ pub fn of_bytes(bytes: &[u8]) -> String {
 /// Returns the size of a file and its SHA-256. `each` receives its bytes.
 ///
 /// # Errors
-/// Fails when it cannot be read.
+/// Fails if it cannot be read.
 pub fn of_file(path: &Path, mut each: impl FnMut(&[u8])) -> io::Result<(u64, String)> {
     let (mut file, mut hasher, mut buffer, mut size) = (paths::open_regular(path)?, Sha256::new(), vec![0; 1 << 16], 0);
     loop {
@@ -48,7 +48,7 @@ pub fn write(sums: &BTreeMap<String, String>) -> String {
 /// Checksum of each path, or the fault of a line.
 ///
 /// # Errors
-/// Fails for a line without a checksum and a path inside the folder, and for a duplicate path.
+/// Fails for a line without a checksum and a path inside the folder, or for a duplicate path.
 pub fn read(text: &str) -> Result<BTreeMap<String, String>, String> {
     let mut sums = BTreeMap::new();
     for (number, line) in text.lines().enumerate() {

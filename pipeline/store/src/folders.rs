@@ -11,7 +11,7 @@ use schemas::paths;
 /// Creates a folder and its parents; each is on the disk on return.
 ///
 /// # Errors
-/// Fails when the file system rejects it.
+/// Fails if the file system rejects it.
 pub fn make_folder(folder: &Path) -> io::Result<()> {
     if folder.is_dir() {
         return Ok(());
@@ -29,8 +29,8 @@ pub fn make_folder(folder: &Path) -> io::Result<()> {
 /// Opens a file of the store at `root` for writing.
 ///
 /// # Errors
-/// Fails for a link, which may lead out of the store, for a pipe or a device, and when the file system reports an
-/// error.
+/// Fails for a link, which may lead out of the store, or for a pipe or a device. Also fails if the file system reports
+/// an error.
 pub fn own_file(root: &Path, path: &Path, options: &fs::OpenOptions) -> io::Result<File> {
     paths::check_no_link(root, path)?;
     match fs::symlink_metadata(path) {
@@ -44,7 +44,7 @@ pub fn own_file(root: &Path, path: &Path, options: &fs::OpenOptions) -> io::Resu
 /// Syncs the names in a folder to the disk.
 ///
 /// # Errors
-/// Fails when the file system rejects it.
+/// Fails if the file system rejects it.
 pub fn sync_folder(folder: &Path) -> io::Result<()> {
     File::open(folder)?.sync_all()
 }

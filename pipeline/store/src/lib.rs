@@ -18,9 +18,9 @@
 //! tmp/                        files being written; renamed when complete
 //! ```
 //!
-//! A file appears under its final name only when it is complete and on the disk. Neither a killed run nor a power loss
-//! thus leaves a partial file that is read. Only `tables/<pipeline>` is ever replaced under the same name, so a reader
-//! keeps the version it opened.
+//! A file gets its final name only when it is complete and on the disk. Partial files that a killed run or a power loss
+//! leaves are therefore never read. Only `tables/<pipeline>` is ever replaced under the same name, so a reader keeps
+//! the version it opened.
 //!
 //! A store in an object store has the same layout below an address. Its folder is then a copy: see `remote`.
 
@@ -100,7 +100,7 @@ const PARTS: [&str; 13] = [
 
 /// Rows of a row group, unless one unit or wide rows require fewer.
 pub const GROUP_ROWS: usize = 100_000;
-/// Size of a row group in memory, bytes.
+/// Size of a row group in memory, in bytes.
 const GROUP_BYTES: usize = 32 << 20;
 
 /// Store that this process may write to.
@@ -139,7 +139,7 @@ pub struct ExclusiveStoreLock<'a>(&'a File);
 
 impl Drop for ExclusiveStoreLock<'_> {
     fn drop(&mut self) {
-        // If this fails, the lock stays exclusive until the process ends.
+        // If the change to a shared lock fails, the lock stays exclusive until the process ends.
         let _ = self.0.lock_shared();
     }
 }
@@ -160,7 +160,7 @@ impl Store {
     /// Opens the store at `root`; creates it if absent.
     ///
     /// # Errors
-    /// Fails when the folder cannot be written or is not a store.
+    /// Fails if the folder cannot be written or is not a store.
     pub fn open(root: &Path) -> Result<Store, Fault> {
         if let Some(remote) = RemoteStore::from_cache(root)?
             && !remote.pull()?
@@ -174,9 +174,9 @@ impl Store {
     /// not list all packs. [`PackReader::adopt`] adds others.
     ///
     /// # Errors
-    /// Fails when there is no store, or the folder cannot be written.
+    /// Fails if there is no store, or the folder cannot be written.
     pub fn join(root: &Path) -> Result<Store, Fault> {
-        // A worker does not use the changing files.
+        // A worker does not use the files that change, so they are not copied.
         let there = match RemoteStore::from_cache(root)? {
             Some(remote) => remote.is_there()?,
             None => root.join("STORE").is_file(),
@@ -234,9 +234,9 @@ impl Store {
     /// Takes the exclusive lock on the store until the result is dropped; `None` if another process uses the store.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn alone(&self) -> Result<Option<ExclusiveStoreLock<'_>>, Fault> {
-        // A held lock becomes exclusive, or is lost and taken again.
+        // The shared lock becomes exclusive. If that fails, the shared lock may be lost, so it is taken again.
         match self.shared.try_lock() {
             Ok(()) => Ok(Some(ExclusiveStoreLock(&self.shared))),
             Err(fs::TryLockError::WouldBlock) => {
@@ -277,7 +277,7 @@ impl Store {
     /// Copies a file of the store into its folder, if it exists.
     ///
     /// # Errors
-    /// Fails when an object store cannot be reached or reports an error.
+    /// Fails if an object store cannot be reached or reports an error.
     pub fn bring(&self, file: &Path) -> Result<(), Fault> {
         let key = file.strip_prefix(&self.root).ok().and_then(RemoteStore::key);
         self.remote().zip(key).map_or(Ok(()), |(remote, key)| remote.bring_file(&key).map(drop))
@@ -286,7 +286,7 @@ impl Store {
     /// Renames a complete file to its final name. The name is on the disk on return.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn settle(&self, from: &Path, to: &Path) -> Result<(), Fault> {
         let fail = |e: io::Error| io_fault("write", to, &e);
         if let (Some(remote), Some(key)) = (self.remote(), to.strip_prefix(&self.root).ok().and_then(RemoteStore::key))
@@ -307,7 +307,7 @@ impl Store {
     /// Writes a small file atomically.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn write(&self, to: &Path, bytes: &[u8]) -> Result<(), Fault> {
         let tmp = self.temporary();
         let written = File::create(&tmp).and_then(|mut f| f.write_all(bytes).and_then(|()| f.sync_all()));
@@ -318,7 +318,7 @@ impl Store {
     /// Writes one batch as a Parquet file at `to`, one row group per [`GROUP_ROWS`].
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn write_table(&self, to: &Path, batch: &RecordBatch, about: &[(String, String)]) -> Result<(), Fault> {
         let step = GROUP_ROWS;
         let groups = (0..batch.num_rows()).step_by(step).map(|i| Ok(batch.slice(i, step.min(batch.num_rows() - i))));
@@ -328,7 +328,7 @@ impl Store {
     /// Writes one batch as the unit `key`, in a separate pack.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn put(&self, key: HashKey, batch: &RecordBatch) -> Result<(), Fault> {
         self.put_all(&[(key, batch.clone())])
     }
@@ -336,7 +336,7 @@ impl Store {
     /// Writes some batches of one schema as units, in one separate pack.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn put_all(&self, batches: &[(HashKey, RecordBatch)]) -> Result<(), Fault> {
         let Some((_, first)) = batches.first() else { return Ok(()) };
         let unit = |(key, batch): &(HashKey, RecordBatch)| NewUnit {
@@ -354,7 +354,7 @@ impl Store {
     /// Writes a pack: the rows of its units one after another, in row groups that end with a unit if possible.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn pack(
         &self,
         id: HashKey,
@@ -401,7 +401,7 @@ impl Store {
     /// Writes the index if packs were added or removed.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn write_index(&self) -> Result<(), Fault> {
         let bytes = self.objects.catalogue_mut().to_write();
         bytes.map_or(Ok(()), |bytes| self.write(&self.root.join("index"), &bytes))
@@ -411,7 +411,7 @@ impl Store {
 /// Updates the copy of an object store for readers of its folder. Does nothing for other stores.
 ///
 /// # Errors
-/// Fails when the object store cannot be reached or reports an error.
+/// Fails if the object store cannot be reached or reports an error.
 pub fn pulled(root: &Path) -> Result<(), Fault> {
     RemoteStore::from_cache(root)?.map_or(Ok(()), |remote| remote.pull().map(drop))
 }
@@ -433,7 +433,7 @@ fn note(unit: usize, new: &NewUnit) -> Option<UnitNote> {
     any.then_some(UnitNote { unit, failed, left_out, warnings })
 }
 
-/// Approximate size of a row in memory, bytes.
+/// Approximate size of a row in memory, in bytes.
 pub fn row_bytes(schema: &SchemaRef) -> usize {
     let one = |kind: &DataType| match kind {
         DataType::FixedSizeList(_, n) => 8 * usize::try_from(*n).unwrap_or(0),

@@ -5,7 +5,7 @@
 //! number names the holder, who writes to it every [`BEAT`]. A lease is over when its holder has released it, or when
 //! it was made on this host and the lock is free. It is also over when it was not written for [`GONE_AFTER`], by the
 //! clock of the file system. The next holder creates the file of the next number, which only one process can do. A
-//! number is not used twice. A process that was paused in between thus cannot take the lease of another.
+//! number is not used twice. A process that was paused thus cannot take the lease of another process.
 
 mod holder;
 
@@ -206,7 +206,7 @@ impl PipelineLock {
     /// Checks that this process still holds the lock.
     ///
     /// # Errors
-    /// Fails when another process has taken it.
+    /// Fails if another process has taken it.
     pub fn check(&self) -> Result<(), Fault> {
         let newest = numbers(&self.folder, &self.pipeline).ok().and_then(|n| n.last().copied());
         let by = if newest == Some(self.number) && !self.heart.shared.lost.load(Ordering::SeqCst) {
@@ -235,7 +235,8 @@ impl Drop for PipelineLock {
         *self.heart.shared.over.lock().unwrap_or_else(PoisonError::into_inner) = true;
         self.heart.shared.wake.notify_all();
         self.heart.thread.take().into_iter().for_each(|t| drop(t.join()));
-        // The text keeps its length, so a single write is enough. If the write fails, the lease ends when it expires.
+        // The new text has the same length, so a single write is enough. If the write fails, the lease ends when it
+        // expires.
         let free = self.text.replace("\"free\":false", "\"free\":true ");
         let _ = self.heart.file.write_all_at(free.as_bytes(), 0).and_then(|()| self.heart.file.sync_all());
     }
@@ -253,7 +254,7 @@ impl Store {
     /// Takes the lock of `pipeline`, or returns its holder.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn lock(&self, pipeline: &str) -> Result<LockOutcome, Fault> {
         let mut publisher = match self.lock_here(pipeline)? {
             LockOutcome::Mine(publisher) => publisher,
@@ -358,7 +359,7 @@ impl Store {
     /// Takes the lock of `pipeline`. If another process holds it, waits or fails.
     ///
     /// # Errors
-    /// Fails when another process holds it, or the file system reports an error.
+    /// Fails if another process holds it, or the file system reports an error.
     pub fn publisher(&self, pipeline: &str, wait: bool) -> Result<PipelineLock, Fault> {
         loop {
             match self.lock(pipeline)? {

@@ -14,10 +14,11 @@ use super::{Store, catalogue, io_fault, make_folder};
 const SHARED: [&str; 2] = ["sources", "quality"];
 
 impl Store {
-    /// Creates a store in the folder `to` with all results of this one except the units `but`. Its files are links.
+    /// Creates a store in the folder `to` with all results of this store, except those of the units in `but`. Its files
+    /// are links.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn mirror(&self, to: &Path, but: &HashSet<HashKey>) -> Result<Store, Fault> {
         let ids: Vec<HashKey> = {
             let catalogue = self.catalogue();

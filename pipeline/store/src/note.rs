@@ -25,7 +25,7 @@ pub fn is_whole(bytes: &[u8]) -> bool {
     unsealed::<serde_json::Value>(bytes).is_some()
 }
 
-/// The note in a text, if it is intact.
+/// The note in a string, if it is intact.
 pub fn unsealed<T: DeserializeOwned>(bytes: &[u8]) -> Option<T> {
     let text = std::str::from_utf8(bytes).ok()?.strip_prefix(OPENING)?;
     let (_, rest) = text.split_once('\n')?;

@@ -22,7 +22,7 @@ use super::{
     sealed::{SealedFile, StoreFileFault},
 };
 
-/// Size of the cache of decoded columns, bytes.
+/// Size of the cache of decoded columns, in bytes.
 const HELD_BYTES: usize = 16 << 20;
 /// Number of cached footers.
 const HELD_FOOTERS: usize = 64;
@@ -39,7 +39,7 @@ pub struct UnitNote {
     /// Lines that a survey stage skipped, with the reasons.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<Fault>,
-    /// Untrustworthy results, a sentence each.
+    /// Warnings about untrustworthy results, one sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }
@@ -49,7 +49,7 @@ pub struct UnitNote {
 pub struct Remarks {
     /// Lines that a survey stage skipped, with the reasons.
     pub left_out: Vec<Fault>,
-    /// Untrustworthy results, a sentence each.
+    /// Warnings about untrustworthy results, one sentence each.
     pub warnings: Vec<String>,
 }
 
@@ -85,7 +85,7 @@ impl PackReader {
     /// Opens the packs of the store at `root`.
     ///
     /// # Errors
-    /// Fails when the folder cannot be read.
+    /// Fails if the folder cannot be read.
     pub fn open(root: &Path) -> Result<PackReader, Fault> {
         let remote = RemoteStore::from_cache(root)?;
         let (catalogue, damaged) = match &remote {
@@ -101,7 +101,7 @@ impl PackReader {
     /// Opens the packs in the index of the store at `root`, or all packs if it has no index.
     ///
     /// # Errors
-    /// Fails when the folder cannot be read.
+    /// Fails if the folder cannot be read.
     pub fn indexed(root: &Path) -> Result<PackReader, Fault> {
         let remote = RemoteStore::from_cache(root)?;
         let known = match &remote {
@@ -130,7 +130,7 @@ impl PackReader {
     /// Copies the file of a pack into the folder if the file is missing.
     ///
     /// # Errors
-    /// Fails when an object store cannot be reached or reports an error, or holds different bytes.
+    /// Fails if an object store cannot be reached or reports an error, or holds different bytes.
     pub(super) fn at_hand(&self, id: HashKey) -> Result<(), Fault> {
         self.reading(id, || Ok(()))
     }
@@ -346,7 +346,7 @@ impl PackReader {
     /// Columns `columns` of the unit `key`, each as one array.
     ///
     /// # Errors
-    /// Fails when the unit does not exist, is damaged or lacks a column.
+    /// Fails if the unit does not exist, is damaged or lacks a column.
     pub fn get<S: AsRef<str>>(&self, key: HashKey, columns: &[S]) -> Result<RecordBatch, Fault> {
         let (id, place) = self.place(key)?;
         let footer = self.footer(id)?;
@@ -361,7 +361,7 @@ impl PackReader {
     /// Columns of the pack that holds the unit `key`.
     ///
     /// # Errors
-    /// Fails when the unit does not exist or is damaged.
+    /// Fails if the unit does not exist or is damaged.
     pub fn columns(&self, key: HashKey) -> Result<SchemaRef, Fault> {
         let (id, _) = self.place(key)?;
         Ok(self.footer(id)?.sealed.schema().clone())
@@ -370,7 +370,7 @@ impl PackReader {
     /// All columns of the unit `key`, with their fields.
     ///
     /// # Errors
-    /// Fails when the unit does not exist or is damaged.
+    /// Fails if the unit does not exist or is damaged.
     pub fn whole(&self, key: HashKey) -> Result<RecordBatch, Fault> {
         let (id, place) = self.place(key)?;
         let footer = self.footer(id)?;
@@ -402,7 +402,7 @@ impl PackReader {
     /// Fault of the unit `key` that prevents its computation, if known.
     ///
     /// # Errors
-    /// Fails when the store is damaged.
+    /// Fails if the store is damaged.
     pub fn failed(&self, key: HashKey) -> Result<Option<Fault>, Fault> {
         match self.find(key) {
             Some(RowLocation { rows: None, .. }) => Ok(self.note(key)?.and_then(|n| n.failed)),
@@ -413,7 +413,7 @@ impl PackReader {
     /// Notes attached to the result of the unit `key`.
     ///
     /// # Errors
-    /// Fails when the store is damaged.
+    /// Fails if the store is damaged.
     pub fn remarks(&self, key: HashKey) -> Result<Remarks, Fault> {
         let of = |note: UnitNote| Remarks { left_out: note.left_out, warnings: note.warnings };
         Ok(self.note(key)?.map(of).unwrap_or_default())

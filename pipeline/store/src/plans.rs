@@ -26,7 +26,7 @@ impl Store {
     /// Writes a plan and returns its name.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub fn keep_plan(&self, bytes: &[u8]) -> Result<HashKey, Fault> {
         let key = name_of(bytes);
         let file = self.plan_at(key);
@@ -39,7 +39,7 @@ impl Store {
     /// Plan with the name `key`.
     ///
     /// # Errors
-    /// Fails when the plan is missing, damaged or unreadable.
+    /// Fails if the plan is missing, damaged or unreadable.
     pub fn plan(&self, key: HashKey) -> Result<Vec<u8>, Fault> {
         const HELP: &str = "write the plan and the tasks again with `magline tasks`";
         let file = self.plan_at(key);

@@ -3,9 +3,9 @@
 //! The objects are the store. The cache has the layout of a store in a folder, with the files that this machine has
 //! written or read. Immutable files (packs, sources, plans, the files of a version) are written to the object store
 //! first and then to the cache. They are copied when first read, and their checksums are verified. The other files are
-//! small and are copied when the store is opened: the plans, runs and costs of pipelines, and `tables/<pipeline>`. That
-//! object names the newest version and is replaced on the condition that it is unchanged since it was read. Packs of a
-//! version are not written again: `versions/<pipeline>/<n>/version.json` lists them by name.
+//! small and are copied when the store is opened: the plans, runs and costs of pipelines, and `tables/<pipeline>`. The
+//! object `tables/<pipeline>` names the newest version. It is replaced only if it is unchanged since it was read. Packs
+//! of a version are not written again: `versions/<pipeline>/<n>/version.json` lists them by name.
 //!
 //! Locks are leases, as between hosts that share a folder: objects that only one process can create and renew.
 
@@ -45,7 +45,7 @@ pub use tend::is_object_old;
 
 /// File of a cache with the address of its store.
 pub const MARK: &str = "REMOTE";
-/// Maximum number of reads of a pack whose bytes differ from the written ones.
+/// Maximum number of times that a pack is read if its bytes differ from the written bytes.
 const TRIALS: usize = 3;
 /// Bytes at the end of a pack that are read first; most footers are shorter.
 const TAIL: u64 = 64 << 10;
@@ -94,7 +94,8 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// Folder of the store that `text` names: a path, or an address. Creates the cache of an address.
 ///
 /// # Errors
-/// Fails for other addresses, if this program is built without object stores, and when the cache cannot be created.
+/// Fails for other addresses. Also fails if this program is built without object stores, or if the cache cannot be
+/// created.
 pub fn located(text: &str) -> Result<PathBuf, Fault> {
     match place(text)? {
         StorageLocation::Path(path) => Ok(path),
@@ -105,7 +106,7 @@ pub fn located(text: &str) -> Result<PathBuf, Fault> {
 /// Cache of the store at `address`; creates it if absent.
 ///
 /// # Errors
-/// Fails if this program is built without object stores, and when the cache cannot be created.
+/// Fails if this program is built without object stores, or if the cache cannot be created.
 pub fn prepared(address: &ObjectAddress) -> Result<PathBuf, Fault> {
     supported()?;
     let root = cache::of_store(address)?;
@@ -116,7 +117,7 @@ pub fn prepared(address: &ObjectAddress) -> Result<PathBuf, Fault> {
 /// Makes the folder `root` a cache of the store in `bucket`, for any implementation of an object store.
 ///
 /// # Errors
-/// Fails when the folder cannot be written, and for a folder that is a cache of another address.
+/// Fails if the folder cannot be written. Also fails for a folder that is a cache of another address.
 pub fn attach(root: &Path, bucket: Bucket) -> Result<(), Fault> {
     mark_cache(root, bucket.address())?;
     let root = root.canonicalize().map_err(|e| io_fault("read", root, &e))?;
@@ -173,7 +174,7 @@ impl RemoteStore {
     /// Store with the cache `root`; `None` if `root` is a store itself, or does not exist.
     ///
     /// # Errors
-    /// Fails when the cache cannot be read, and when the environment lacks the settings of the store.
+    /// Fails if the cache cannot be read, or if the environment lacks the settings of the store.
     pub fn from_cache(root: &Path) -> Result<Option<Arc<RemoteStore>>, Fault> {
         let Ok(root) = root.canonicalize() else { return Ok(None) };
         if let Some(known) = locked(&OPEN).get(&root) {
@@ -195,7 +196,7 @@ impl RemoteStore {
         &self.bucket
     }
 
-    /// Name of the object for the file `relative` of the cache, if the file is shared.
+    /// Name of the object for the file `relative` of the cache, if other processes share the file.
     pub fn key(relative: &Path) -> Option<String> {
         let parts: Vec<&str> = relative.components().filter_map(|c| c.as_os_str().to_str()).collect();
         let shared = match parts.as_slice() {
@@ -210,7 +211,7 @@ impl RemoteStore {
     /// Checks that all objects, if any, belong to a store.
     ///
     /// # Errors
-    /// Fails when there are other objects, and when the server cannot be reached or reports an error.
+    /// Fails if there are other objects, or if the server cannot be reached or reports an error.
     pub fn only_ours(&self) -> Result<(), Fault> {
         let ours = |key: &str| {
             let first = key.split('/').next().unwrap_or_default();
@@ -228,7 +229,7 @@ impl RemoteStore {
     /// Whether there is a store of this version of magline; if so, writes the mark of the cache.
     ///
     /// # Errors
-    /// Fails for a store of another version, and when the server cannot be reached or reports an error.
+    /// Fails for a store of another version. Also fails if the server cannot be reached or reports an error.
     pub fn is_there(&self) -> Result<bool, Fault> {
         let mark = self.bucket.get("STORE")?;
         if let Some(bytes) = mark.as_ref().filter(|bytes| is_other_layout(bytes)) {
@@ -247,7 +248,7 @@ impl RemoteStore {
     /// below the folder, and the age of the object by the server's clock.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn drop_objects(&self, folder: &str, gone: &dyn Fn(&str, Duration) -> bool) -> Result<(), Fault> {
         let name = |key: &str| key.split('/').nth(1).unwrap_or_default().to_owned();
         let all = self.bucket.list(folder)?;
@@ -288,7 +289,7 @@ impl RemoteStore {
     /// Copies the object `key` into the cache unless the cache contains it. Returns whether the object exists.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error, or the file cannot be written.
+    /// Fails if the server cannot be reached or reports an error, or the file cannot be written.
     pub fn bring_file(&self, key: &str) -> Result<bool, Fault> {
         let file = self.path(key)?;
         if file.is_file() {
@@ -320,7 +321,7 @@ impl RemoteStore {
     /// Copies the pack `id` into the cache unless it is there. `size` is its size in bytes, if known.
     ///
     /// # Errors
-    /// Fails when it is missing or unreadable, or its bytes differ from the written ones.
+    /// Fails if it is missing or unreadable, or its bytes differ from the written ones.
     pub fn bring(&self, id: HashKey, size: Option<u64>) -> Result<(), StoreFileFault> {
         let file = catalogue::path(&self.root, id);
         if fs::metadata(&file).is_ok_and(|about| size.is_none_or(|size| size == about.len())) {
@@ -346,7 +347,7 @@ impl RemoteStore {
     /// Copies the pack `id` into the cache in place of a damaged or removed copy.
     ///
     /// # Errors
-    /// Same as [`RemoteStore::bring`].
+    /// Returns the errors of [`RemoteStore::bring`].
     pub fn bring_again(&self, id: HashKey) -> Result<(), StoreFileFault> {
         // A copy that cannot be removed is replaced.
         let _ = fs::remove_file(catalogue::path(&self.root, id));
@@ -356,7 +357,7 @@ impl RemoteStore {
     /// All packs, each with its size in bytes.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn packs(&self) -> Result<Vec<(HashKey, u64)>, Fault> {
         let id = |key: &str| {
             let id = key.rsplit('/').next()?.strip_suffix(".parquet").and_then(HashKey::parse)?;
@@ -369,7 +370,7 @@ impl RemoteStore {
     /// Packs in the index; `None` if the index is missing or damaged.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn index(&self) -> Result<Option<Vec<StorePack>>, Fault> {
         let bytes = self.bucket.get("index")?;
         Ok(bytes.and_then(|bytes| catalogue::parse(&bytes)))
@@ -378,7 +379,7 @@ impl RemoteStore {
     /// Pack `id`, from its footer alone.
     ///
     /// # Errors
-    /// Fails when it is missing or unreadable, or its footer is damaged.
+    /// Fails if it is missing or unreadable, or its footer is damaged.
     pub fn pack(&self, id: HashKey, size: Option<u64>) -> Result<StorePack, StoreFileFault> {
         let machine = |fault: Fault| StoreFileFault::Machine(fault.to_string());
         let key = RemoteStore::pack_key(id);

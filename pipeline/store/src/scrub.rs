@@ -15,7 +15,7 @@ use super::{
     version::{Version, newest, versions},
 };
 
-/// Note on a damaged file that a run does not repair.
+/// Note for a damaged file that the next run does not repair.
 const OLDER: &str = "; it belongs to an older version, which `magline gc --yes` removes";
 
 /// Whether the records that other crates write into a store are intact.
@@ -47,7 +47,7 @@ pub fn mark_is_damaged(root: &Path) -> bool {
 /// packs, and republishes damaged tables.
 ///
 /// # Errors
-/// Fails when a file cannot be read.
+/// Fails if a file cannot be read.
 pub fn scrub(store: &Store, checks: RecordChecks, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<ScrubReport, Fault> {
     if let Some(remote) = store.remote() {
         return remote.scrub(store, checks, tick);
@@ -60,7 +60,7 @@ pub fn scrub(store: &Store, checks: RecordChecks, tick: &(dyn Fn(usize, usize) +
 /// Reads every byte of the store at `root` and changes nothing, for a read-only store.
 ///
 /// # Errors
-/// Fails when a file cannot be read.
+/// Fails if a file cannot be read.
 pub fn scrub_read_only(
     root: &Path,
     checks: RecordChecks,

@@ -34,9 +34,9 @@ use schemas::{Fault, paths};
 
 /// Mark of a seal.
 const MARK: &[u8; 8] = b"MAGLSEAL";
-/// Size of a seal, bytes: mark, checksum of the data, checksum of the footer.
+/// Size of a seal, in bytes: mark, checksum of the data, checksum of the footer.
 const SEAL: usize = 16;
-/// Size of the footer length and Parquet's own mark, bytes.
+/// Size of the footer length and Parquet's own mark, in bytes.
 const TAIL: usize = 8;
 /// Metadata key of the checksums of the column chunks.
 const CRC: &str = "magline.crc";
@@ -68,8 +68,8 @@ impl StoreFileFault {
     }
 }
 
-/// Fault of a file. Changes the time of a damaged file, so that a reader that checks size and time, such as a run,
-/// verifies the whole file.
+/// Fault of a file. If the file is damaged, its modification time is changed. A reader that only checks size and time,
+/// such as a run, then verifies the whole file.
 fn doubted(path: &Path, fault: StoreFileFault) -> StoreFileFault {
     if matches!(fault, StoreFileFault::Damaged(_)) {
         // A read-only store and the target of a link stay unchanged.
@@ -125,7 +125,7 @@ fn repeats(field: &arrow_schema::Field) -> bool {
 /// bytes. The file is on the disk on return.
 ///
 /// # Errors
-/// Fails when a group cannot be created, or the file system reports an error.
+/// Fails if a group cannot be created, or the file system reports an error.
 pub fn write(
     path: &Path,
     schema: &SchemaRef,
@@ -221,7 +221,7 @@ impl SealedFile {
     /// Reads and verifies the footer.
     ///
     /// # Errors
-    /// Fails when the file is missing, unreadable or damaged.
+    /// Fails if the file is missing, unreadable or damaged.
     pub fn open(path: &Path) -> Result<SealedFile, StoreFileFault> {
         SealedFile::opened(path).map_err(|e| doubted(path, e))
     }
@@ -281,7 +281,7 @@ impl SealedFile {
     /// Values of one column of one row group, verified.
     ///
     /// # Errors
-    /// Fails when the file is unreadable or damaged.
+    /// Fails if the file is unreadable or damaged.
     pub fn column(&self, group: usize, column: usize) -> Result<ArrayRef, StoreFileFault> {
         self.values(group, column).map_err(|e| doubted(&self.path, e))
     }
@@ -332,7 +332,7 @@ impl SealedFile {
 /// Verified metadata `key` of a file of `size` bytes that ends in `tail`; or the number of bytes required from its end.
 ///
 /// # Errors
-/// Fails when the file is damaged.
+/// Fails if the file is damaged.
 pub fn tail_text(tail: Bytes, size: u64, key: &str) -> Result<Result<Option<String>, u64>, StoreFileFault> {
     let cut = || StoreFileFault::damaged("it is truncated");
     let (body, end) = tail.split_last_chunk::<TAIL>().ok_or_else(cut)?;
@@ -390,7 +390,7 @@ fn footer(file: &mut File) -> Result<(u64, u32), StoreFileFault> {
 /// Verifies every byte of a file.
 ///
 /// # Errors
-/// Fails when the file is missing, unreadable or damaged.
+/// Fails if the file is missing, unreadable or damaged.
 pub fn verify(path: &Path) -> Result<(), StoreFileFault> {
     verified(path).map_err(|e| doubted(path, e))
 }

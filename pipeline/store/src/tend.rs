@@ -24,7 +24,7 @@ pub struct StoreTableEntry {
     pub rows: u64,
     /// Number of files.
     pub files: usize,
-    /// Size, bytes.
+    /// Size, in bytes.
     pub bytes: u64,
     /// Number of the pipeline's version.
     pub version: u64,
@@ -42,7 +42,7 @@ pub fn pipelines(root: &Path) -> Vec<String> {
 /// All published tables of the store at `root`.
 ///
 /// # Errors
-/// Fails when a file cannot be read.
+/// Fails if a file cannot be read.
 pub fn list(root: &Path) -> Result<Vec<StoreTableEntry>, Fault> {
     let mut found = vec![];
     for pipeline in pipelines(root) {
@@ -84,7 +84,7 @@ pub struct GcOptions {
 pub struct GcReport {
     /// Number of packs.
     pub packs: usize,
-    /// Size of the packs, bytes.
+    /// Size of the packs, in bytes.
     pub bytes: u64,
     /// Versions, as `pipeline/number`.
     pub versions: Vec<String>,
@@ -101,7 +101,8 @@ pub(super) fn is_old(path: &Path, than: Duration) -> bool {
     written.is_ok_and(|t| SystemTime::now().duration_since(t).is_ok_and(|age| age >= than))
 }
 
-/// Error of `gc` when the manifest of a newest version is damaged: any pack may belong to that version.
+/// Error of `gc` if the manifest of a pipeline's newest version is damaged, because any pack may belong to that
+/// version.
 pub(super) fn packs_unknown(list: &dyn std::fmt::Display, remedy: &str) -> Fault {
     let help = format!("{remedy} to publish its tables again; then run `magline gc`");
     Fault::machine(format!("{list} is damaged, so the packs that it lists are unknown")).help(help)
@@ -112,7 +113,7 @@ pub(super) fn packs_unknown(list: &dyn std::fmt::Display, remedy: &str) -> Fault
 /// A concurrent run may reference any pack, so packs are kept then.
 ///
 /// # Errors
-/// Fails when the file system reports an error, and when the manifest of a newest version is damaged.
+/// Fails if the file system reports an error, or if the newest version's manifest is damaged.
 pub fn collect(store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
     if let Some(remote) = store.remote() {
         return remote.collect(store, what);
@@ -190,8 +191,8 @@ pub fn collect(store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
     Ok(done)
 }
 
-/// Size of the results that `gc` would remove now, bytes. 0 while another run may use them, and for a copy of an object
-/// store, which would require many requests.
+/// Size of the results that `gc` would remove now, in bytes. 0 while another run may use them, and for a copy of an
+/// object store, which would require many requests.
 pub fn unused(store: &Store) -> u64 {
     if store.is_copy() {
         return 0;
@@ -236,7 +237,7 @@ fn drop_version(folder: &Path) -> io::Result<bool> {
 /// Removes a published pipeline, or one table of it. Computed results stay until `gc`.
 ///
 /// # Errors
-/// Fails when it does not exist, a run holds the lock of the pipeline, or the file system reports an error.
+/// Fails if it does not exist, a run holds the lock of the pipeline, or the file system reports an error.
 pub fn remove(store: &Store, pipeline: &str, table: Option<&str>) -> Result<(), Fault> {
     let root = store.root();
     let names = pipelines(root);

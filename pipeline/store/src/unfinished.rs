@@ -39,7 +39,7 @@ pub fn kernel() -> &'static str {
 /// Takes a lock that this process keeps; ignores a file system without locks.
 ///
 /// # Errors
-/// Fails when the file system reports an error.
+/// Fails if the file system reports an error.
 pub fn keep_lock(lock: &File, shared: bool) -> io::Result<()> {
     match if shared { lock.lock_shared() } else { lock.lock() } {
         Err(e) if e.kind() == io::ErrorKind::Unsupported => Ok(()),
@@ -50,7 +50,7 @@ pub fn keep_lock(lock: &File, shared: bool) -> io::Result<()> {
 /// Creates a folder for the temporary files of this process, with a lock.
 ///
 /// # Errors
-/// Fails when the file system reports an error.
+/// Fails if the file system reports an error.
 pub fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
     // No name is used twice: a process that removes the previous folder would remove the next one too.
     static NEXT: AtomicU32 = AtomicU32::new(0);

@@ -32,7 +32,7 @@ use super::{
     sync_folder,
 };
 
-/// Files of a table: packs, in the order of its rows.
+/// Packs that contain the rows of a table, in the order of the rows.
 pub struct TableFiles {
     /// Name of the table.
     pub name: String,
@@ -64,7 +64,7 @@ impl Version {
     /// Copies the files of a table of this version into its folder if they are missing.
     ///
     /// # Errors
-    /// Fails when an object store cannot be reached or reports an error, or holds different bytes.
+    /// Fails if an object store cannot be reached or reports an error, or holds different bytes.
     pub fn at_hand(&self, table: &ManifestTable) -> Result<(), Fault> {
         let root = self.folder.ancestors().nth(3);
         let remote = root.map_or(Ok(None), RemoteStore::from_cache)?;
@@ -116,7 +116,7 @@ pub fn current(root: &Path, pipeline: &str) -> Option<Version> {
 /// Files of a published table, in the order of its rows. Foreign files in the folder of the table are ignored.
 ///
 /// # Errors
-/// Fails when the folder is a copy, and the object store cannot be reached or reports an error.
+/// Fails if the folder is a copy, and the object store cannot be reached or reports an error.
 pub fn parts(folder: &Path) -> Result<Vec<PathBuf>, Fault> {
     bring(folder)?;
     let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path());
@@ -151,7 +151,7 @@ fn bring(folder: &Path) -> Result<(), Fault> {
 /// Columns `columns` of a small published table, verified; `None` if the table does not exist.
 ///
 /// # Errors
-/// Fails when the table cannot be read.
+/// Fails if the table cannot be read.
 pub fn published(folder: &Path, columns: &[&str]) -> Result<Option<RecordBatch>, Fault> {
     let mut batches = vec![];
     for file in parts(folder)? {
@@ -190,7 +190,7 @@ impl Store {
     /// `kept` stay as in the previous version. Returns whether there is a new version.
     ///
     /// # Errors
-    /// Fails when the file system reports an error; the previous version then stays the newest.
+    /// Fails if the file system reports an error; the previous version then stays the newest.
     pub fn publish(
         &self,
         publisher: &PipelineLock,
@@ -256,7 +256,7 @@ impl Store {
     /// Publishes `version` without one table.
     ///
     /// # Errors
-    /// Fails when the file system reports an error.
+    /// Fails if the file system reports an error.
     pub(super) fn publish_without(
         &self,
         publisher: &PipelineLock,
@@ -346,7 +346,7 @@ fn is_pack(manifest: &Manifest, name: &str) -> bool {
     manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units)).any(|f| f.name == name && f.pack.is_some())
 }
 
-/// Creates one more name for the bytes of a file; copies on a file system without hard links.
+/// Creates a hard link to a file, or a copy on a file system without hard links.
 pub(super) fn link(from: &Path, to: &Path) -> io::Result<()> {
     match fs::hard_link(from, to) {
         Ok(()) => Ok(()),

@@ -18,7 +18,7 @@ const ARROW: &str = "application/vnd.apache.arrow.stream";
 /// Media type of the page.
 const HTML: &str = "text/html; charset=utf-8";
 
-/// Text of a block that several answers share.
+/// Text of a block, which several answers share.
 struct SharedText(std::sync::Arc<String>);
 
 impl AsRef<[u8]> for SharedText {
@@ -34,7 +34,7 @@ fn json(value: &Value) -> AnswerBytes {
 /// Answers a request.
 ///
 /// # Errors
-/// Fails for unknown tables and wrong values, and when the store is damaged.
+/// Fails for unknown tables and wrong values. Also fails if the store is damaged.
 pub fn answer(data: &ViewData, request: &ViewRequest) -> Result<AnswerBytes, ViewFault> {
     let store = data.store;
     Ok(match request {

@@ -16,9 +16,9 @@ use bytes::Bytes;
 use hyper::body::{Body, Frame, SizeHint};
 use tokio::sync::{OwnedSemaphorePermit, mpsc};
 
-/// Size of the parts of a file, bytes.
+/// Size of the parts of a file, in bytes.
 const PART: usize = 128 << 10;
-/// Maximum size of all answers in memory that clients have not read yet, bytes.
+/// Maximum size of all answers in memory that clients have not read yet, in bytes.
 const MOST_OPEN: usize = 384 << 20;
 
 /// Bytes of an answer, which are counted until they are sent.

@@ -55,9 +55,9 @@ const DOWNLOADS: Duration = Duration::from_secs(600);
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
 /// Pause after a failed accept, for example for lack of file descriptors.
 const AGAIN_AFTER: Duration = Duration::from_millis(50);
-/// Maximum size of the message of a download, bytes.
+/// Maximum size of the message of a download, in bytes.
 const MESSAGE: u64 = 10_000;
-/// Maximum size of the head of a request, bytes.
+/// Maximum size of the head of a request, in bytes.
 const HEAD_BYTES: usize = 32 << 10;
 
 const TEXT: &str = "text/javascript; charset=utf-8";

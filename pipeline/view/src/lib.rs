@@ -1,7 +1,7 @@
 //! `magline view`: a page of a store, and the data that it asks for, over HTTP on the loopback interface.
 //!
-//! Every address contains a random token, and the server answers only requests for its own host name. It reads and
-//! writes nothing else than the store's copy of an object store and temporary files of downloads.
+//! Every address contains a random token, and the server answers only requests for its own host name. It writes only
+//! the copy of an object store and temporary files of downloads.
 
 mod answer;
 mod body;
@@ -60,7 +60,7 @@ impl ViewSettings {
     /// Serves the store in the folder `store`, whose scores have the metrics of `catalogue`, until the process ends.
     ///
     /// # Errors
-    /// Fails when the store cannot be read, and as [`serve`].
+    /// Fails if the store cannot be read. Also returns the errors of [`serve`].
     pub fn serve_store(
         self,
         catalogue: &[StageEntry],
@@ -82,7 +82,7 @@ fn machine(what: &str, e: &dyn std::fmt::Display) -> Fault {
 /// Serves until `stop` is true or its sender is dropped. `started` receives the address of the page.
 ///
 /// # Errors
-/// Fails when the port is in use, or threads cannot be started.
+/// Fails if the port is in use, or threads cannot be started.
 pub fn serve(
     settings: ViewSettings,
     data: &ViewData,

@@ -4,7 +4,7 @@ use report::view::{GeographicRegion, SeriesRequest, ViewPoint};
 use schemas::Fault;
 use url::form_urlencoded;
 
-/// Maximum length of a name in a request, bytes.
+/// Maximum length of a name in a request, in bytes.
 const LONGEST: usize = 1000;
 
 /// Request that a worker answers.
@@ -26,7 +26,7 @@ pub enum ViewRequest {
     Run,
     /// Map at a point, and its maximum width.
     Map(String, ViewPoint, Option<usize>),
-    /// Map at a point along a line between two positions (latitude, longitude), deg.
+    /// Map at a sweep point, along a line between two positions (latitude and longitude in degrees).
     Profile(String, ViewPoint, [(f64, f64); 2]),
     /// Spectra of columns of a line.
     Spectrum(SeriesRequest),
@@ -73,7 +73,7 @@ impl ViewQuery {
     /// Reads a query string.
     ///
     /// # Errors
-    /// Fails for a text that is too long.
+    /// Fails for a string that is too long.
     pub fn read(query: &str) -> Result<ViewQuery, Fault> {
         let pairs: Vec<(String, String)> = form_urlencoded::parse(query.as_bytes()).into_owned().collect();
         if pairs.iter().any(|(key, value)| key != "columns" && key.len().max(value.len()) > LONGEST) {
@@ -110,7 +110,7 @@ impl ViewQuery {
         found.ok_or_else(|| Fault::new(format!("`{key}` is not an angle in degrees")))
     }
 
-    /// Latitude and longitude, deg.
+    /// Latitude and longitude, in degrees.
     fn position(&self, key: &str) -> Result<(f64, f64), Fault> {
         let text = self.need(key)?;
         let pair = text.split_once(',').and_then(|(lat, lon)| Some((lat.parse().ok()?, lon.parse().ok()?)));

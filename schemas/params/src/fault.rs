@@ -22,7 +22,7 @@ pub enum FaultOwner {
 }
 
 impl FaultOwner {
-    /// Whether the same computation fails with the same fault on every machine and in every version.
+    /// Whether the same computation has the same fault on every machine and in every version.
     pub fn is_lasting(self) -> bool {
         match self {
             FaultOwner::Spec | FaultOwner::Data => true,
@@ -64,7 +64,7 @@ pub struct Fault {
     pub owner: FaultOwner,
 }
 
-/// Serialised form of a fault: an object with the keys that have a value. The position in the spec is left out.
+/// Serialised form of a fault: an object with the keys that have a value. The position in the spec is omitted.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FaultRecord {
@@ -185,8 +185,8 @@ impl Fault {
 }
 
 impl Fault {
-    /// [`Fault::nearest`] for the name of a part that may be written in Python: a stage, model, filter or metric. Unless
-    /// a known name is near, the remedy includes the option that loads such parts.
+    /// Same as [`Fault::nearest`], for the name of a part that may be written in Python: a stage, model, filter or
+    /// metric. Unless a known name is near, the remedy includes the option that loads such parts.
     pub fn nearest_part<S: AsRef<str>>(self, given: &str, known: &[S]) -> Self {
         let mut fault = self.nearest(given, known);
         if let Some(help) = fault.help.as_mut().filter(|_| nearest(given, known).is_none()) {
@@ -227,7 +227,7 @@ impl fmt::Display for Fault {
 
 impl std::error::Error for Fault {}
 
-/// Maximum length of a misspelt name, bytes. For a longer text, time and memory of the search would be excessive.
+/// Maximum length of a misspelt name, in bytes. For a longer text, time and memory of the search would be excessive.
 const LONGEST_GUESS: usize = 200;
 
 /// The element of `known` that was probably meant by `given`; `None` for a `given` of more than 200 bytes.
@@ -236,7 +236,7 @@ pub fn nearest<'a, S: AsRef<str>>(given: &str, known: &'a [S]) -> Option<&'a str
         return None;
     }
     let most = 1 + given.len() / 3;
-    // The distance is at least the difference of the lengths.
+    // The edit distance is at least the difference between the lengths.
     let near = |k: &&str| k.chars().count().abs_diff(given.chars().count()) <= most;
     let best = known.iter().map(AsRef::as_ref).filter(near).map(|k| (distance(given, k), k)).min()?;
     (best.0 <= most).then_some(best.1)

@@ -48,7 +48,7 @@ pub struct Param<'a, T> {
     pub name: &'static str,
     /// Condition on its value.
     pub rule: Rule,
-    /// Its documentation, shown as the remedy if the key is missing.
+    /// Documentation, shown as the remedy if the key is missing.
     pub doc: &'a [&'a str],
     /// The value if unset; `None` if required.
     pub absent: Option<T>,
@@ -60,13 +60,13 @@ pub trait Params: Sized {
     /// reader then holds them.
     fn read(reader: &mut ParamReader, base: Option<&Self>) -> Option<Self>;
 
-    /// Its parameters, for the reference.
+    /// Parameters, for the reference.
     fn docs(lists: &ChoiceRegistry) -> Vec<ParamDoc>;
 
     /// Adds every parameter in canonical spelling.
     fn spell(&self, out: &mut Vec<(&'static str, String)>);
 
-    /// Checks that every value of a group that was not read obeys its rule.
+    /// Checks that every value obeys its rule, for a group that was not read from a spec.
     ///
     /// # Errors
     /// The first violation.
@@ -136,13 +136,13 @@ impl<'a> ParamReader<'a> {
         self.faults.push(Fault::new(format!("`{name}` cannot be `{word}`")).nearest(word, known).at(given.at.clone()));
     }
 
-    /// [`ParamReader::wrong_word`] for the name of a part that may be written in Python, such as a model.
+    /// Same as [`ParamReader::wrong_word`], for the name of a part that may be written in Python, such as a model.
     pub fn wrong_choice(&mut self, name: &str, word: &str, known: &[&str], given: &SpecEntry) {
         let fault = Fault::new(format!("`{name}` cannot be `{word}`")).nearest_part(word, known);
         self.faults.push(fault.at(given.at.clone()));
     }
 
-    /// Reads a value without keys of its own.
+    /// Reads a value that has no keys.
     pub fn plain<T: ParamValue>(&mut self, param: Param<T>) -> Option<T> {
         let Param { name, rule, doc, absent } = param;
         let Some(given) = self.given(name) else {

@@ -1,4 +1,4 @@
-//! Choices among named alternatives with keys of their own, such as the models of a fit.
+//! Choices among named alternatives, each with separate keys, such as the models of a fit.
 
 use std::{any::Any, fmt, sync::Arc};
 
@@ -13,7 +13,7 @@ pub trait ChoiceKind: Send + Sync + 'static {
     /// The default choice; `None` if the key is required.
     const DEFAULT: Option<&'static str>;
 
-    /// Its name in a spec.
+    /// Name in a spec.
     fn name(&self) -> &'static str;
 
     /// Version, raised when the results change.
@@ -144,16 +144,16 @@ impl ChoiceRegistry {
 
 /// Selected choice, with its keys.
 pub struct ChoiceSelection<K: ChoiceKind> {
-    /// Its declaration.
+    /// Declaration.
     pub kind: &'static K,
-    /// Its keys.
+    /// Keys.
     pub keys: Arc<K::Keys>,
     spelt: Vec<(&'static str, String)>,
     kinds: Arc<ChoiceList<K>>,
 }
 
 impl<K: ChoiceKind> ChoiceSelection<K> {
-    /// Selection of a choice with these keys, outside a spec, so that no key is spelt and no other choice has keys.
+    /// Selection of a choice with these keys, made outside a spec. No key has a spelling, and no other choice has keys.
     pub fn new(kind: &'static K, keys: Arc<K::Keys>) -> Self {
         Self { kind, keys, spelt: vec![], kinds: Arc::new(ChoiceList::new(vec![kind])) }
     }
@@ -250,7 +250,7 @@ impl<K: ChoiceKind> ParamValue for ChoiceSelection<K> {
     }
 }
 
-/// Subset of a list of choices, by name and without keys; all choices where unset.
+/// Subset of a list of choices, by name and without keys; all choices if unset.
 pub struct ChoiceSubset<K: ChoiceKind> {
     named: Option<Vec<&'static K>>,
     kinds: Arc<ChoiceList<K>>,
@@ -272,7 +272,7 @@ impl<K: ChoiceKind> ChoiceSubset<K> {
         self.kinds.all.iter().copied().filter(is_wanted)
     }
 
-    /// The named choices, in the given order; empty if unset.
+    /// The choices that the user named, in the given order; empty if unset.
     pub fn named(&self) -> &[&'static K] {
         self.named.as_deref().unwrap_or_default()
     }
@@ -313,7 +313,7 @@ impl<K: ChoiceKind> ParamValue for ChoiceSubset<K> {
     }
 
     fn canonical(&self) -> String {
-        // All selected choices are in the spelling, so that an addition to the list changes the key.
+        // The spelling contains all selected choices, so that an addition to the list changes the key.
         let all = self.named.clone().unwrap_or_else(|| self.wanted().collect());
         format!("[{}]", all.into_iter().map(spelt).collect::<Vec<_>>().join(","))
     }

@@ -6,12 +6,12 @@ use std::{
     path::Path,
 };
 
-/// Maximum length of the name of a pipeline, table, axis or stage, bytes. The name becomes a folder, and a file name
+/// Maximum length of the name of a pipeline, table, axis or stage, in bytes. The name becomes a folder, and a file name
 /// with a suffix.
 pub const LONGEST_NAME: usize = 100;
-/// Maximum length of a file or folder name in common file systems, bytes.
+/// Maximum length of a file or folder name in common file systems, in bytes.
 pub const LONGEST_PART: usize = 255;
-/// Maximum length of a path in common operating systems, bytes.
+/// Maximum length of a path in common operating systems, in bytes.
 pub const LONGEST_PATH: usize = 4096;
 
 /// Reserved device names on Windows, with any suffix and in any case.
@@ -87,7 +87,7 @@ pub fn check_path(path: &str) -> Result<(), String> {
 /// Checks that a path below `root` contains no link, so that its target is in `root`. Parts that do not exist pass.
 ///
 /// # Errors
-/// Fails for a path outside `root`, for a link, and on an error of the file system.
+/// Fails for a path outside `root`, for a link, or on an error of the file system.
 pub fn check_no_link(root: &Path, path: &Path) -> io::Result<()> {
     let below = path.strip_prefix(root).map_err(|_| io::Error::other("it is outside the folder"))?;
     let mut at = root.to_owned();
@@ -107,7 +107,7 @@ pub fn check_no_link(root: &Path, path: &Path) -> io::Result<()> {
 /// Opens a regular file. Rejects pipes, sockets and devices, because reading them may never end.
 ///
 /// # Errors
-/// Fails for anything but a regular file, and on an error of the file system.
+/// Fails for anything but a regular file, or on an error of the file system.
 pub fn open_regular(path: &Path) -> io::Result<File> {
     let refused = || io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file");
     // Opening a pipe waits for its other end, so the file type is checked first.
@@ -121,7 +121,7 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
 /// Reads a regular file: see [`open_regular`].
 ///
 /// # Errors
-/// Fails as [`open_regular`].
+/// Returns the errors of [`open_regular`].
 pub fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
     let mut bytes = vec![];
     io::Read::read_to_end(&mut open_regular(path)?, &mut bytes)?;
@@ -160,7 +160,7 @@ mod tests {
         assert!(check_path(&"a".repeat(256)).is_err() && check_path(&"a/".repeat(3000)).is_err());
     }
 
-    /// Deterministic generator of hostile texts, composed of parts that file systems interpret.
+    /// Deterministic generator of hostile strings, composed of parts that file systems interpret.
     fn hostile(seed: u64) -> String {
         const PIECES: [&str; 28] = [
             "..",

@@ -12,7 +12,7 @@ use crate::{Fault, Literal};
 /// Value of one key of the spec, with the positions of key and value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpecEntry {
-    /// Its value.
+    /// Value.
     pub value: Literal,
     /// The bytes of the key.
     pub key_at: Range<usize>,
@@ -26,7 +26,7 @@ pub type SpecEntries = BTreeMap<String, SpecEntry>;
 /// A table of a spec.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SpecSection {
-    /// Its keys.
+    /// Keys.
     pub keys: SpecEntries,
     /// The bytes of the table.
     pub at: Range<usize>,
@@ -36,7 +36,7 @@ impl SpecSection {
     /// Parses a whole document.
     ///
     /// # Errors
-    /// Invalid TOML, and values that a spec does not permit, each with its position.
+    /// Fails for invalid TOML, or for values that a spec does not permit. Each fault has its position.
     pub fn document(text: &str) -> Result<SpecSection, Vec<Fault>> {
         let root = DeTable::parse(text).map_err(|e| {
             let fault = Fault::new(e.message());
@@ -48,7 +48,7 @@ impl SpecSection {
     /// Converts a parsed table.
     ///
     /// # Errors
-    /// Values that a spec does not permit, each with its position.
+    /// Fails for values that a spec does not permit, with the position of each.
     pub fn from_table(table: &DeTable, at: Range<usize>) -> Result<SpecSection, Vec<Fault>> {
         let (mut keys, mut faults) = (SpecEntries::new(), vec![]);
         for (key, value) in table {
@@ -67,7 +67,7 @@ impl SpecSection {
 /// Converts a parsed value.
 ///
 /// # Errors
-/// Values that a spec does not permit: dates, NaN, integers beyond 64 bits.
+/// Fails for values that a spec does not permit: dates, NaN, or integers beyond 64 bits.
 pub fn literal(value: &Spanned<DeValue>) -> Result<Literal, Vec<Fault>> {
     let wrong = |what: String| vec![Fault::new(what).at(value.span())];
     match value.get_ref() {

@@ -40,12 +40,12 @@ pub trait ParamValue: Sized {
         reader.plain(param)
     }
 
-    /// Documentation in the reference: one entry, unless the value has keys of its own.
+    /// Documentation in the reference: one entry, unless the value has keys.
     fn document(doc: ParamDoc, _lists: &ChoiceRegistry) -> Vec<ParamDoc> {
         vec![doc]
     }
 
-    /// Adds its canonical spelling: one pair, unless the value has keys of its own.
+    /// Adds its canonical spelling: one pair, unless the value has keys.
     fn spell(&self, name: &'static str, out: &mut Vec<(&'static str, String)>) {
         out.push((name, self.canonical()));
     }

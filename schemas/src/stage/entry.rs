@@ -19,9 +19,9 @@ pub struct StageEntry {
     pub grain: Grain,
     /// The kind of table that it yields.
     pub yields: TableKind,
-    /// Its purpose, if views look for it.
+    /// Purpose, if views look for it.
     pub role: Option<StageRole>,
-    /// Its inputs.
+    /// Inputs.
     pub inputs: &'static [InputDecl],
     /// Purpose, use, rejected input, source.
     pub doc: String,
@@ -33,7 +33,7 @@ pub struct StageEntry {
     pub kinds: Vec<ChoiceDoc>,
     /// The metrics of a stage that makes a table of scores; empty for others.
     pub metrics: Vec<Metric>,
-    /// Its parameters.
+    /// Parameters.
     pub params: Vec<ParamDoc>,
     /// Makes the stage from its parameters, or fails with all their faults.
     pub build: StageBuilder,
@@ -44,7 +44,7 @@ pub struct StageEntry {
 pub struct ChoiceDoc {
     /// The key that chooses it.
     pub key: &'static str,
-    /// Its name.
+    /// Name.
     pub name: &'static str,
     /// Purpose, use, source.
     pub doc: String,

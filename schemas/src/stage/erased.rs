@@ -176,7 +176,7 @@ pub trait LineStageDyn: StageDyn {
     /// See [`LineStage::run`].
     ///
     /// # Errors
-    /// Fails in the same cases, and for `prepared` data of another stage.
+    /// Fails in the same cases. Also fails for `prepared` data of another stage.
     fn run(&self, line: &LineInput, prepared: &AnySharedData) -> LineOutput;
     /// See [`LineStage::run_points`]; `self` determines only the type. A point of another stage has a fault.
     fn run_points(&self, points: &[AnyLinePoint]) -> Vec<LineOutput>;

@@ -125,7 +125,7 @@ impl InputKind {
 pub struct InputDecl {
     /// The key, such as `input` or `map`.
     pub name: &'static str,
-    /// Its kind.
+    /// Kind.
     pub kind: InputKind,
     /// Whether it is optional.
     pub optional: bool,
@@ -150,14 +150,14 @@ pub enum Table {
 }
 
 impl Table {
-    /// Its columns.
+    /// Columns.
     pub fn shape(&self) -> &TableShape {
         match self {
             Table::Lines(s) | Table::Scores(s) | Table::Map(s) | Table::Model { shape: s, .. } => s,
         }
     }
 
-    /// The word for it.
+    /// Word for the kind of table.
     pub fn kind(&self) -> &'static str {
         match self {
             Table::Lines(_) => "a table of flight lines",
@@ -173,9 +173,9 @@ impl Table {
 pub enum PassThroughColumns {
     /// All columns: the stage appends columns.
     All,
-    /// Only these; the rows are unchanged.
+    /// Only these columns; the rows are unchanged.
     Only(Vec<String>),
-    /// None: the rows are new.
+    /// No columns, because the rows are new.
     None,
 }
 
@@ -188,7 +188,7 @@ pub struct StageSchema {
     pub passes: PassThroughColumns,
     /// The columns it reads, per input (all inputs, in the declared order).
     pub reads: Vec<Vec<String>>,
-    /// Sample rate of the result, Hz, if the stage makes the sampling even.
+    /// Sample rate of the result, in Hz, if the stage makes the sampling even.
     pub rate_hz: Option<f64>,
     /// For a fit: the columns that a line needs for the model to be applied.
     pub features: Vec<String>,

@@ -12,8 +12,8 @@ pub trait CheckpointMonitor: Sync {
     /// this point, but results are unaffected.
     fn keep(&self, point: usize, state: &[u8]);
 
-    /// Reports the progress of a point in a few words and returns whether to continue. An interrupted run stops with a
-    /// fault of the machine.
+    /// Reports the progress of a point in a few words, and returns whether to continue. After an interrupt, the
+    /// computation must end with a fault of the machine.
     fn report_progress(&self, point: usize, progress: &str) -> ControlFlow<()>;
 }
 

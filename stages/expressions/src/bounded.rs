@@ -11,9 +11,9 @@ use datafusion::{
 };
 use schemas::Fault;
 
-/// Number of rows that are evaluated together if values are texts.
+/// Number of rows that are evaluated together if values are strings.
 pub const ROWS: usize = 4096;
-/// Maximum length of a text in an expression, bytes.
+/// Maximum length of a string in an expression, in bytes.
 const LONGEST: usize = 1000;
 /// Maximum number of concatenations in an expression.
 const JOINED: usize = 20;
@@ -51,7 +51,7 @@ const BOUNDED: [&str; 26] = [
 /// Rejects expressions whose values may be much larger than their columns.
 ///
 /// # Errors
-/// Fails for such an expression. The fault names the function, the text or the number of concatenations.
+/// Fails for such an expression. The fault names the function, the string or the number of concatenations.
 pub fn check(expr: &Expr, schema: &DFSchema, subject: &str) -> Result<(), Fault> {
     let (mut found, mut joined) = (None, 0);
     let visited = expr.apply(|e| {
@@ -78,7 +78,7 @@ pub fn check(expr: &Expr, schema: &DFSchema, subject: &str) -> Result<(), Fault>
     })
 }
 
-/// The length of a text.
+/// The length of a string.
 fn length(value: &ScalarValue) -> usize {
     value.try_as_str().flatten().map_or(0, str::len)
 }

@@ -5,11 +5,11 @@ use std::{ops::ControlFlow, panic::resume_unwind, thread};
 use datafusion::sql::sqlparser::ast::{Expr, Select, TableFactor, Visit, Visitor};
 use schemas::Fault;
 
-/// Size of the large stack, bytes. Only address space is reserved: a page uses memory after its first access.
+/// Size of the large stack, in bytes. Only address space is reserved: a page uses memory after its first access.
 pub const STACK: usize = 1 << 30;
-/// Maximum length of an SQL text, bytes. Together with [`STACK`] it limits every recursion over the text.
+/// Maximum length of an SQL text, in bytes. Together with [`STACK`] it limits every recursion over the text.
 const LONGEST: usize = 1 << 20;
-/// Length of an SQL text below which an ordinary stack suffices, bytes.
+/// Length of an SQL text below which an ordinary stack suffices, in bytes.
 const SHORT: usize = 2_000;
 /// Number of brackets up to which an ordinary stack suffices. Thirty nested functions exceed a thread's stack of 2 MB.
 const BRACKETS: usize = 8;

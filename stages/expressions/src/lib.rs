@@ -75,7 +75,7 @@ fn fields<'a>(columns: impl Iterator<Item = &'a schemas::Column>) -> Vec<Field> 
 /// the nested text. `subject` is the name of the expression in faults.
 ///
 /// # Errors
-/// Fails for invalid SQL, unknown columns, excessive nesting, and anything but a function of one row.
+/// Fails for invalid SQL, unknown columns, excessive nesting, or anything but a function of one row.
 pub fn parse(sql: &str, shape: &TableShape, subject: &str) -> Result<Expr, Fault> {
     let wrong = |e: DataFusionError| wrong(&e, shape, subject);
     let schema = known_schema(shape).map_err(wrong)?;
@@ -91,7 +91,7 @@ pub fn parse(sql: &str, shape: &TableShape, subject: &str) -> Result<Expr, Fault
 /// Prepares the expression for evaluation on batches of `schema`.
 ///
 /// # Errors
-/// Fails for functions and operators that reject values of these types, and for excessive nesting.
+/// Fails for functions and operators that reject values of these types, or for excessive nesting.
 pub fn physical(
     expr: Expr,
     schema: &Schema,
@@ -143,7 +143,7 @@ fn wrong(e: &DataFusionError, shape: &TableShape, subject: &str) -> Fault {
 ///
 /// NaN in a flight line is a missing value and becomes SQL's NULL. Functions of a missing value, including `greatest`
 /// and `least`, are missing. Comparisons with a missing value are unknown. `coalesce` and `is null` detect missing
-/// values. Division is real division, also of whole numbers.
+/// values. Division is real division, even of whole numbers.
 #[derive(Clone, Debug)]
 pub struct Expression {
     physical: Arc<dyn PhysicalExpr>,
@@ -163,7 +163,7 @@ impl Expression {
     /// Parses `sql` against the columns of `shape`. `subject` is the name of the expression in faults.
     ///
     /// # Errors
-    /// Fails in the cases of [`parse`] and [`physical`], and if values of different units are added or compared.
+    /// Fails in the cases of [`parse`] and [`physical`]. Also fails if values of different units are added or compared.
     pub fn new(sql: &str, shape: &TableShape, subject: &str) -> Result<Expression, Fault> {
         deep::over(sql, || Self::read(sql, shape, subject))?
     }
@@ -188,10 +188,10 @@ impl Expression {
         Ok(Expression { physical, schema, subject: subject.to_owned(), columns, data_type, unit, terms })
     }
 
-    /// Its values, one for each row of `batch`, which must contain [`Expression::columns`].
+    /// Values, one for each row of `batch`, which must contain [`Expression::columns`].
     ///
     /// # Errors
-    /// Fails for a column that is missing or of another type, and for values that it cannot be evaluated on.
+    /// Fails for a column that is missing or of another type, or for values that it cannot be evaluated on.
     pub fn evaluate(&self, batch: &RecordBatch) -> Result<ArrayRef, Fault> {
         let rows = batch.num_rows();
         let column = |field: &Arc<Field>| {
@@ -207,10 +207,10 @@ impl Expression {
             .map_err(|e| Fault::data(format!("{} cannot be evaluated: {}", self.subject, e.find_root())))
     }
 
-    /// Its values as numbers; NaN for missing and infinite values.
+    /// Values as numbers; NaN for missing and infinite values.
     ///
     /// # Errors
-    /// Fails in the cases of [`Expression::evaluate`], and for values that are not numbers.
+    /// Fails in the cases of [`Expression::evaluate`]. Also fails for values that are not numbers.
     pub fn numbers(&self, batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
         let array = arrow_cast::cast(&self.evaluate(batch)?, &DataType::Float64);
         let array = array.map_err(|e| Fault::data(format!("{} does not give numbers: {e}", self.subject)))?;
@@ -221,7 +221,7 @@ impl Expression {
     /// Rows for which the expression is true. An unknown value counts as false.
     ///
     /// # Errors
-    /// Fails in the cases of [`Expression::evaluate`], and for values that are not Boolean.
+    /// Fails in the cases of [`Expression::evaluate`]. Also fails for values that are not Boolean.
     pub fn mask(&self, batch: &RecordBatch) -> Result<Vec<bool>, Fault> {
         let array = self.evaluate(batch)?;
         let gives = || Fault::data(format!("{} gives {}, not true or false", self.subject, array.data_type()));
@@ -229,8 +229,8 @@ impl Expression {
     }
 }
 
-/// The values of an expression, one for each row of `batch`. Expressions with texts are evaluated a few rows at a time,
-/// because intermediate values may be large.
+/// The values of an expression, one for each row of `batch`. Expressions with strings are evaluated a few rows at a
+/// time, because intermediate values may be large.
 ///
 /// # Errors
 /// Fails for values that it cannot be evaluated on.
@@ -265,7 +265,7 @@ fn known(array: &ArrayRef) -> ArrayRef {
     }
 }
 
-/// The expression with real dividends: SQL divides whole numbers to whole numbers, so that `1/3` would be 0.
+/// The expression with real dividends. In SQL, the quotient of whole numbers is a whole number, so `1/3` would be 0.
 fn real_division(expr: Expr) -> Result<Expr, DataFusionError> {
     let one = |e: Expr| match e {
         Expr::BinaryExpr(BinaryExpr { left, op: Operator::Divide, right }) => {
@@ -295,8 +295,8 @@ fn extremes_deep(expr: &Expr) -> usize {
     inside + usize::from(is_extreme(expr))
 }
 
-/// The expression with `greatest` and `least` missing if an argument is missing. SQL ignores missing arguments, so that
-/// a missing value clipped to 1 would be 1.
+/// The expression in which `greatest` and `least` are missing if an argument is missing. In SQL they ignore missing
+/// arguments, so a missing value clipped to 1 would be 1.
 fn missing_extremes(expr: Expr) -> Result<Expr, DataFusionError> {
     let one = |e: Expr| {
         let Expr::ScalarFunction(function) = &e else { return Ok(Transformed::no(e)) };

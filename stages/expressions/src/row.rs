@@ -18,7 +18,7 @@ const DEEPEST: usize = 500;
 /// Rejects expressions that are not a function of one row.
 ///
 /// # Errors
-/// Fails for clocks, random numbers, functions of several rows or tables, and variables.
+/// Fails for clocks, random numbers, functions of several rows or tables, or variables.
 pub fn check(expr: &Expr, subject: &str) -> Result<(), Fault> {
     let mut found = None;
     let visited = expr.apply(|e| {
@@ -85,7 +85,8 @@ fn objection(expr: &Expr, subject: &str) -> Option<Fault> {
     }
 }
 
-/// The expression with long chains of `and` and `or` as balanced trees. SQL parses them as nested to the left.
+/// The expression with long chains of `and` and `or` as balanced trees, because SQL parses such chains as nested to the
+/// left.
 ///
 /// # Errors
 /// Fails only if DataFusion cannot rewrite the expression.

@@ -36,7 +36,7 @@ fn gather(expr: &Expr, sign: i8, terms: &mut Vec<(i8, String)>) {
             values.for_each(|value| gather(value, sign, terms));
         }
         Expr::ScalarFunction(function) => {
-            // These return one of their arguments unchanged, all others a new value.
+            // These functions return one of their arguments unchanged; all others return a new value.
             let keeps = matches!(function.name(), "coalesce" | "nvl" | "greatest" | "least" | "nullif");
             function.args.iter().for_each(|value| gather(value, if keeps { sign } else { 0 }, terms));
         }

@@ -8,7 +8,7 @@ use schemas::{Fault, TableShape};
 pub enum ExpressionUnit {
     /// Numbers without columns, which fit any unit.
     Any,
-    /// This unit; empty for columns without one.
+    /// This unit; empty for columns without a unit.
     Of(String),
     /// This unit, times a number that may be a conversion factor.
     Scaled(String),

@@ -102,7 +102,7 @@ fn timed(shape: &NetworkShape, samples: &NetworkSamples<'_>, threads: usize) -> 
     Ok(trained.parameters)
 }
 
-/// Processor time of all threads, s; NaN if the system does not report it.
+/// Processor time of all threads, in seconds; NaN if the system does not report it.
 fn processors() -> f64 {
     let of = |task: std::fs::DirEntry| -> Option<f64> {
         let schedstat = std::fs::read_to_string(task.path().join("schedstat")).ok()?;

@@ -87,7 +87,7 @@ impl InputScaling {
     /// Scaling by mean and standard deviation (n − 1) of rows of `width` columns, row-major.
     ///
     /// # Errors
-    /// Fails for an incomplete row, fewer than two rows, values that are not finite, and constant columns.
+    /// Fails for an incomplete row, fewer than two rows, values that are not finite, or constant columns.
     pub fn standardised(x: &[f64], width: usize) -> Result<Self, InputScalingError> {
         if width == 0 || !x.len().is_multiple_of(width) {
             return Err(InputScalingError::Shape { given: x.len(), width });
@@ -119,7 +119,8 @@ impl InputScaling {
     /// variance. Components below 1e-7 of the largest standard deviation are rounding and are always omitted.
     ///
     /// # Errors
-    /// Fails for an invalid `keep`, for more components than columns, and if the decomposition does not converge.
+    /// Fails for an invalid `keep`, or for more components than columns. Also fails if the decomposition does not
+    /// converge.
     pub fn whitened(self, x: &[f64], keep: f64) -> Result<Self, InputScalingError> {
         let width = self.mean.len();
         let counted = keep >= 1.0 && keep <= width as f64 && keep.fract() == 0.0;

@@ -74,7 +74,7 @@ pub struct RandomFeatureSettings {
     /// Prior standard deviation of the coefficient of each column, as a multiple of the standard deviation of the
     /// Gaussian process per unit of the columns; 0 omits the columns.
     pub linear: f64,
-    /// The ratio λ of the variances of the errors and of the Gaussian process; `None` for the most likely one.
+    /// Ratio λ of the variances of the errors and of the Gaussian process; `None` for the most likely ratio.
     pub lambda: Option<f64>,
     /// The seed of the frequencies.
     pub seed: u64,
@@ -145,8 +145,8 @@ pub enum RandomFeatureError {
 /// Cost for n rows and m features (with the columns): 2 n m² operations, and memory of a few times m² numbers.
 ///
 /// # Errors
-/// Fails for values that are not finite, settings out of range, fewer than three rows, a constant target, equal rows if
-/// the length is estimated, and if the decomposition does not converge.
+/// Fails for values that are not finite, settings out of range, fewer than three rows, a constant target, or equal rows
+/// if the length is estimated. Also fails if the decomposition does not converge.
 pub fn fit(
     x: &[f64],
     width: usize,
@@ -214,7 +214,7 @@ impl RandomFeatures {
     /// the unit of the target. The variance of a new reading adds `noise_variance`. NaN for rows that are not finite.
     ///
     /// # Errors
-    /// Fails for an incomplete row, and if the sizes of the model's parts do not match.
+    /// Fails for an incomplete row. Also fails if the sizes of the model's parts do not match.
     pub fn predict(&self, x: &[f64]) -> Result<(Vec<f64>, Vec<f64>), RowsError> {
         let m = self.check(x)?;
         entries("the covariance factor", self.factor.len(), m * m)?;
@@ -242,7 +242,7 @@ impl RandomFeatures {
     /// Predictions without standard deviations, which take less time.
     ///
     /// # Errors
-    /// The same as for [`RandomFeatures::predict`].
+    /// Returns the errors of [`RandomFeatures::predict`].
     pub fn mean(&self, x: &[f64]) -> Result<Vec<f64>, RowsError> {
         self.check(x)?;
         Ok(self.blocks(x, |features, _| self.means_of(features)).concat())
@@ -252,7 +252,7 @@ impl RandomFeatures {
     /// of the column.
     ///
     /// # Errors
-    /// The same as for [`RandomFeatures::predict`].
+    /// Returns the errors of [`RandomFeatures::predict`].
     pub fn gradient(&self, x: &[f64]) -> Result<Vec<f64>, RowsError> {
         self.check(x)?;
         let k = self.frequencies.len() / self.width;

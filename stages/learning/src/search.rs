@@ -32,7 +32,7 @@ pub enum SearchDimension {
         /// Whether the scale is logarithmic; `low` is then above 0.
         log: bool,
     },
-    /// An unordered choice; the number of choices, at least one.
+    /// An unordered choice, with the number of choices, which is at least one.
     Choice(usize),
 }
 
@@ -67,16 +67,16 @@ pub enum ProposalMethod {
 /// Result of a finished trial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrialOutcome {
-    /// Its values, in the order of the dimensions.
+    /// Values, in the order of the dimensions.
     pub values: Vec<TrialValue>,
     /// The rung that the trial reached, from 0. Trials of a higher rung rank before all others.
     pub rung: usize,
-    /// Its cost, to be minimised; `None` for a trial without a cost, which ranks last in its rung.
+    /// Cost, to be minimised; `None` for a trial without a cost, which ranks last in its rung.
     pub cost: Option<f64>,
 }
 
-/// Trials `first` to `first + count` of the search with `seed` over `dimensions`, after all of `outcomes`. Trials of
-/// one call do not use each other's results.
+/// Proposes `count` trials, numbered from `first` on, of the search with `seed` over `dimensions`, given all of
+/// `outcomes`. Trials of one call do not use each other's results.
 ///
 /// [`ProposalMethod::Tpe`] repeats an earlier trial only if there are no other trials.
 pub fn propose(
@@ -103,8 +103,8 @@ pub fn propose(
 }
 
 /// Positions of the trials that successive halving (Jamieson and Talwalkar 2016) keeps for the next rung, ascending:
-/// the trials with the best 1/`eta` of these costs, at least one trial. A trial without a cost is never kept. Of equal
-/// costs, the first are kept.
+/// the trials with the best 1/`eta` of these costs, at least one trial. A trial without a cost is never kept. Of
+/// several equal costs, the first are kept.
 pub fn kept(costs: &[Option<f64>], eta: usize) -> Vec<usize> {
     let mut order: Vec<(f64, usize)> = costs.iter().enumerate().filter_map(|(i, c)| Some(((*c)?, i))).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));

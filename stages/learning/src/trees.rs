@@ -17,7 +17,8 @@
 //! A row goes left if its value is at most the threshold. Trees are constant beyond the range of the training values,
 //! so they do not follow a drift out of that range.
 //!
-//! Sums are made column by column in row order, so the same seed gives the same bits on any number of threads.
+//! Sums are computed column by column in row order, so the same seed gives bit-identical results on any number of
+//! threads.
 
 mod bins;
 mod grow;
@@ -153,8 +154,8 @@ pub struct BoostingResult {
     pub forest: Forest,
     /// Mean square errors of the training rows and of the validation rows (NaN if there are none) after each tree.
     pub losses: Vec<(f64, f64)>,
-    /// Number of trees with the smallest validation loss. Of equal losses, the smallest number; without validation, all
-    /// trees.
+    /// Number of trees with the smallest validation loss. Of several equal losses, the smallest number is used. Without
+    /// validation, all trees are used.
     pub best: usize,
 }
 
@@ -291,7 +292,7 @@ impl Forest {
 ///
 /// # Errors
 /// Fails for values that are not finite, settings out of range, patience without validation, too few rows for two
-/// leaves, a first tree without a split, and a loss that overflows.
+/// leaves, a first tree without a split, or a loss that overflows.
 pub fn boost(
     x: &[f64],
     width: usize,
@@ -310,7 +311,7 @@ pub type TreeCallback<'a> = dyn FnMut(&[RegressionTree], f64, f64) -> ControlFlo
 /// bit-identical to the result of an uninterrupted training. `each` receives all trees so far.
 ///
 /// # Errors
-/// The same as for [`boost`], and [`BoostingError::Malformed`] for a tree that does not match these columns.
+/// Returns the errors of [`boost`], and [`BoostingError::Malformed`] for a tree that does not match these columns.
 pub fn boost_on(
     begun: Vec<RegressionTree>,
     x: &[f64],

@@ -59,7 +59,7 @@ fn median_s<T, E>(mut work: impl FnMut() -> Result<T, E>) -> Result<(f64, T), E>
     Ok((times[REPEATS / 2], answer))
 }
 
-/// Root mean square of the horizontal error, in m.
+/// Root mean square of the horizontal error, in metres.
 fn drms_m(truth: &Line, lat_deg: &[f64], lon_deg: &[f64]) -> f64 {
     let places = truth.columns[1].iter().zip(&truth.columns[2]).zip(lat_deg.iter().zip(lon_deg));
     let square = |((lat, lon), (found_lat, found_lon)): ((&f64, &f64), (&f64, &f64))| {

@@ -14,9 +14,9 @@ struct Survey {
     name: &'static str,
     node_m: f64,
     level_m: f64,
-    /// Maximum median and root mean square at omitted lines, nT.
+    /// Maximum median and root mean square at omitted lines, in nT.
     most_nt: [f64; 2],
-    /// Maximum distance between two points of a line for a crossing between them to count, metres.
+    /// Maximum distance between two points of a line for a crossing between them to count, in metres.
     gap_m: Option<f64>,
 }
 

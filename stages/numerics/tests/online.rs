@@ -30,7 +30,7 @@ use osborne::{Line, core_field, grid, temporal_nt};
 
 const SAMPLES: u32 = 2400;
 const DT_S: f64 = 1.0;
-/// White noise, nT.
+/// White noise, in nT.
 const SIGMA_NT: f64 = 2.0;
 /// Samples at which consistency is tested: far enough apart to be nearly independent.
 const EPOCHS: [usize; 7] = [120, 500, 880, 1260, 1640, 2020, 2399];
@@ -124,7 +124,7 @@ impl Flight {
         ekf::run(&parameters, &self.ins.series(), compensated_nt, map(), Some(core())).unwrap()
     }
 
-    /// Root mean square of the horizontal error over rows, in m.
+    /// Root mean square of the horizontal error over rows, in metres.
     fn drms_m(&self, output: &NavigationOutput, rows: std::ops::Range<usize>) -> f64 {
         let earth = EarthModel::Wgs84;
         let square = |row: usize| {
@@ -380,7 +380,7 @@ fn law_an_online_network_follows_an_aircraft_that_changes() {
     assert!(online < 0.5 * fixed.min(patient), "{online} {fixed} {patient}");
 }
 
-/// The time that this thread had a processor, in s.
+/// The time that this thread had a processor, in seconds.
 fn cpu_s() -> f64 {
     let told = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap();
     told.split(' ').next().unwrap().parse::<f64>().unwrap() / 1e9

@@ -13,7 +13,7 @@ use crate::{columns::data, dates::DAY_S};
 #[derive(Debug)]
 pub struct Station {
     pub(super) name: String,
-    /// Earth-centred position, m. `None` if the record has none.
+    /// Earth-centred position, in metres. `None` if the record has none.
     pub(super) place_m: Option<[f64; 3]>,
     /// Seconds from midnight of the day [`Stations::first_day`], ascending.
     pub(super) t_s: Vec<f64>,
@@ -71,7 +71,7 @@ impl Station {
         plan.column(&self.value_nt, method).map_err(data)
     }
 
-    /// Its first and last day.
+    /// First and last day.
     pub(super) fn span(&self) -> Option<(f64, f64)> {
         Some((*self.t_s.first()?, *self.t_s.last()?))
     }

@@ -1,5 +1,5 @@
-//! All points of a sweep together: each line is reduced once for all of them, and points with the same matrix share its
-//! factors.
+//! Fits all points of a sweep together. Each line is reduced once for all points, and points with the same matrix share
+//! its factors.
 
 use std::{collections::BTreeMap, sync::Arc};
 
@@ -26,8 +26,8 @@ use crate::{
 /// Model of `warm_start`, from which training starts.
 pub(super) struct TrainingStart {
     pub(super) model: LearnedModel,
-    /// Rate at which the inputs of the model are differences per sample, Hz. `None` if the table does not contain the
-    /// rate.
+    /// Rate at which the inputs of the model are differences per sample, in Hz. `None` if the table does not contain
+    /// the rate.
     pub(super) rate_hz: Option<f64>,
 }
 

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::trained::{self, LearnedModel, list};
 
-/// Time between two saved states, s.
+/// Time between two saved states, in seconds.
 const KEPT_EVERY_S: f64 = 1.0;
 /// Ratio of validation loss to training loss above which overfitting is reported.
 const OVERFITS: f64 = 4.0;

@@ -1,4 +1,4 @@
-//! Principal components instead of the features of a fit.
+//! Principal components that replace the features of a fit.
 
 use numerics::regression::{
     least_squares::{ColumnScaling, LinearFit, RegressionMoments},
@@ -36,7 +36,7 @@ impl FitComponents {
     /// Moments of the components, computed from the moments of the features.
     ///
     /// # Errors
-    /// If the number of features differs from the number of features of the components.
+    /// Fails if the number of features differs from the number of features of the components.
     pub fn component_moments(&self, features: &RegressionMoments) -> Result<RegressionMoments, Fault> {
         let (weights, offsets) = self.found.as_sums();
         features.combined(&weights, &offsets).map_err(data)

@@ -84,7 +84,8 @@ mod tests {
     #[test]
     fn law_a_small_penalty_recovers_the_truth_and_a_large_one_gives_zero() {
         let found = fitted("elastic_net", &[number("lambda", 1e-9)]).value;
-        // The path ends at a given duality gap of the objective, so coefficients have half as many accurate digits.
+        // The solver stops at a given duality gap of the objective, so the coefficients have half as many accurate
+        // digits.
         assert!(found.iter().zip(COEFFICIENTS).all(|(a, b)| (a - b).abs() < 1e-4 * b.abs()), "{found:?}");
         assert_eq!(fitted("elastic_net", &[number("lambda", 1e9), number("l1_ratio", 1.0)]).value[..3], [0.0; 3]);
     }

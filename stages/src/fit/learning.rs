@@ -53,7 +53,7 @@ impl FitAggregator {
         places.iter().map(|place| answers.remove(place).unwrap_or_else(lost)).collect()
     }
 
-    /// Rate at which the inputs of a point are differences per sample, Hz.
+    /// Rate at which the inputs of a point are differences per sample, in Hz.
     fn rate_of_start(&self, problem: &FitProblem, place: usize) -> Result<f64, Fault> {
         let Ok(Some(start)) = &self.starts[place] else { return Ok(problem.rate_hz) };
         let parts = start.model.parts();
@@ -70,7 +70,7 @@ impl FitAggregator {
         }
     }
 
-    /// [`learnt`](Self::learnt) for points at the rate of the problem.
+    /// Same as [`learnt`](Self::learnt), for points at the rate of the problem.
     fn learnt_at(
         &self,
         problem: &FitProblem,

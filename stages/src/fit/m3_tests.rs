@@ -1,4 +1,4 @@
-//! Checks of the models 3 on flights made from vectors, not from Tolles-Lawson terms.
+//! Tests of the models `m3...` on flights that are simulated from vectors, not from Tolles-Lawson terms.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
@@ -20,7 +20,7 @@ type Vector = [f64; 3];
 const TRAINING: std::ops::Range<usize> = 0..5;
 const HELD_OUT: std::ops::Range<usize> = 5..8;
 const RATE_HZ: f64 = 10.0;
-/// Earth field in the navigation frame, nT.
+/// Earth field in the navigation frame, in nT.
 const EARTH_NT: Vector = [20_000.0, 3_000.0, 45_000.0];
 
 fn sum(a: Vector, b: Vector) -> Vector {
@@ -52,14 +52,14 @@ fn earth_nt(line: usize, t: f64) -> Vector {
     times(&body, EARTH_NT.map(|b| share * b))
 }
 
-/// Two currents, A.
+/// Two currents, in A.
 fn currents(line: usize, t: f64) -> [f64; 2] {
     let phase = 1.7 * line as f64;
     let heater = if (0.35 * t + phase).sin() > 0.2 { 1.0 } else { 0.0 };
     [heater + 0.05 * (3.1 * t).sin(), 0.5 + 0.5 * (0.23 * t + phase).cos()]
 }
 
-/// Field of the aircraft, nT: magnetisation, eddy currents, and `share` of the effect of the currents.
+/// Field of the aircraft, in nT: magnetisation, eddy currents, and `share` of the effect of the currents.
 fn aircraft_nt(line: usize, t: f64, share: f64) -> Vector {
     let earth = earth_nt(line, t);
     let per_s = |i: usize| (earth_nt(line, t + 1e-4)[i] - earth_nt(line, t - 1e-4)[i]) / 2e-4;
@@ -142,7 +142,7 @@ fn model(found: &FitOutput) -> LearnedModel {
     LearnedModel::read(&found.term, &found.value).unwrap().unwrap()
 }
 
-/// Standard deviation of the error of a prediction on some lines, nT: the mean of each line is removed.
+/// Standard deviation of the error of a prediction on some lines, in nT: the mean of each line is removed.
 fn error_nt(lines: &[RecordBatch], predict: &dyn Fn(&RecordBatch) -> Vec<f64>) -> f64 {
     let squares = |line: &RecordBatch| {
         let error: Vec<f64> = values(line, "target").iter().zip(predict(line)).map(|(y, f)| y - f).collect();
@@ -160,13 +160,13 @@ fn predicted(found: &FitOutput, line: &RecordBatch) -> Vec<f64> {
     model.predict(&x, &[line.num_rows()]).unwrap().field_nt
 }
 
-/// Error of a network on held-out lines, nT.
+/// Error of a network on held-out lines, in nT.
 fn network_error_nt(name: &str, share: f64, keys: &Keys) -> f64 {
     let found = fitted_to(&flight(TRAINING, share), name, keys);
     error_nt(&flight(HELD_OUT, share), &|line| predicted(&found, line))
 }
 
-/// Error of linear Tolles-Lawson on held-out lines, nT.
+/// Error of linear Tolles-Lawson on held-out lines, in nT.
 fn linear_error_nt(share: f64) -> f64 {
     let terms =
         keys(&[words("features", &VECTOR_TERMS), number("lambda", 0.0), super::testing::flag("intercept", true)]);
@@ -328,7 +328,7 @@ fn unit_missing_values_constants_and_short_lines_are_handled() {
     let short = [lines[0].slice(0, 8), lines[1].slice(0, 8)];
     let fault = worked(&short, "m3s", &few(&[]), &NullMonitor).err().unwrap();
     assert!(fault.what.contains("long enough for the filter"), "{fault}");
-    // Lines shorter than the filter do not count in the ridge fit, but in the training.
+    // Lines shorter than the filter are used in the training, but not in the ridge fit.
     let mixed = [lines[0].clone(), lines[1].slice(0, 8)];
     assert_eq!(fitted_to(&mixed, "m3w", &few(&[whole("window", 3)])).rows, 408.0);
     let level: Vec<RecordBatch> = lines.iter().map(|line| replaced(line, "target", &|_, _| 7.0)).collect();

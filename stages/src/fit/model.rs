@@ -121,7 +121,7 @@ pub trait FitModel: Send + Sync {
     /// Fits the model to all lines of `problem`. `prepared` holds the columns with the scaling of `settings`.
     ///
     /// # Errors
-    /// If the data do not determine the model.
+    /// Fails if the data do not determine the model.
     fn fit(
         &self,
         _problem: &FitProblem,
@@ -134,7 +134,7 @@ pub trait FitModel: Send + Sync {
     /// Fits a model of `FitSamples` that is not a network. Replaces [`FitModel::fit`].
     ///
     /// # Errors
-    /// If the data do not determine the model, or the run is interrupted.
+    /// Fails if the data do not determine the model, or the run is interrupted.
     fn learn(
         &self,
         _samples: &FitSamples,

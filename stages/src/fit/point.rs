@@ -30,7 +30,7 @@ impl FitPoint {
     /// Positions of the chosen entries among all terms. `None` if all are used in order.
     ///
     /// # Errors
-    /// If an entry is missing or chosen twice, or no entry is chosen.
+    /// Fails if an entry is missing or chosen twice, or no entry is chosen.
     pub fn places(&self, terms: &[String]) -> Result<Option<Vec<usize>>, Fault> {
         self.entries.as_ref().map(|entries| places(entries, terms)).transpose()
     }
@@ -50,7 +50,7 @@ impl FitPoint {
 /// Positions of the entries among all terms. Each entry is a name, or a prefix of several names before a `_`.
 ///
 /// # Errors
-/// If an entry is missing or chosen twice, or no entry is chosen.
+/// Fails if an entry is missing or chosen twice, or no entry is chosen.
 pub fn places(entries: &[String], terms: &[String]) -> Result<Vec<usize>, Fault> {
     let mut places = vec![];
     for entry in entries {

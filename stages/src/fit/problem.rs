@@ -23,7 +23,7 @@ use crate::columns::data;
 /// Directions whose excitation is below this fraction of the strongest are listed.
 const WEAK: f64 = 1e-4;
 
-/// Range of the total field on earth, nT.
+/// Range of the total field on earth, in nT.
 const TOTAL_NT: std::ops::Range<f64> = 20_000.0..80_000.0;
 
 /// All lines of one matrix and target.
@@ -35,7 +35,7 @@ pub struct FitProblem<'a> {
     rates: Vec<&'a [TermRate]>,
     /// Factors that convert the terms of each share to `rate_hz`. `None` if all are 1.
     factors: Vec<Option<Vec<f64>>>,
-    /// Rate at which terms are differences per sample, Hz: the rate of the first line.
+    /// Rate at which terms are differences per sample, in Hz: the rate of the first line.
     pub(super) rate_hz: f64,
     /// Flight of each share.
     flights: Vec<String>,
@@ -62,7 +62,7 @@ impl<'a> FitProblem<'a> {
     /// Gathers the shares of the lines, in the order of the lines.
     ///
     /// # Errors
-    /// If no selected line has the features, no row remains after filter and trim, or the lines have different
+    /// Fails if no selected line has the features, no row remains after filter and trim, or the lines have different
     /// numbers of terms.
     pub fn new(parts: &[&'a FitLineSummary], at: &(DesignMatrixKey, TargetColumns)) -> Result<Self, Fault> {
         let terms = parts.iter().find_map(|p| p.terms.get(&at.0));
@@ -110,7 +110,7 @@ impl<'a> FitProblem<'a> {
     /// The same problem with all difference terms converted to another rate.
     ///
     /// # Errors
-    /// If a term has no equivalent at that rate, or the lines have different numbers of terms.
+    /// Fails if a term has no equivalent at that rate, or the lines have different numbers of terms.
     pub fn at_rate(&self, rate_hz: f64) -> Result<Self, Fault> {
         let mut problem = self.clone();
         (problem.rate_hz, problem.factors) = (rate_hz, vec![]);
@@ -179,7 +179,7 @@ impl<'a> FitProblem<'a> {
     /// Groups that cross-validation omits in turn: the lines, or the flights with all their lines.
     ///
     /// # Errors
-    /// If a line has another number of features than the problem.
+    /// Fails if a line has another number of features than the problem.
     pub fn groups(&self, settings: &FitSettings) -> Result<Vec<RegressionMoments>, Fault> {
         let lines = self.lines()?;
         if settings.choose != ModelSelection::LeaveOneFlightOut {
@@ -198,7 +198,7 @@ impl<'a> FitProblem<'a> {
     /// The same problem with only the terms at `places` (or all terms), computed from the factor of all terms.
     ///
     /// # Errors
-    /// If a position is beyond the last term.
+    /// Fails if a position is beyond the last term.
     pub fn cut(&self, places: Option<Vec<usize>>) -> Result<FitProblem<'a>, Fault> {
         let own = |moments: &RegressionMoments| own(moments, places.as_deref());
         let (merged, unfiltered) = (own(&self.merged)?, self.unfiltered.as_ref().map(own).transpose()?);
@@ -230,7 +230,7 @@ impl<'a> FitProblem<'a> {
     /// is the number of components, or below 1 the fraction of the variance. Unchanged without `keep`.
     ///
     /// # Errors
-    /// If there are no rows, no component is kept, or the decomposition does not converge.
+    /// Fails if there are no rows, no component is kept, or the decomposition does not converge.
     pub fn whitened(mut self, keep: Option<f64>) -> Result<Self, Fault> {
         let Some(keep) = keep else { return Ok(self) };
         let components = FitComponents::whitened(&self.merged, std::mem::take(&mut self.terms), keep)?;
@@ -301,13 +301,14 @@ impl<'a> FitProblem<'a> {
         Ok(made)
     }
 
-    /// Solves for the ridge parameters of all points with the same settings at once. `lambdas` are those of the sweep.
+    /// Solves at once for the ridge parameters of all points with the same settings. `lambdas` are the ridge parameters
+    /// of the sweep.
     ///
     /// # Errors
-    /// If the decomposition does not converge.
+    /// Fails if the decomposition does not converge.
     pub fn solve_ridges(&mut self, settings: &FitSettings, lambdas: &[f64]) -> Result<(), Fault> {
         let (prepared, _) = self.prepared(settings)?;
-        // If one parameter has no solution, such as 0 with unexcited terms, each is solved separately later.
+        // If one parameter has no solution, such as 0 with unexcited terms, each parameter is solved separately later.
         if let Ok(path) = prepared.ridge(lambdas, &self.terms) {
             self.paths.insert((settings.scaling as u8, settings.intercept), Arc::new(path));
         }

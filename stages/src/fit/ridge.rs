@@ -40,7 +40,7 @@ params! {
     lambdas: Option<Vec<f64>>, unit "", absent "a grid computed from the features";
 }
 
-/// A ridge under another name and with other columns.
+/// A ridge model under another name and with other columns.
 pub trait RidgeModel: Send + Sync {
     /// Penalty of the model.
     fn penalty(&self) -> &RidgePenalty;
@@ -73,7 +73,7 @@ impl<M: RidgeModel> FitModel for M {
 /// Ridge with the parameter `lambda`. `prepared` holds the columns of `problem` with the scaling of `settings`.
 ///
 /// # Errors
-/// If the columns do not determine the solution.
+/// Fails if the columns do not determine the solution.
 pub fn ridge(
     problem: &FitProblem,
     settings: &FitSettings,

@@ -29,7 +29,7 @@ const THINNED: usize = 500;
 /// Maximum number of columns for errors of coefficients, because the cost of cross-spectra grows with the square.
 pub const MOST_WITH_ERRORS: usize = 96;
 
-/// Dependence of a term on the sample rate, and the rate at which the term was computed, Hz. `None` if the term does
+/// Dependence of a term on the sample rate, and the rate at which the term was computed, in Hz. `None` if the term does
 /// not depend on the rate.
 pub type TermRate = Option<(RateLaw, f64)>;
 
@@ -57,7 +57,7 @@ pub struct FitRows {
     pub y: Vec<f64>,
     /// Runs of consecutive samples.
     pub runs: Vec<Range<usize>>,
-    /// Sample rate, Hz.
+    /// Sample rate, in Hz.
     pub rate_hz: f64,
 }
 
@@ -72,7 +72,7 @@ pub struct WidebandContribution {
 pub struct FitLineSummary {
     pub flight: String,
     pub line: String,
-    /// Sample rate, Hz.
+    /// Sample rate, in Hz.
     pub rate_hz: f64,
     pub shares: BTreeMap<(DesignMatrixKey, TargetColumns), LineContribution>,
     /// Fault of each question for which this line cannot be used.
@@ -124,8 +124,8 @@ impl FitLineSummary {
     /// moments computed for that question alone.
     ///
     /// # Errors
-    /// If the line has no numeric column `tt`, or its times have no sample rate. A fault of a single question is stored
-    /// in the part instead.
+    /// Fails if the line has no numeric column `tt`, or its times have no sample rate. A fault of a single question is
+    /// stored in the part instead.
     pub fn new(line: &LineInput, questions: &BTreeMap<DesignMatrixKey, FitRequest>) -> Result<FitLineSummary, Fault> {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;

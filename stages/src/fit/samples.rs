@@ -26,7 +26,7 @@ pub struct LineSamples<'a> {
     pub y: &'a [f64],
     /// Runs of consecutive samples.
     pub runs: &'a [Range<usize>],
-    /// Sample rate, Hz.
+    /// Sample rate, in Hz.
     pub rate_hz: f64,
 }
 
@@ -60,7 +60,7 @@ impl FitSamples<'_> {
     /// `names`.
     ///
     /// # Errors
-    /// If an entry is missing or chosen twice, or no entry is chosen.
+    /// Fails if an entry is missing or chosen twice, or no entry is chosen.
     pub fn places(&self, names: Option<&Vec<String>>) -> Result<Vec<usize>, Fault> {
         match names {
             Some(names) => places(names, self.names),
@@ -82,10 +82,10 @@ impl FitSamples<'_> {
         lines.flat_map(|line| line.runs.iter().map(Range::len)).collect()
     }
 
-    /// Sample rate of all lines, Hz.
+    /// Sample rate of all lines, in Hz.
     ///
     /// # Errors
-    /// If the rates differ by more than 1 %.
+    /// Fails if the rates differ by more than 1 %.
     pub fn rate_hz(&self) -> Result<f64, Fault> {
         let rates = || self.lines.iter().map(|line| line.rate_hz);
         let (least, most) = (rates().fold(f64::INFINITY, f64::min), rates().fold(0.0, f64::max));
@@ -104,7 +104,7 @@ impl FitSamples<'_> {
     /// Training lines, and the lines that the user names for validation.
     ///
     /// # Errors
-    /// If a name matches no line of the fit, or no training line remains.
+    /// Fails if a name matches no line of the fit, or no training line remains.
     pub fn split(&self, validation: &[String]) -> Result<(Vec<usize>, Vec<usize>), Fault> {
         let wrong = |what: String| Fault::data(what).of_param("validation");
         if let Some(name) = validation.iter().find(|name| !self.lines.iter().any(|line| line.is_named(name))) {
@@ -143,7 +143,7 @@ impl PointMonitor<'_> {
     /// See [`CheckpointMonitor::report_progress`].
     ///
     /// # Errors
-    /// If the run is interrupted.
+    /// Fails if the run is interrupted.
     pub fn report_progress(&self, progress: &str) -> Result<(), Fault> {
         let stopped = || Fault::machine("interrupted").help("run the same command again to resume");
         if self.work.report_progress(self.point, progress).is_break() { Err(stopped()) } else { Ok(()) }

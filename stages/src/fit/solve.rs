@@ -57,7 +57,7 @@ pub struct FitSolution {
     pub approximation_bound_nt: f64,
     /// Lines whose rows were used.
     pub lines: String,
-    /// Rate at which terms are differences per sample, Hz.
+    /// Rate at which terms are differences per sample, in Hz.
     pub rate_hz: f64,
     /// Warning about the fit.
     pub warning: String,
@@ -66,7 +66,7 @@ pub struct FitSolution {
 /// Linear model of one point.
 ///
 /// # Errors
-/// Fails in the cases of [`FitModel::fit`](super::FitModel::fit), and if the decomposition does not converge.
+/// Fails in the cases of [`FitModel::fit`](super::FitModel::fit). Also fails if the decomposition does not converge.
 pub fn solve(problem: &mut FitProblem, point: &FitPoint) -> Result<FitSolution, Fault> {
     let (prepared, excited) = problem.prepared(&point.settings)?;
     let answer = point.model.fit(problem, &point.settings, &prepared)?;
@@ -124,7 +124,7 @@ fn too_short(unused: &str) -> Option<String> {
 /// Model that learned from samples, with its residual.
 ///
 /// # Errors
-/// If the model predicts values that are not finite.
+/// Fails if the model predicts values that are not finite.
 pub fn solved(problem: &FitProblem, samples: &FitSamples, learnt: LearningResult) -> Result<FitSolution, Fault> {
     let LearningResult { model, chosen, curve, warning } = learnt;
     let left = samples.lines.iter().map(|line| residual(samples, line, &model)).collect::<Result<Vec<_>, Fault>>()?;

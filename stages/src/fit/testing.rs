@@ -58,12 +58,12 @@ pub fn plain(constant_nt: f64) -> Vec<RecordBatch> {
     lines(&|_, exact| exact + constant_nt)
 }
 
-/// [`plain`] lines with a spike of 500 nT in every twentieth row.
+/// The [`plain`] lines with a spike of 500 nT in every twentieth row.
 pub fn spiked() -> Vec<RecordBatch> {
     lines(&|row, exact| exact + INTERCEPT_NT + if row % 20 == 7 { 500.0 } else { 0.0 })
 }
 
-/// [`plain`] lines with a nonlinear target, which no linear model fits.
+/// The [`plain`] lines with a nonlinear target, which no linear model fits.
 pub fn bent() -> Vec<RecordBatch> {
     lines(&|_, exact| exact + INTERCEPT_NT + 15.0 * (exact / 8.0).tanh())
 }
@@ -73,7 +73,7 @@ pub fn another() -> Vec<RecordBatch> {
     lines(&|_, exact| 1.1 * exact + 700.0 + 17.0 * (exact / 8.0).tanh())[..1].to_vec()
 }
 
-/// [`plain`] lines whose target lags the features by half a second.
+/// The [`plain`] lines, but with a target that lags the features by half a second.
 pub fn delayed() -> Vec<RecordBatch> {
     let late = |line: RecordBatch| {
         let y = line.column(1).as_primitive::<Float64Type>().values().to_vec();
@@ -117,7 +117,7 @@ pub fn stage(model: &str, keys: &[(String, Literal)]) -> Result<AnyStage, Vec<Fa
     (super::entry(super::MODELS.to_vec()).build)(&args)
 }
 
-/// Monitor that interrupts training after a number of reports and keeps the last state.
+/// Monitor that interrupts training after a number of progress reports and keeps the last state.
 pub struct InterruptMonitor {
     after: usize,
     kept: Mutex<Option<Vec<u8>>>,

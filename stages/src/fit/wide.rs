@@ -18,7 +18,7 @@ use crate::{
 
 /// Number of steps between neighbours kept per line, evenly spaced.
 const STEPS: usize = 1000;
-/// Range of a target that is a total field, nT. Core field and diurnal variation of such a target are not noise.
+/// Range of a target that is a total field, in nT. Core field and diurnal variation of such a target are not noise.
 const TOTAL_NT: Range<f64> = 15_000.0..80_000.0;
 
 /// Columns, if the line has them, that are subtracted before the noise is estimated: the core field, or the inputs to
@@ -51,7 +51,7 @@ impl WidebandLayout {
         Self { runs: runs.iter().map(whole).filter(|r| !r.is_empty()).collect(), block, steps, rate_hz }
     }
 
-    /// Means over blocks, then steps, of a column whose value in a row is `at`.
+    /// Means over the blocks, followed by the steps, of a column. `at` returns the value in a row.
     fn values(&self, at: impl Fn(usize) -> f64) -> WidebandValues {
         let blocks = self.runs.iter().flat_map(|r| r.clone().step_by(self.block));
         let mean = |first: usize| (first..first + self.block).map(&at).sum::<f64>() / self.block as f64;

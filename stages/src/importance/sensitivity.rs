@@ -13,7 +13,7 @@ impl Importance {
     /// Elementary effects.
     ///
     /// # Errors
-    /// If the model fails, or the levels are odd.
+    /// Fails if the model fails, or the levels are odd.
     pub(super) fn screened(
         &self,
         rows: &ImportanceRows,
@@ -36,7 +36,7 @@ impl Importance {
     /// Sobol indices.
     ///
     /// # Errors
-    /// If the model fails, or its predictions are equal over the ranges.
+    /// Fails if the model fails, or its predictions are equal over the ranges.
     pub(super) fn shares(
         &self,
         rows: &ImportanceRows,

@@ -61,8 +61,8 @@ pub struct SampleAttributions {
 }
 
 impl SampleAttributions {
-    /// Values and inputs of `kept` of the samples, evenly spaced, one group after the other. NaN if there are fewer
-    /// samples, and for a group of several inputs.
+    /// Values and inputs of `kept` evenly spaced samples, group by group. NaN if there are fewer samples, and for a
+    /// group of several inputs.
     pub fn lists(&self, kept: usize, groups: &[Vec<usize>]) -> [Vec<f64>; 2] {
         let count = self.x.len() / self.width.max(1);
         let shown = kept.min(count);
@@ -89,7 +89,7 @@ impl ImportanceRows {
     /// Used rows of a line.
     ///
     /// # Errors
-    /// If the line lacks a column, is not evenly sampled, or has fewer than two such rows.
+    /// Fails if the line lacks a column, is not evenly sampled, or has fewer than two such rows.
     pub fn new(stage: &Importance, line: &LineInput, fitted: &FittedModel) -> Result<Self, Fault> {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let (tt, target) = (floats(batch, "tt")?, floats(batch, &stage.target)?);
@@ -124,7 +124,7 @@ impl Importance {
     /// Groups of entries: the named groups, then every other entry as a separate group.
     ///
     /// # Errors
-    /// If a group has no entry, or shares one with another.
+    /// Fails if a group has no entry, or shares one with another.
     pub fn grouped(&self, columns: &[String]) -> Result<(Vec<String>, Vec<Vec<usize>>), Fault> {
         let mut left: Vec<bool> = vec![true; columns.len()];
         let (mut names, mut groups) = (vec![], vec![]);
@@ -154,7 +154,7 @@ impl Importance {
     /// Importance of each group on a line.
     ///
     /// # Errors
-    /// If the method does not suit the model, or the line is too short for it.
+    /// Fails if the method does not suit the model, or the line is too short for it.
     pub fn weights(
         &self,
         rows: &ImportanceRows,
@@ -342,7 +342,7 @@ fn mean_and_deviation(x: &[f64]) -> (f64, f64) {
     (statistics::mean(x).value, statistics::std(x).value)
 }
 
-/// Fault of a model that fails, or of rows or settings, which `param` determines.
+/// Fault of a model that fails, or of the rows or settings. `param` is the parameter that it is reported for.
 pub(super) fn failed(e: ImportanceError<Fault>, param: Option<&str>) -> Fault {
     match (e, param) {
         (ImportanceError::Model(fault), _) => fault,

@@ -13,7 +13,7 @@ use schemas::Fault;
 use super::{CoreFieldSource, MapGrid};
 use crate::columns::data;
 
-/// Length of one degree of latitude, m.
+/// Length of one degree of latitude, in metres.
 const DEGREE_M: f64 = 111_195.0;
 
 /// The points in the form that gridding requires.
@@ -27,7 +27,7 @@ pub fn survey<'a>(points: &'a SurveyPointSet, line: &'a [usize]) -> gridding::Su
     }
 }
 
-/// Heights for a surface that does not depend on them: unknown heights become the mean of the known ones, or 0.
+/// Heights for a surface that does not depend on them: unknown heights become the mean of the known heights, or 0.
 pub fn any_heights(points: &SurveyPointSet) -> Vec<f64> {
     let known = || points.height_m.iter().filter(|h| h.is_finite());
     let mean = known().sum::<f64>() / known().count().max(1) as f64;
@@ -37,7 +37,7 @@ pub fn any_heights(points: &SurveyPointSet) -> Vec<f64> {
 /// Subtracts core field and diurnal variation.
 ///
 /// # Errors
-/// If the points lack the diurnal variation, core field, heights or dates that are needed. If a date or
+/// Fails if the points lack the diurnal variation, core field, heights or dates that are needed. Fails if a date or
 /// position is invalid or outside the model's range.
 pub fn reduce(stage: &MapGrid, points: &mut SurveyPointSet) -> Result<(), Fault> {
     let lacks = |what: &str| Fault::data(format!("the points have no {what}"));

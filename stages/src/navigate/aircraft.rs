@@ -1,4 +1,4 @@
-//! The aircraft field as states of a filter: the terms of the field, and the prior of their coefficients.
+//! The aircraft field as states of a filter: terms of the field, and the prior of their coefficients.
 
 use std::borrow::Cow;
 
@@ -66,7 +66,7 @@ pub(super) struct AircraftCoefficientStates<'a> {
 }
 
 impl AircraftCoefficientStates<'_> {
-    /// Hash of all numbers.
+    /// Hash of all these numbers.
     pub(super) fn hash(&self) -> HashKey {
         const PART: usize = 4096;
         let Self { terms, prior, walk_density } = self;
@@ -132,7 +132,7 @@ impl AircraftModelKeys {
     /// without.
     ///
     /// # Errors
-    /// When the model has none of the terms, or a term has no equivalent at the rate of the line.
+    /// Fails if the model has none of the terms, or a term has no equivalent at the rate of the line.
     pub(super) fn states<'a>(
         &self,
         flown: &'a FilterInput,
@@ -148,7 +148,7 @@ impl AircraftModelKeys {
     /// The prior of the coefficients of a line's terms.
     ///
     /// # Errors
-    /// When the model has none of the terms, or a term has no equivalent at the rate of the line.
+    /// Fails if the model has none of the terms, or a term has no equivalent at the rate of the line.
     pub(super) fn prior(&self, terms: &AircraftTerms, models: &[CalibrationPrior]) -> Result<CoefficientPrior, Fault> {
         let names = &terms.names;
         let cold: Vec<f64> = names.iter().map(|name| self.cold_sigma_nt(name, &terms.sampling)).collect();

@@ -1,4 +1,4 @@
-//! Tables of `fit` that give the prior of a filter.
+//! Tables of `fit`, from which the prior of a filter is computed.
 
 use arrow_array::{Array, RecordBatch, cast::AsArray};
 use schemas::Fault;
@@ -23,7 +23,7 @@ impl CalibrationPrior {
     /// Calibration of a model table.
     ///
     /// # Errors
-    /// When the table has no terms or no values.
+    /// Fails if the table has no terms or no values.
     pub fn from_table(table: &RecordBatch) -> Result<Self, Fault> {
         let values_nt = floats(table, VALUE)?.to_vec();
         let terms = table.column_by_name(TERM).and_then(|t| t.as_string_opt::<i32>());

@@ -21,8 +21,8 @@ use crate::columns::{array, data};
 
 /// Default bounds of the estimated noise, as factors of the assumed noise.
 const LEAST: f64 = 1.0 / 20.0;
-/// Default lower bound where the noise of the line was estimated before, as a factor of the estimate. Below it a window
-/// of innovations is by chance, or position errors have taken the map's shape.
+/// Default lower bound where the noise of the line was estimated before, as a factor of the estimate. An estimate below
+/// this bound is due to chance in the window of innovations, or to position errors that fit the map too closely.
 const LEAST_TUNED: f64 = 0.5;
 const LARGEST: f64 = 20.0;
 
@@ -184,8 +184,8 @@ mod tests {
             let found = flown("ekf_adaptive", &keys, &noisy).unwrap();
             let late: Vec<f64> = found.numbers("sigma_adapted")[300..].to_vec();
             let mean = late.iter().sum::<f64>() / late.len() as f64;
-            // Amplitudes of 6 nT and 1.4 nT: 4.4 nT rms together. A variance estimated from 50 samples has a standard
-            // error of a fifth.
+            // Amplitudes of 6 nT and 1.4 nT give 4.4 nT rms. A variance estimated from 50 samples has a standard error
+            // of a fifth.
             assert!((mean / 4.4 - 1.0).abs() < 0.25, "told {told}: {mean}");
         }
     }

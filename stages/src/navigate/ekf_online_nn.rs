@@ -272,8 +272,8 @@ fn from_model(
     Ok((network.map_err(data)?, weights))
 }
 
-/// Measurement minus the field at the GNSS position, nT, one value per sample. NaN if the measurement or the position
-/// is missing.
+/// Measurement minus the field at the GNSS position, in nT, one value per sample. NaN if the measurement or the
+/// position is missing.
 fn aircraft_field(line: &NavigationLine, fixes: &PositionFixes, rows: usize) -> Vec<f64> {
     let (ins, mut field) = (line.ins, line.predicted());
     let of = |row: usize| {
@@ -359,7 +359,7 @@ mod tests {
         let found = flown("ekf_online_nn", keys, &flight()).unwrap();
         assert_eq!((found.updates("missing"), found.updates("used")), (300, 300));
         assert!(found.error_m(299) < 5.0 && found.error_m(ROWS - 1) < 40.0, "{}", found.error_m(ROWS - 1));
-        // The same seed gives the same weights, another seed different ones.
+        // The same seed gives the same weights; another seed gives different weights.
         let again = flown("ekf_online_nn", keys, &flight()).unwrap();
         assert_eq!(found.numbers("lat"), again.numbers("lat"));
         let other = flown("ekf_online_nn", &format!("{keys}\nseed = 5\nsave_weights = true"), &flight()).unwrap();

@@ -35,7 +35,7 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
     /// Columns that the filter reads in addition to the INS and `mag`.
     ///
     /// # Errors
-    /// When the flight lacks a column or has it in another unit.
+    /// Fails if the flight lacks a column or has it in another unit.
     fn reads(&self, _flight: &FilterFlight) -> Result<Vec<String>, Vec<Fault>> {
         Ok(vec![])
     }
@@ -123,7 +123,7 @@ pub trait NavigationFilter: FilterGroups + Any + Send + Sync {
     /// Filters one line.
     ///
     /// # Errors
-    /// When the line cannot be filtered. The other lines are not affected.
+    /// Fails if the line cannot be filtered. The other lines are not affected.
     fn navigate(&self, flown: &FilterInput) -> Result<FilterTrack, Fault>;
 
     /// Filters one line at several points of a sweep that share the INS. Returns one result per point, in order,
@@ -204,7 +204,7 @@ impl ChoiceKind for FilterDecl {
     }
 }
 
-/// [`NavigationFilter::navigate_points`] of the filters of type `F` among `points`.
+/// Calls [`NavigationFilter::navigate_points`] for the filters of type `F` among `points`.
 ///
 /// # Errors
 /// Each result fails in the cases of [`NavigationFilter::navigate`].

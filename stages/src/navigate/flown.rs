@@ -113,7 +113,7 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<LineOutput> {
 /// does.
 ///
 /// # Errors
-/// Fails for a line that `navigate` rejects, without a map, and in the cases of `of`.
+/// Fails for a line that `navigate` rejects, or without a map. Also fails in the cases of `of`.
 pub(crate) fn with_filter_input<T>(
     point: LinePoint<Navigate>,
     of: impl FnOnce(&FilterInput, Arc<NavigationMap>) -> Result<T, Fault>,

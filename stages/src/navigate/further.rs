@@ -404,7 +404,8 @@ impl AuxiliaryMeasurements {
     }
 }
 
-/// Columns of the constant states of the scalar measurement: the lag of the magnetometer, and the height bias on the map.
+/// Columns of the constant states of the scalar measurement: the lag of the magnetometer, and the bias between the
+/// height of the INS and the height on the map.
 pub(super) fn constant_columns([has_latency, has_map_height]: [bool; 2]) -> Vec<Column> {
     let none = "without a state for it";
     let lag = format!("estimated lag of the magnetometer's time stamps; 0 {none}");

@@ -84,12 +84,12 @@ impl<'a> InsColumns<'a> {
         InsSeries::from_columns([self.tt_s, lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw])
     }
 
-    /// The heights above the ellipsoid, in metres.
+    /// Heights above the ellipsoid, in metres.
     pub(super) fn alt_m(&self) -> &[f64] {
         &self.position[2]
     }
 
-    /// Mean distance from one sample to the next, in m.
+    /// Mean distance from one sample to the next, in metres.
     pub(super) fn step_m(&self) -> f64 {
         let [vn_mps, ve_mps, _] = &self.velocity;
         let speed_mps = vn_mps.iter().zip(ve_mps.iter()).map(|(n, e)| n.hypot(*e)).sum::<f64>() / vn_mps.len() as f64;

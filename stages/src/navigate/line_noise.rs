@@ -16,11 +16,12 @@ use super::{
 };
 use crate::columns::data;
 
-/// Time between two measurements used to estimate the noise, in s. Errors with a shorter correlation time are white.
+/// Time between two measurements used to estimate the noise, in seconds. Errors with a shorter correlation time are
+/// white.
 pub(super) const INTERVAL_S: f64 = 5.0;
 /// Smallest ratio of the rms error of a map's nodes to the white noise for which the map error is used.
 const LEAST_MAP_ERROR: f64 = 0.2;
-/// Time between two measurements of a filter if their innovations are white, in s.
+/// Time between two measurements of a filter if their innovations are white, in seconds.
 const SHORT_INTERVAL_S: f64 = 1.0;
 
 /// Inputs that determine the noise of a line.

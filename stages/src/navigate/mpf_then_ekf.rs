@@ -1,4 +1,4 @@
-//! Particles until a single position remains, then the extended Kalman filter.
+//! Particle filter until a single position remains, then the extended Kalman filter.
 
 use numerics::navigation::{
     line::NavigationLine,

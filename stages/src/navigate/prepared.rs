@@ -19,7 +19,7 @@ pub struct NavigationResources {
     pub(super) models: Vec<CalibrationPrior>,
 }
 
-/// A map that is continued to the heights of the lines. A cached level is not computed again.
+/// A map that is continued to the heights of the lines. Computed levels are cached.
 pub(super) struct NavigationMaps {
     table: RecordBatch,
     interpolation: MapInterpolation,
@@ -42,11 +42,11 @@ pub(crate) struct NavigationMap {
 /// Heights to which a map is continued on demand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct MapHeightLevels {
-    /// The map's own height, in m above the ellipsoid.
+    /// The map's own height, in metres above the ellipsoid.
     own_m: f64,
-    /// Length of a cell of the map, in m.
+    /// Length of a cell of the map, in metres.
     cell_m: f64,
-    /// Distance below and above a line that a height bias may take, in m.
+    /// Distance below and above a line that a height bias may take, in metres.
     reach_m: f64,
 }
 
@@ -63,8 +63,8 @@ const MOST_KEPT: usize = 8;
 const MOST_LEVELS: f64 = 24.0;
 
 impl MapHeightLevels {
-    /// Levels for a line between two heights, m. There are no levels if the map's own height is close enough, and there
-    /// is one level for level flight.
+    /// Levels for a line between two heights, in metres. There are no levels if the map's own height is close enough,
+    /// and there is one level for level flight.
     fn levels_m(&self, low_m: f64, high_m: f64) -> Option<Vec<f64>> {
         let Self { own_m, cell_m, reach_m } = *self;
         let (near, lowest_m) = (SAME_HEIGHT * cell_m, own_m - DOWNWARD * cell_m);
@@ -106,7 +106,7 @@ impl NavigationMaps {
         Ok(maps)
     }
 
-    /// Map for a line at these heights, in m above the ellipsoid.
+    /// Map for a line at these heights, in metres above the ellipsoid.
     ///
     /// # Errors
     /// Fails in the cases of [`field_map`].

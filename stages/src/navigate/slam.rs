@@ -220,7 +220,7 @@ fn smoothing(report: &SlamReport) -> &'static str {
 
 impl Slam {
     /// # Errors
-    /// If `smooth_sigma_nt` is set and the filter assumes no white noise.
+    /// Fails if `smooth_sigma_nt` is set and the filter assumes no white noise.
     fn parameters(&self, flown: &FilterInput) -> Result<SlamParameters, Fault> {
         let noise_factor = match self.smooth_sigma_nt {
             Some(sigma_nt) if flown.measurement_sigma_nt > 0.0 => sigma_nt / flown.measurement_sigma_nt,

@@ -66,12 +66,12 @@ params! {
 pub(super) const ALIGNED: &str = "ins_aligned";
 const TRUTH: [&str; 3] = ["lat", "lon", "alt"];
 const TRUE_VELOCITY: [&str; 3] = ["vn", "ve", "vd"];
-/// Longest time from the start of a line to the position and velocity fix of the line, in s.
+/// Longest time from the start of a line to the position and velocity fix of the line, in seconds.
 const FIX_WITHIN_S: f64 = 2.0;
-/// Times from an unknown alignment to a fix, in s: an old alignment, and one at the fix. Within an hour, about two
-/// thirds of a Schuler period, the tilts reach their largest errors.
+/// Times from an unknown alignment to a fix, in seconds: an old alignment, and one at the fix. Within an hour, about
+/// two thirds of a Schuler period, the tilts reach their largest errors.
 const ASSUMED_AGES_S: [f64; 2] = [3600.0, 0.0];
-/// Longest time from an alignment to a line, in s.
+/// Longest time from an alignment to a line, in seconds.
 const LONGEST_AGE_S: f64 = 2.0 * 86_400.0;
 
 /// Initial condition of the filter of a line.
@@ -81,7 +81,7 @@ pub(super) enum InitialCondition {
     Given,
     /// The alignment, and the time since then.
     Aligned {
-        /// Time since the alignment, in s.
+        /// Time since the alignment, in seconds.
         age_s: f64,
     },
     /// A fix at a row.
@@ -90,7 +90,7 @@ pub(super) enum InitialCondition {
         fix: StartFix,
         /// Row of the fix.
         row: usize,
-        /// Time from the alignment to the fix, in s; `None` if it is unknown.
+        /// Time from the alignment to the fix, in seconds; `None` if it is unknown.
         age_s: Option<f64>,
     },
 }
@@ -100,7 +100,7 @@ fn has(shape: &TableShape, names: &[&str]) -> bool {
     names.iter().all(|name| shape.get(name).is_some())
 }
 
-/// Columns of a position by GNSS: of the receiver if the flight has them, else the flight's position.
+/// Columns of a GNSS position: the columns of the receiver if the flight has them, else the position of the flight.
 pub(super) fn gnss_columns(given: Option<&[String; 3]>, shape: &TableShape) -> [String; 3] {
     let usual = if has(shape, &GNSS_POSITION) { GNSS_POSITION } else { TRUTH };
     given.cloned().unwrap_or_else(|| usual.map(str::to_owned))
@@ -282,7 +282,7 @@ impl Navigate {
     }
 }
 
-/// Time from the last alignment of the INS to a time `at_s` of the line, in s.
+/// Time from the last alignment of the INS to a time `at_s` of the line, in seconds.
 fn age_s(batch: &RecordBatch, at_s: f64) -> Result<f64, Fault> {
     let aligned = floats(batch, ALIGNED)?.first().copied().unwrap_or(f64::NAN);
     let age_s = at_s - aligned;
@@ -297,7 +297,7 @@ fn age_s(batch: &RecordBatch, at_s: f64) -> Result<f64, Fault> {
 
 impl InitialCondition {
     /// Covariances of the state at the first sample: one, or one for each possible time of an unknown alignment, the
-    /// largest first. None for the initial standard deviations.
+    /// largest first. The list is empty if the initial standard deviations apply.
     pub(super) fn covariances(&self, errors: &InsErrorModel, ins: &InsSeries<'_>) -> Vec<StateMatrix> {
         match self {
             InitialCondition::Given => vec![],
@@ -371,7 +371,7 @@ mod tests {
 
     #[test]
     fn unit_a_filter_starts_from_the_receiver_of_a_flight() {
-        // The alignment leaves the 10 m of the INS; the receiver leaves its own 4 m.
+        // The alignment leaves the error of the INS, 10 m; the receiver leaves its own error, 4 m.
         let far = |flight: &RecordBatch, keys: &str| run(keys, flight).unwrap().error_m(0);
         let of_alignment = far(&added(vec![aligned(-100.0)]), "");
         let both = added(receiver().into_iter().chain([aligned(-100.0)]).collect());

@@ -133,7 +133,7 @@ impl NavigateOutput {
         self.words("update").iter().filter(|update| *update == word).count()
     }
 
-    /// The distance from the truth at a row, in m.
+    /// The distance from the truth at a row, in metres.
     pub(super) fn error_m(&self, row: usize) -> f64 {
         let truth = flight();
         let truth = |name: &str| truth.column_by_name(name).unwrap().as_primitive::<Float64Type>().value(row);

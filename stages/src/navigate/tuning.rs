@@ -199,8 +199,8 @@ impl Navigate {
         flown.permanent_states(GaussMarkov { sigma, tau_s: keys.permanent_change_tau_s.unwrap_or(f64::INFINITY) })
     }
 
-    /// Prior standard deviations of the lag of the magnetometer, in s, and of the height bias on the map, in m: 0 without a
-    /// state, `None` if the likelihood decides.
+    /// Prior standard deviations of the lag of the magnetometer, in seconds, and of the bias between the height of the
+    /// INS and the height on the map, in metres. 0 without a state; `None` if the likelihood decides.
     pub(super) fn given_constants(&self) -> [Option<f64>; 2] {
         let keys = self.filter.keys.further().filter(|_| self.filter.keys.takes_scalar_states());
         keys.map_or([Some(0.0); 2], |keys| [keys.mag_latency_sigma_s, keys.map_height_sigma_m])
@@ -211,7 +211,7 @@ impl Navigate {
         self.given_constants().map(|given| given.map_or_else(|| self.finds_noise(has_map), |sigma| sigma > 0.0))
     }
 
-    /// Distance below and above a line to which the map is continued for a height bias that a key requests, in m.
+    /// Distance below and above a line to which the map is continued for a height bias that a key requests, in metres.
     pub(super) fn height_reach_m(&self) -> f64 {
         let [_, map_height_sigma_m] = self.given_constants();
         2.0 * map_height_sigma_m.unwrap_or(0.0)

@@ -1,4 +1,4 @@
-//! Start of a line that is known less accurately than the distance over which the map is linear.
+//! Start of a line whose initial position is known less accurately than the distance over which the map is linear.
 
 use arrow_array::ArrayRef;
 use numerics::navigation::{
@@ -20,7 +20,7 @@ use super::{
 use crate::columns::{array, data};
 
 /// Columns of a filter that linearises the map from the first sample on: the initial standard deviation of the position
-/// (longer axis), and the largest one over which the map is linear within the noise, in m.
+/// (longer axis), and the largest one over which the map is linear within the noise, in metres.
 pub const START_COLUMNS: [&str; 2] = ["start_sigma", "start_sigma_limit"];
 
 /// Standard deviation (nT) and time constant (s) of the slow error while the aircraft is located, if they are unset. A
@@ -64,9 +64,9 @@ impl Navigate {
 }
 
 impl NoiseSources<'_> {
-    /// [`NoiseSources::find`] for a start over which the map is not linear. Particles locate the aircraft. The INS is
-    /// corrected by that position and velocity, and noise and outliers are estimated along the corrected INS. The
-    /// assumed noise is kept if the particles do not find a single position.
+    /// Same as [`NoiseSources::find`], for a start over which the map is not linear. Particles locate the aircraft. The
+    /// INS is corrected by that position and velocity, and noise and outliers are estimated along the corrected INS.
+    /// The assumed noise is kept if the particles do not find a single position.
     pub(super) fn find_from_wide_start(
         &self,
         flown: &mut FilterInput,
@@ -125,7 +125,7 @@ impl FilterInput<'_> {
     /// Rejects an offset that is computed at a position of the INS outside the range over which the map is linear.
     ///
     /// # Errors
-    /// With an offset and a wide start.
+    /// Fails if an offset is requested and the start is wide.
     pub(super) fn reject_wide_offset(&self) -> Result<(), Fault> {
         let Some(range) = self.start_range.filter(|range| range.is_exceeded() && self.offset_window_s > 0.0) else {
             return Ok(());

@@ -26,7 +26,7 @@ pub struct CompensationSignals {
     pub after_nt: Vec<f64>,
 }
 
-/// Offsets of positions from the true positions, in m.
+/// Offsets of positions from the true positions, in metres.
 pub struct HorizontalErrors {
     /// Northward.
     pub north_m: Vec<f64>,
@@ -55,10 +55,10 @@ impl<'a> ScoreLine<'a> {
         ScoreLine { stage, line, places, error, signals, track_error, radii, map_error }
     }
 
-    /// Times of the samples, in s.
+    /// Times of the samples, in seconds.
     ///
     /// # Errors
-    /// If the line has no numeric column `tt`.
+    /// Fails if the line has no numeric column `tt`.
     pub fn tt(&self) -> Result<&[f64], Fault> {
         floats(&self.line.inputs[0], "tt")
     }
@@ -66,7 +66,7 @@ impl<'a> ScoreLine<'a> {
     /// Columns of a source, in its order.
     ///
     /// # Errors
-    /// If the line lacks the source, or one of its columns does not hold numbers.
+    /// Fails if the line lacks the source, or one of its columns does not hold numbers.
     pub fn columns(&self, source: ScoreSource) -> Result<Vec<&[f64]>, Fault> {
         let ScoreSourceColumns { table, columns } = self.place(source)?;
         columns.iter().map(|name| floats(&self.line.inputs[*table], name)).collect()
@@ -75,17 +75,17 @@ impl<'a> ScoreLine<'a> {
     /// A source of one column.
     ///
     /// # Errors
-    /// If the line lacks the source, or its column does not hold numbers.
+    /// Fails if the line lacks the source, or its column does not hold numbers.
     pub fn column(&self, source: ScoreSource) -> Result<&[f64], Fault> {
         let place = self.place(source)?;
         let name = place.columns.first().ok_or_else(|| self.without(source))?;
         floats(&self.line.inputs[place.table], name)
     }
 
-    /// [`ScoreLine::column`] of a source that may be absent.
+    /// Same as [`ScoreLine::column`], for a source that may be absent.
     ///
     /// # Errors
-    /// If its column does not hold numbers.
+    /// Fails if its column does not hold numbers.
     pub fn optional(&self, source: ScoreSource) -> Result<Option<&[f64]>, Fault> {
         self.places.get(source).map(|_| self.column(source)).transpose()
     }
@@ -93,7 +93,7 @@ impl<'a> ScoreLine<'a> {
     /// One of the columns of a source.
     ///
     /// # Errors
-    /// If the line lacks the source or this column, or the column does not hold numbers.
+    /// Fails if the line lacks the source or this column, or the column does not hold numbers.
     pub fn named(&self, source: ScoreSource, name: &str) -> Result<&[f64], Fault> {
         floats(&self.line.inputs[self.place(source)?.table], name)
     }
@@ -101,7 +101,7 @@ impl<'a> ScoreLine<'a> {
     /// Outcomes of the measurements of the track.
     ///
     /// # Errors
-    /// If the line lacks a track, or the track has no text in `update`.
+    /// Fails if the line lacks a track, or the track has no text in `update`.
     pub fn updates(&self) -> Result<&StringArray, Fault> {
         let place = self.places.get(ScoreSource::Track).map_or_else(|| self.place(ScoreSource::Innovations), Ok)?;
         let track = &self.line.inputs[place.table];
@@ -112,7 +112,7 @@ impl<'a> ScoreLine<'a> {
     /// A source of one column of text.
     ///
     /// # Errors
-    /// If the line lacks the source, or its column does not hold text.
+    /// Fails if the line lacks the source, or its column does not hold text.
     pub fn texts(&self, source: ScoreSource) -> Result<&StringArray, Fault> {
         let ScoreSourceColumns { table, columns } = self.place(source)?;
         let name = columns.first().ok_or_else(|| self.without(source))?;
@@ -163,13 +163,13 @@ impl<'a> ScoreLine<'a> {
         self.anomaly_of(ScoreSource::Signal)
     }
 
-    /// True signal minus core field and diurnal variation, in nT. Without a core field, minus the linear trend of the
-    /// signal over time.
+    /// True signal minus core field and diurnal variation, in nT. Without a core field, the linear trend of the signal
+    /// over time is subtracted instead.
     ///
     /// # Errors
-    /// Fails in the cases of [`ScoreLine::column`] for the truth. With a core field, also in the cases of
-    /// [`ScoreLine::optional`] for the core field and the diurnal variation; without a core field, in the cases of
-    /// [`ScoreLine::tt`].
+    /// Fails in the cases of [`ScoreLine::column`] for the truth. With a core field, it also fails in the cases of
+    /// [`ScoreLine::optional`] for the core field and the diurnal variation. Without a core field, it also fails in the
+    /// cases of [`ScoreLine::tt`].
     pub fn true_anomaly(&self) -> Result<Vec<f64>, Fault> {
         match self.places.get(ScoreSource::Core) {
             Some(_) => self.anomaly_of(ScoreSource::Truth),
@@ -216,7 +216,7 @@ impl<'a> ScoreLine<'a> {
         if self.places.get(ScoreSource::Bound).is_some() { vec![f64::NAN; errors.len()] } else { errors }
     }
 
-    /// Horizontal distances of the track from the truth, in m, sorted, without samples of unknown distance.
+    /// Horizontal distances of the track from the truth, in metres, sorted, without samples of unknown distance.
     ///
     /// # Errors
     /// Fails in the cases of [`ScoreLine::track_error`].

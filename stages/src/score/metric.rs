@@ -64,7 +64,7 @@ impl fmt::Debug for Scorer {
 }
 
 impl Scorer {
-    /// Whether the metric reads a source.
+    /// Returns whether the metric reads a source.
     pub fn reads(&self, source: ScoreSource) -> bool {
         self.needs.contains(&source) || self.uses.contains(&source)
     }

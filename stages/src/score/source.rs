@@ -40,7 +40,7 @@ pub enum ScoreSource {
     TrackVelocity,
     /// Lower bound of the horizontal error, without an estimate.
     Bound,
-    /// Innovations of the track, nT, and NIS.
+    /// Innovations of the track, in nT, and NIS.
     Innovations,
     /// Horizontal slope of the map along a track.
     Slope,

@@ -8,7 +8,7 @@
 //! - Position errors are correlated over minutes, so a line holds few independent samples, at worst a single one.
 //!   NEES/2 of a single sample is exponentially distributed. It exceeds ten times its expected value with probability
 //!   e⁻¹⁰ (once in 22,000 lines), and is below a tenth with 1 − e⁻⁰·¹ (10 %); with three independent samples, with 0.4
-//!   %. A mean beyond a factor of ten is therefore an inconsistent filter, and hardly ever chance.
+//!   %. A mean beyond a factor of ten therefore shows an inconsistent filter; it is hardly ever due to chance.
 //! - Innovations are correlated over seconds. A line thus has dozens of independent samples, and chance stays within a
 //!   factor of two. The factor of four matters in practice: the predicted sigma is half or twice its correct value.
 //!
@@ -251,7 +251,7 @@ fn radius(line: &ScoreLine, part: f64) -> Result<SampleStatistic, Fault> {
     Ok(SampleStatistic { value: statistics::quantile(radii, part), n: radii.len() })
 }
 
-/// Height of the track minus the true height, in m.
+/// Height of the track minus the true height, in metres.
 fn down_error(line: &ScoreLine) -> Result<Vec<f64>, Fault> {
     let (track, truth) = (line.named(ScoreSource::Track, "alt")?, line.column(ScoreSource::Height)?);
     Ok(line.unless_bound(track.iter().zip(truth).map(|(track, truth)| track - truth).collect()))
@@ -277,7 +277,7 @@ fn ungated(line: &ScoreLine, values: &[f64]) -> Result<Vec<f64>, Fault> {
     Ok(values.iter().zip(line.updates()?).map(known).collect())
 }
 
-/// Fraction of the finite values that satisfy `so`.
+/// Fraction of the finite values for which `so` is true.
 fn share(values: &[f64], so: fn(f64) -> bool) -> SampleStatistic {
     let known = || values.iter().filter(|x| x.is_finite());
     let n = known().count();

@@ -17,9 +17,9 @@ pub struct AnomalyMeasurement {
     pub lat_deg: f64,
     /// Longitude, in degrees.
     pub lon_deg: f64,
-    /// Height, in m.
+    /// Height, in metres.
     pub alt_m: f64,
-    /// Time, in s.
+    /// Time, in seconds.
     pub tt_s: f64,
     /// The anomaly, in nT.
     pub value_nt: f64,

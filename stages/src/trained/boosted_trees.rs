@@ -23,7 +23,7 @@ impl BoostedTrees {
     /// Creates the model from its parts.
     ///
     /// # Errors
-    /// If the forest refers to missing columns, or its nodes are not in the order of the layout.
+    /// Fails if the forest refers to missing columns, or its nodes are not in the order of the layout.
     pub fn new(inputs: Vec<String>, forest: Forest) -> Result<Self, Fault> {
         forest.check(inputs.len()).map_err(|e: BoostingError| broken(e.to_string()))?;
         let together = |node: &RegressionTreeNode| match node {
@@ -76,7 +76,7 @@ impl BoostedTrees {
     /// Reads the forest of a table.
     ///
     /// # Errors
-    /// If the table is incomplete.
+    /// Fails if the table is incomplete.
     pub fn read(terms: &TermLookup) -> Result<Self, Fault> {
         let (inputs, _) = terms.list("input")?;
         let base = terms.value("base")?;

@@ -42,7 +42,7 @@ impl NetworkColumns {
         (inputs, linear)
     }
 
-    /// The rows that a network requires of linear terms.
+    /// Rows of linear terms in the form that a network requires.
     pub(super) fn rows(&self, linear: Vec<f64>) -> Vec<f64> {
         match self.frame {
             Some(frame) => frame.rows(&linear, self.linear.len()),
@@ -63,7 +63,7 @@ impl NetworkColumns {
     /// Reads the columns of a table; `vector` is true for a vector form.
     ///
     /// # Errors
-    /// If the table is incomplete.
+    /// Fails if the table is incomplete.
     pub(super) fn read(terms: &TermLookup, inputs: Vec<String>, vector: bool) -> Result<Self, Fault> {
         let (linear, _) = terms.list("linear_term")?;
         let frame = || -> Result<VectorFrame, Fault> {

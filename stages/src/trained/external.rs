@@ -22,7 +22,7 @@ pub trait ExternalModel: fmt::Debug + Send + Sync {
     /// Prediction for rows of [`ExternalModel::columns`], row-major and finite.
     ///
     /// # Errors
-    /// If the code of the model fails, or returns values for other rows.
+    /// Fails if the code of the model fails, or returns values for other rows.
     fn predict(&self, x: &[f64]) -> Result<FieldPrediction, Fault>;
 
     /// The terms of its table.
@@ -58,7 +58,7 @@ impl ForeignModel {
     /// See [`ExternalModel::predict`].
     ///
     /// # Errors
-    /// Fails in the same cases, and if the number of predictions differs from the number of rows.
+    /// Fails in the same cases. Also fails if the number of predictions differs from the number of rows.
     pub fn predict(&self, x: &[f64]) -> Result<FieldPrediction, Fault> {
         let rows = x.len() / self.columns().len().max(1);
         let made = self.0.predict(x)?;
@@ -77,7 +77,7 @@ impl ForeignModel {
     /// Reads the model of a table.
     ///
     /// # Errors
-    /// If this program has no reader, or the reader rejects the terms.
+    /// Fails if this program has no reader, or the reader rejects the terms.
     pub fn read(reading: &TermLookup) -> Result<ForeignModel, Fault> {
         let Some(reader) = READER.get() else {
             let name = reading.word("model").unwrap_or("unknown");

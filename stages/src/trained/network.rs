@@ -14,10 +14,10 @@
 //! | `m3v` | f(v + N(z)) + `constant`, with three outputs of N |
 //!
 //! The vector v = p + M B/s + E dB/s has the 9 or 18 coefficients `linear`: p = `linear[1]` to `[3]`, the symmetric M
-//! with the diagonal `[4]`, `[7]`, `[9]` and half of `[5]`, `[6]`, `[8]` beside it, and E row by row. With s =
+//! with the diagonal `[4]`, `[7]`, `[9]` and half of `[5]`, `[6]`, `[8]` off the diagonal, and E row by row. With s =
 //! `bt_scale_nt`, B/s = x (xx + yy + zz) / |x|^2 and dB_j/s = sum of x_i ij_dot over i / |x|^2 follow from the terms,
-//! where x are the terms x, y, z. The `coupling` `projection` is f(v) = x . v. The `coupling` `magnitude` is
-//! f(v) = (2 u . v - k v . v) / (1 + |u - k v|) with u = B/|B| and k = `target_scale` / |B|.
+//! where x are the terms x, y, z. The `coupling` `projection` is f(v) = x . v. The `coupling` `magnitude` is f(v) = (2
+//! u . v - k v . v) / (1 + |u - k v|) with u = B/|B| and k = `target_scale` / |B|.
 //!
 //! N applies, layer by layer, the activation to `w` z + `b`; the last layer has no activation. `w1[3,17]` is the weight
 //! of unit 3 of the first layer for its input 17, `b1[3]` the bias. Several members are averaged.
@@ -53,7 +53,7 @@ pub struct OneLayerNetwork<'a> {
     /// The weights of the output, and its bias.
     pub v: &'a [f64],
     pub last: f64,
-    /// Mean and scale of the target, nT.
+    /// Mean and scale of the target, in nT.
     pub target: (f64, f64),
 }
 
@@ -66,7 +66,7 @@ pub struct NetworkEnsemble {
     shape: NetworkShape,
     /// The parameters of each member.
     members: Vec<Vec<f64>>,
-    /// Mean and scale of the target, nT.
+    /// Mean and scale of the target, in nT.
     target: (f64, f64),
 }
 
@@ -74,7 +74,7 @@ impl NetworkEnsemble {
     /// Creates the model from its parts. The parameters of each member are in the order of [`NetworkShape::names`].
     ///
     /// # Errors
-    /// If the parts do not match.
+    /// Fails if the parts do not match.
     pub fn new(
         columns: NetworkColumns,
         scaling: InputScaling,
@@ -126,10 +126,10 @@ impl NetworkEnsemble {
     }
 
     /// The network as the bytes of an ONNX file. The input `x` has rows of [`NetworkEnsemble::inputs`]; `a`, if there
-    /// are linear terms, rows of [`NetworkEnsemble::linear`]; both unscaled. The output `y` is the field, nT.
+    /// are linear terms, rows of [`NetworkEnsemble::linear`]; both unscaled. The output `y` is the field, in nT.
     ///
     /// # Errors
-    /// If it is the mean of several networks.
+    /// Fails if it is the mean of several networks.
     pub fn to_onnx(&self) -> Result<Vec<u8>, Fault> {
         let [member] = &self.members[..] else {
             let what = format!("the model is the mean of {} networks, but an ONNX file holds one", self.members.len());
@@ -166,10 +166,10 @@ impl NetworkEnsemble {
         FieldPrediction { field_nt, sigma_nt }
     }
 
-    /// Its parts, if it is a single network with one hidden layer.
+    /// Parts, if it is a single network with one hidden layer.
     ///
     /// # Errors
-    /// If it is any other network.
+    /// Fails for any other network.
     pub fn one_layer(&self) -> Result<OneLayerNetwork<'_>, Fault> {
         let fault = |what: &str| {
             let help = "fit `m1` with one hidden layer and without `whiten` and `members`";
@@ -274,7 +274,7 @@ impl NetworkEnsemble {
     /// Reads the network of a table.
     ///
     /// # Errors
-    /// If the table is incomplete.
+    /// Fails if the table is incomplete.
     pub fn read(terms: &TermLookup) -> Result<Self, Fault> {
         let (form, activation): (NetworkForm, _) = (terms.choice("form")?, terms.choice("activation")?);
         let (_, hidden) = terms.list("hidden")?;

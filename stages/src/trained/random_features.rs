@@ -24,7 +24,7 @@ impl RandomFourierModel {
     /// Creates the model from its parts. `scaling` has no components.
     ///
     /// # Errors
-    /// If the parts do not match.
+    /// Fails if the parts do not match.
     pub fn new(inputs: Vec<String>, scaling: InputScaling, model: RandomFeatures) -> Result<Self, Fault> {
         let width = inputs.len();
         let scaled = scaling.mean.len() == width && scaling.scale.len() == width && scaling.components.is_none();
@@ -95,7 +95,7 @@ impl RandomFourierModel {
     /// Reads the model of a table.
     ///
     /// # Errors
-    /// If the table is incomplete.
+    /// Fails if the table is incomplete.
     pub fn read(terms: &TermLookup) -> Result<Self, Fault> {
         let matrix = |key: &str, rows: usize, width: usize| {
             let at = (1..=rows).flat_map(|i| (1..=width).map(move |j| (i, j)));

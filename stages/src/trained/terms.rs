@@ -12,7 +12,7 @@ use schemas::{Fault, Literal, ParamValue};
 pub struct TermValue {
     /// The term.
     pub name: String,
-    /// Its value.
+    /// Value.
     pub value: f64,
 }
 
@@ -26,7 +26,7 @@ pub fn list<'a>(key: &'a str, values: &'a [f64]) -> impl Iterator<Item = TermVal
     values.iter().enumerate().map(move |(i, value)| term(format!("{key}[{}]", i + 1), *value))
 }
 
-/// [`list`] with a word for each term.
+/// Same as [`list`], with a word for each term.
 pub fn named_list<'a>(key: &'a str, words: &'a [String], values: &'a [f64]) -> impl Iterator<Item = TermValue> + 'a {
     let all = words.iter().zip(values).enumerate();
     all.map(move |(i, (word, value))| term(format!("{key}[{}] {word}", i + 1), *value))
@@ -46,7 +46,7 @@ impl<'a> TermLookup<'a> {
     /// Reads the terms of a table.
     ///
     /// # Errors
-    /// If a key is duplicate.
+    /// Fails if a key is duplicate.
     pub fn new(names: &'a [String], values: &[f64]) -> Result<Self, Fault> {
         let mut found = HashMap::new();
         for (name, value) in names.iter().zip(values) {
@@ -61,7 +61,7 @@ impl<'a> TermLookup<'a> {
     /// The value of a key.
     ///
     /// # Errors
-    /// If it is missing or not finite.
+    /// Fails if it is missing or not finite.
     pub fn value(&self, key: &str) -> Result<f64, Fault> {
         let (_, value) = self.found.get(key).ok_or_else(|| missing(key))?;
         if value.is_finite() { Ok(*value) } else { Err(broken(format!("the term `{key}` is {value}"))) }
@@ -70,7 +70,7 @@ impl<'a> TermLookup<'a> {
     /// The word of a key.
     ///
     /// # Errors
-    /// If it is missing.
+    /// Fails if it is missing.
     pub fn word(&self, key: &str) -> Result<&'a str, Fault> {
         self.found.get(key).map(|(word, _)| *word).ok_or_else(|| missing(key))
     }
@@ -78,7 +78,7 @@ impl<'a> TermLookup<'a> {
     /// The choice that the word of a key selects.
     ///
     /// # Errors
-    /// If it is missing, or not among the choices.
+    /// Fails if it is missing, or not among the choices.
     pub fn choice<T: ParamValue>(&self, key: &str) -> Result<T, Fault> {
         let word = self.word(key)?;
         let read = T::read(&Literal::Text(word.to_owned()));
@@ -88,7 +88,7 @@ impl<'a> TermLookup<'a> {
     /// A whole number.
     ///
     /// # Errors
-    /// If it is missing, or not a whole number.
+    /// Fails if it is missing, or not a whole number.
     pub fn count(&self, key: &str) -> Result<usize, Fault> {
         let value = self.value(key)?;
         let whole = value.fract() == 0.0 && (0.0..=1e7).contains(&value);
@@ -102,7 +102,7 @@ impl<'a> TermLookup<'a> {
     /// The values of `KEY[1]`, `KEY[2]`... with their words.
     ///
     /// # Errors
-    /// If an index between the first and the last is missing.
+    /// Fails if an index between the first and the last is missing.
     pub fn list(&self, key: &str) -> Result<(Vec<String>, Vec<f64>), Fault> {
         let of = |name: &&&str| name.strip_prefix(key).is_some_and(|rest| rest.starts_with('[') && !rest.contains(','));
         let count = self.found.keys().filter(of).count();

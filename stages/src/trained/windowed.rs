@@ -3,9 +3,9 @@
 //! The inputs are scaled as in [`network`](super::network): z = (x - `input_mean`) / `input_scale`. `memory` computes
 //! features of `window` samples at `rate_hz`, of which the last is the predicted sample. A dense network with `hidden`
 //! layers computes the field from them: `target_mean` + `target_scale` N. If a run of samples is shorter than the
-//! window, its first sample replaces the missing earlier ones. With the linear terms of a vector form, the prediction
-//! is that of the form `m3s` of [`network`](super::network). The weights have the names of their PyTorch layout:
-//! [`learning::network::WindowedNetworkShape`].
+//! window, its first sample replaces the missing earlier samples. With the linear terms of a vector form, the
+//! prediction is that of the form `m3s` of [`network`](super::network). The weights have the names of their PyTorch
+//! layout: [`learning::network::WindowedNetworkShape`].
 
 use learning::{
     inputs::InputScaling,
@@ -29,9 +29,9 @@ pub struct WindowedNetwork {
     scaling: InputScaling,
     core: WindowedNetworkShape,
     members: Vec<Vec<f64>>,
-    /// Mean and scale of the target, nT.
+    /// Mean and scale of the target, in nT.
     target: (f64, f64),
-    /// Sample rate, Hz.
+    /// Sample rate, in Hz.
     rate_hz: f64,
 }
 
@@ -40,7 +40,7 @@ impl WindowedNetwork {
     /// [`WindowedNetworkShape::names`].
     ///
     /// # Errors
-    /// If the parts do not match.
+    /// Fails if the parts do not match.
     pub fn new(
         columns: NetworkColumns,
         scaling: InputScaling,
@@ -87,7 +87,7 @@ impl WindowedNetwork {
     /// Checks that samples at a rate can be its input.
     ///
     /// # Errors
-    /// If it was trained at another rate.
+    /// Fails if it was trained at another rate.
     pub fn check_rate(&self, rate_hz: f64) -> Result<(), Fault> {
         if (rate_hz / self.rate_hz - 1.0).abs() <= RATE_TOLERANCE {
             return Ok(());
@@ -143,7 +143,7 @@ impl WindowedNetwork {
     /// Reads the network of a table.
     ///
     /// # Errors
-    /// If the table is incomplete.
+    /// Fails if the table is incomplete.
     pub fn read(terms: &TermLookup) -> Result<Self, Fault> {
         let memory: MemoryLayers = terms.choice("memory")?;
         let activation = terms.choice("activation")?;

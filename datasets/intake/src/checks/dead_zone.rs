@@ -17,9 +17,9 @@ pub enum DeadZoneShape {
 /// A dead zone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DeadZone {
-    /// Its shape.
+    /// Shape.
     pub shape: DeadZoneShape,
-    /// The angle from the middle to the edge of the zone, degrees.
+    /// The angle from the middle to the edge of the zone, in degrees.
     pub half_width_deg: f64,
     /// The number of lost samples in the zone.
     pub samples: usize,
@@ -34,7 +34,7 @@ const OCCASIONS: usize = 3;
 /// inside.
 const INSIDE: f64 = 0.5;
 const OUTSIDE: f64 = 0.1;
-/// Maximum half widths, polar and equatorial, degrees; no commercial instrument has wider zones.
+/// Maximum half widths, polar and equatorial, in degrees; no commercial instrument has wider zones.
 const WIDEST_DEG: [f64; 2] = [60.0, 30.0];
 
 /// The dead zone of a magnetometer with the lost samples `lost`, from the components of the field in the body frame
@@ -60,7 +60,8 @@ pub fn dead_zone(lost: &[bool], field: [&[f64]; 3]) -> Option<DeadZone> {
             row.iter_mut().zip(u).for_each(|(sum, b)| *sum += a * b / gone.len() as f64);
         }
     }
-    // The trace of `scatter` is 1. The axis of least scatter is the principal axis of the identity minus `scatter`.
+    // The trace of `scatter` is 1. The axis of the smallest scatter is the principal axis of the identity minus
+    // `scatter`.
     let mut across = scatter.map(|row| row.map(|x| -x));
     across.iter_mut().enumerate().for_each(|(i, row)| row[i] += 1.0);
     let [polar, equatorial] = [(DeadZoneShape::Polar, &scatter), (DeadZoneShape::Equatorial, &across)]
@@ -154,7 +155,7 @@ mod tests {
     fn unit_dead_zones_are_found_with_their_width() {
         let field = tumbling(30_000);
         let axis = [0.6, 0.0, 0.8];
-        // The dead zones of two instruments: 35 degrees along the axis; 10 degrees across it.
+        // Dead zones of two instruments: one of 35 degrees along the axis, and one of 10 degrees across it.
         let polar: Vec<bool> = (0..30_000).map(|k| cos(&field, axis, k) > 35.0_f64.to_radians().cos()).collect();
         let found = detect(&polar, &field).unwrap();
         assert_eq!(found.shape, DeadZoneShape::Polar);

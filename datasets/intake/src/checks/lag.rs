@@ -4,17 +4,18 @@ use numerics::signal::lag::{SignalLag, lag_of};
 
 use super::sampling;
 
-/// Maximum lag of the search, in s and in samples.
+/// Maximum lag of the search, in seconds and in samples.
 const MOST_S: f64 = 2.0;
 const MOST_SAMPLES: f64 = 100.0;
 /// Maximum number of samples used from the longest stretch without a gap.
 const SAMPLES: usize = 50_000;
-/// Minimum correlation. Magnetometers at different places share only part of the aircraft field, and the rest shifts
-/// the peak.
+/// Minimum correlation. Magnetometers at different places share only part of the aircraft field; the part that they do
+/// not share shifts the peak.
 const LEAST_CORRELATION: f64 = 0.9;
-/// Minimum height of another peak, relative to the highest, that makes the lag ambiguous, as for mains hum.
+/// Minimum height of a second peak, relative to the highest peak, that makes the lag ambiguous, for example with mains
+/// hum.
 const NEXT_PEAK: f64 = 0.8;
-/// Maximum standard error of the lag, samples.
+/// Maximum standard error of the lag, in samples.
 const KNOWN: f64 = 0.1;
 
 /// The lag of `signal` against `reference`, both at the times `tt`, from the cross-correlation of their differences

@@ -1,4 +1,4 @@
-//! Limits beyond which a figure needs attention.
+//! Limits beyond which a quality figure needs attention.
 
 use schemas::{Role, flight};
 
@@ -9,15 +9,15 @@ use super::{QualityFigure, QualityMeasure};
 pub struct FigureContext {
     /// Number of samples of the lines of the flight.
     pub samples: u64,
-    /// The rate of the samples, Hz.
+    /// The rate of the samples, in Hz.
     pub rate_hz: f64,
-    /// Lowest noise of the scalar magnetometers of the flight, nT; NaN without a scalar magnetometer.
+    /// Lowest noise of the scalar magnetometers of the flight, in nT; NaN without a scalar magnetometer.
     pub quietest_nt: f64,
     /// The noise of the column; NaN if unknown.
     pub noise: f64,
 }
 
-/// Default longest gap that `resample` closes, s.
+/// Default longest gap that `resample` closes, in seconds.
 const GAP_S: f64 = 1.0;
 /// Maximum share of all samples.
 const MISSING: f64 = 0.01;
@@ -30,7 +30,7 @@ const NOISY: f64 = 10.0;
 
 /// Maximum share of all samples near over-represented values.
 const PREFERRED: f64 = 0.1;
-/// Maximum lag in samples; A larger lag should be removed with `resample`.
+/// Maximum lag in samples. A larger lag should be removed with `resample`.
 const LATE: f64 = 0.5;
 
 /// Whether a figure should be checked before the column is used.

@@ -22,12 +22,12 @@ pub struct PreferredValues {
 /// narrower than a few bins and needs enough samples.
 const BINS: Range<u32> = 7..15;
 const LEAST_A_BIN: f64 = 4.0;
-/// Minimum ratio of a peak to the median of the bins around it. Number of bins on either side for this median. Minimum
-/// number of samples of a peak.
+/// Minimum ratio of a peak to the median of the bins around it. Number of bins on either side that determine this
+/// median. Minimum number of samples of a peak.
 const HIGHER: f64 = 4.0;
 const AROUND: usize = 12;
 const LEAST: f64 = 8.0;
-/// Maximum width of a peak, and minimum distance between peaks, bins.
+/// Maximum width of a peak, and minimum distance between peaks, in bins.
 const WIDEST: usize = 3;
 const CLOSEST: f64 = 4.0;
 /// Minimum number of peaks. Minimum share of occupied multiples of the spacing between the first and the last peak.
@@ -136,7 +136,7 @@ mod tests {
 
     use super::*;
 
-    /// A field along a flight, nT, with noise.
+    /// A field along a flight, in nT, with noise.
     fn field(normals: &mut NormalGenerator, k: usize) -> f64 {
         let t = k as f64 * 0.01;
         48_600.0 + 60.0 * (0.11 * t).sin() + 25.0 * (0.53 * t).cos() + 4.0 * (3.1 * t).sin() + 0.1 * normals.draw()

@@ -11,13 +11,13 @@ pub struct TimeStampFigures {
     pub rate_hz: f64,
     /// The robust standard deviation of the steps: 1.4826 times the median absolute deviation from the median step.
     pub jitter_s: f64,
-    /// Steps longer than [`GAP`] medians; with the row after each gap.
+    /// Steps longer than [`GAP`] medians, each with the row after it.
     pub gaps: SampleTally,
     /// Total time missing in the gaps.
     pub missing_s: f64,
     /// Time missing in the longest gap.
     pub longest_gap_s: f64,
-    /// Rows with the time of the previous row.
+    /// Rows that repeat the time of the previous row.
     pub repeated: SampleTally,
     /// Rows with an earlier time than the previous row.
     pub backward: SampleTally,

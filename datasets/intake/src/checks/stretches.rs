@@ -2,8 +2,8 @@
 
 use super::{QualityFigure, dropouts, noise, quantisation, sampling, saturation, spikes, stuck};
 
-/// First and last times of the parts of a column that a figure concerns, s; empty for a figure of the whole column.
-/// Infinities, readings of 0 and impossible values count as missing.
+/// First and last times of the parts of a column that a figure concerns, in seconds; empty for a figure of the whole
+/// column. Infinities, readings of 0 and impossible values count as missing.
 pub fn stretches(figure: QualityFigure, values: &[f64], tt: &[f64]) -> Vec<(f64, f64)> {
     let rows = match figure {
         QualityFigure::Dropouts => dropouts::stretches(values),
@@ -34,7 +34,7 @@ pub fn stretches(figure: QualityFigure, values: &[f64], tt: &[f64]) -> Vec<(f64,
     rows.into_iter().filter_map(|run| Some((*tt.get(run.start)?, *tt.get(run.end.checked_sub(1)?)?))).collect()
 }
 
-/// The gaps of the times: from the sample before to the sample after.
+/// Gaps in time, each from the sample before the gap to the sample after it.
 pub fn gaps(tt: &[f64]) -> Vec<(f64, f64)> {
     let breaks = sampling::breaks(tt);
     let before = |i: usize| Some((*tt.get(i.checked_sub(1)?)?, *tt.get(i)?));

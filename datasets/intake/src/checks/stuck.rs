@@ -7,9 +7,9 @@ use std::ops::Range;
 pub struct ConstantRun {
     /// Samples of that run.
     pub samples: usize,
-    /// Its first row.
+    /// First row.
     pub first: usize,
-    /// Its duration.
+    /// Duration.
     pub longest_s: f64,
 }
 

@@ -15,8 +15,8 @@ const SHORT_CHORD_S: f64 = 1.0;
 const SHORT_MOVING_MPS: f64 = 15.0;
 /// A pause between samples that ends a chord.
 const PAUSE_S: f64 = 5.0;
-/// Fraction of the distance flown by which positions and velocities must disagree, and fraction to which they must
-/// agree in another unit.
+/// Fraction of the distance flown by which positions and velocities must disagree for a fault, and fraction within
+/// which they must agree in another unit.
 const DISAGREE: f64 = 0.4;
 const AGREE: f64 = 0.15;
 /// Ratio of the distances that is impossible even without an explanation.
@@ -75,7 +75,7 @@ pub fn mean_speed(chords: &[MotionChord], displacement: fn(&MotionChord) -> [f64
     chords.iter().map(|c| length(displacement(c))).sum::<f64>() / seconds
 }
 
-/// Disagreement of positions and velocities as a share of the distance; The function `turn` converts the velocities
+/// Disagreement of positions and velocities as a share of the distance. The function `turn` converts the velocities
 /// first.
 fn disagreement(chords: &[MotionChord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> f64 {
     let (mut apart, mut moved, mut integrated) = (0.0, 0.0, 0.0);

@@ -10,7 +10,7 @@ use arrow_schema::{DataType, Field, Schema};
 use super::*;
 
 /// A line at 60 m/s to the east and 20 m/s to the north that climbs at 3 m/s, with velocities times `factors` and a
-/// noise of the positions, m.
+/// noise of the positions, in metres.
 fn steady_flight(rows: usize, factors: [f64; 3], noise_m: f64) -> RecordBatch {
     let t = |i: usize| i as f64 * 0.1;
     let noise = |i: usize, k: f64| noise_m * (1e3 * (i as f64 + k)).sin();

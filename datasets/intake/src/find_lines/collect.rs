@@ -8,7 +8,7 @@ use schemas::{Fault, canonical::FlightConversion};
 use super::{AttitudeChannel, FlightChannels, LineDetection, PositionChannel};
 use crate::{line_table::LineTable, log_reader::LogReader, midnight::MidnightUnwrapper};
 
-/// Minimum time between used samples, s: lines are found at a few samples per second.
+/// Minimum time between used samples, in seconds: lines are found at a few samples per second.
 const STEP_S: f64 = 0.095;
 /// Columns of positions, in order of preference.
 const POSITIONS: [[&str; 3]; 2] = [["lat", "lon", "alt"], ["ins_lat", "ins_lon", "ins_alt"]];
@@ -55,7 +55,7 @@ pub struct ChannelCollector {
 }
 
 impl ChannelCollector {
-    /// Reads a table of a log; tables of one name are concatenated.
+    /// Reads a table of a log; tables with the same name are concatenated.
     ///
     /// # Errors
     /// Fails for a log that cannot be read.
@@ -74,7 +74,7 @@ impl ChannelCollector {
     /// The flights, each with its detected lines.
     pub fn found(self) -> Vec<(String, LineDetection)> {
         let best = |all: &mut dyn Iterator<Item = TimedTriples>| {
-            // Of several tables with equally many known rows, the first is used.
+            // Of several tables with the same number of known rows, the first is used.
             let best = all.reduce(|a, b| if b.known() > a.known() { b } else { a }).filter(|t| t.known() > 0);
             best.map(TimedTriples::in_time).unwrap_or_default()
         };
@@ -147,7 +147,7 @@ impl ChannelCollector {
 /// The lines detected in the flights of a file.
 ///
 /// # Errors
-/// Fails for a file that cannot be read, and for a flight without lines.
+/// Fails for a file that cannot be read, or for a flight without lines.
 pub fn table(log: LogReader, path: &Path) -> Result<LineTable, Fault> {
     let mut collector = ChannelCollector::default();
     collector.read(log, "")?;

@@ -9,30 +9,31 @@ use super::motion::{FlightMotion, RATE_HZ, runs};
 /// Minimum rate of a turn: a share of the flight's typical turn rate, within limits in degrees per second.
 const PART: f64 = 0.25;
 const LIMITS_DPS: (f64, f64) = (0.3, 3.0);
-/// Minimum change of the course by a turn, degrees; the yaw manoeuvres of a calibration stay below this change.
+/// Minimum change of the course by a turn, in degrees; the yaw manoeuvres of a calibration stay below this change.
 const LEAST_DEG: f64 = 20.0;
-/// Maximum duration of an interruption of a turn by a lower turn rate, s.
+/// Maximum duration of an interruption of a turn by a lower turn rate, in seconds.
 const LULL_S: f64 = 3.0;
-/// Minimum length of a leg, s; shorter stretches belong to the adjacent turns. The minimum is the second value or, if
-/// no leg is long, the share `LEG_OF_SHORT` of the longest leg. The sides of a small square are thus either all legs or
-/// all parts of turns. The first value is a lower bound, because the smoothing of turn rates blurs shorter legs.
+/// Minimum length of a leg, in seconds; shorter stretches belong to the adjacent turns. The minimum is the second value
+/// or, if no leg is long, the share `LEG_OF_SHORT` of the longest leg. The sides of a small square are thus either all
+/// legs or all parts of turns. The first value is a lower bound, because the smoothing of turn rates blurs shorter
+/// legs.
 const LEG_S: (f64, f64) = (3.6, 5.0);
 const LEG_OF_SHORT: f64 = 0.35;
 /// Maximum deviation of the course of a leg from its mean, degrees, except for a tenth of its samples.
 const STRAIGHT_DEG: f64 = 15.0;
-/// Period above which changes of the angles are removed, and window over which their power is computed, s.
+/// Period above which changes of the angles are removed, and window over which their power is computed, in seconds.
 const SLOW_S: f64 = 12.0;
 const POWER_S: f64 = 6.0;
-/// Time in which the aircraft levels out at the ends of a leg, s.
+/// Time in which the aircraft levels out at the ends of a leg, in seconds.
 const SETTLE_S: f64 = 3.0;
-/// Minimum root mean square of a manoeuvre, degrees, and minimum ratio to the root mean square of quiet flight.
+/// Minimum root mean square of a manoeuvre, in degrees, and minimum ratio to the root mean square of quiet flight.
 const LEAST_RMS_DEG: f64 = 0.8;
 const CONTRAST: f64 = 3.0;
 
 /// Class of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MotionClass {
-    /// On the ground, hovering, or not known.
+    /// On the ground, in hover, or unknown.
     Slow,
     /// Straight flight.
     Straight,
@@ -45,11 +46,11 @@ pub enum MotionClass {
 /// A straight stretch.
 #[derive(Clone, Debug)]
 pub struct StraightLeg {
-    /// Its rows.
+    /// Rows.
     pub rows: Range<usize>,
     /// The number of the run that contains the leg.
     pub run: usize,
-    /// The mean course, unwrapped within the run, degrees.
+    /// The mean course, unwrapped within the run, in degrees.
     pub course_deg: f64,
     /// Whether roll, pitch and yaw show a manoeuvre on the leg.
     pub manoeuvres: [bool; 3],
@@ -58,7 +59,7 @@ pub struct StraightLeg {
 /// A turn to one side.
 #[derive(Clone, Debug)]
 pub struct FlightTurn {
-    /// Its rows.
+    /// Rows.
     pub rows: Range<usize>,
     /// The change of the course, degrees, positive to the right.
     pub change_deg: f64,
@@ -73,7 +74,8 @@ pub struct FlightSegments {
     pub legs: Vec<StraightLeg>,
     /// In the order of time.
     pub turns: Vec<FlightTurn>,
-    /// The root mean square of roll, pitch and yaw about the slow changes of these angles, degrees; NaN off the legs.
+    /// The root mean square of roll, pitch and yaw about the slow changes of these angles, in degrees; NaN off the
+    /// legs.
     pub power_deg: [Vec<f64>; 3],
 }
 
@@ -164,7 +166,7 @@ impl FlightSegments {
         }
     }
 
-    /// The change of the course from the end of one leg to the start of the next, degrees; `None` if there is a gap
+    /// The change of the course from the end of one leg to the start of the next, in degrees; `None` if there is a gap
     /// between them.
     pub fn turned_deg(&self, motion: &FlightMotion, from: &StraightLeg, to: &StraightLeg) -> Option<f64> {
         let course = |row: usize| motion.course_deg.get(row).copied();

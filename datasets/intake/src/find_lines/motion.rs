@@ -13,7 +13,8 @@ pub const RATE_HZ: f64 = 5.0;
 /// Number of samples of the polynomials whose slopes are the velocity and the turn rate.
 const VELOCITY_WINDOW: usize = 11;
 const TURN_WINDOW: usize = 15;
-/// Limits of the speed on the ground or in hover: a share of the flight's typical speed, and a minimum speed.
+/// Limits of the speed below which the aircraft is on the ground or hovers: a share of the flight's typical speed, and
+/// a minimum speed.
 const SLOW: f64 = 0.2;
 const LEAST_MPS: f64 = 1.0;
 /// Quantile of the speed that counts as typical. The percentile is high, because most of a log may be on the ground.
@@ -22,22 +23,22 @@ const USUAL: f64 = 0.95;
 /// Positions of a flight, in the order of their times.
 #[derive(Clone, Debug, Default)]
 pub struct PositionChannel {
-    /// Times, s past midnight UTC.
+    /// Times, in seconds past midnight UTC.
     pub tt_s: Vec<f64>,
-    /// Latitudes, degrees.
+    /// Latitudes, in degrees.
     pub lat_deg: Vec<f64>,
-    /// Longitudes, degrees.
+    /// Longitudes, in degrees.
     pub lon_deg: Vec<f64>,
-    /// Heights, m; NaN if unknown.
+    /// Heights, in metres; NaN if unknown.
     pub alt_m: Vec<f64>,
 }
 
 /// Attitudes of a flight, in the order of their times.
 #[derive(Clone, Debug, Default)]
 pub struct AttitudeChannel {
-    /// Times, s past midnight UTC.
+    /// Times, in seconds past midnight UTC.
     pub tt_s: Vec<f64>,
-    /// Roll, pitch and yaw, degrees.
+    /// Roll, pitch and yaw, in degrees.
     pub angles_deg: [Vec<f64>; 3],
 }
 
@@ -53,19 +54,19 @@ pub struct FlightChannels {
 /// Motion of a flight at 5 Hz; NaN where unknown.
 #[derive(Clone, Debug, Default)]
 pub struct FlightMotion {
-    /// Times, multiples of the step, s past midnight UTC.
+    /// Times, multiples of the step, in seconds past midnight UTC.
     pub tt_s: Vec<f64>,
-    /// North of the first position, m.
+    /// North of the first position, in metres.
     pub north_m: Vec<f64>,
-    /// East of the first position, m.
+    /// East of the first position, in metres.
     pub east_m: Vec<f64>,
-    /// Height, m.
+    /// Height, in metres.
     pub alt_m: Vec<f64>,
-    /// Speed over ground, m/s.
+    /// Speed over ground, in m/s.
     pub speed_mps: Vec<f64>,
     /// Course, or heading without positions, degrees, unwrapped within a run.
     pub course_deg: Vec<f64>,
-    /// Rate of change of the course, degrees per second.
+    /// Rate of change of the course, in degrees per second.
     pub turn_dps: Vec<f64>,
     /// Roll, pitch and yaw, degrees, unwrapped.
     pub angles_deg: [Vec<f64>; 3],
@@ -163,8 +164,8 @@ fn even_times(all: &[&[f64]]) -> Option<Vec<f64>> {
     Some((0..=(to - from) as usize).map(|k| (from + k as f64) / RATE_HZ).collect())
 }
 
-/// Times, coordinates north and east of the first position, m, and heights, m. Positions that a receiver repeats until
-/// its next fix are omitted.
+/// Times, coordinates north and east of the first position, in metres, and heights, in metres. Positions that a
+/// receiver repeats until its next fix are omitted.
 fn on_the_plane(position: &PositionChannel) -> (Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>) {
     let (mut tt, mut north, mut east, mut alt) = (vec![], vec![], vec![], vec![]);
     let mut last: Option<(f64, f64)> = None;
@@ -191,7 +192,7 @@ fn on_the_plane(position: &PositionChannel) -> (Vec<f64>, Vec<f64>, Vec<f64>, Ve
 
 /// Linear interpolation onto even times; NaN in gaps.
 fn onto(tt: &[f64], x: &[f64], grid: &[f64]) -> Vec<f64> {
-    /// Minimum length of a gap that is not interpolated, in median steps, with lower and upper bounds in s.
+    /// Minimum length of a gap that is not interpolated, in median steps, with lower and upper bounds in seconds.
     const STEPS: f64 = 2.5;
     const GAP_S: (f64, f64) = (1.0, 5.0);
     let known: Vec<(f64, f64)> = tt.iter().copied().zip(x.iter().copied()).filter(|(_, x)| x.is_finite()).collect();

@@ -58,7 +58,7 @@ pub struct DetectedLine {
     pub name: String,
     /// Kind of the line.
     pub kind: LinePattern,
-    /// Its rows at even times.
+    /// Rows at even times.
     pub rows: Range<usize>,
     /// The course of a straight line, 0 to 360 degrees.
     pub heading_deg: Option<f64>,
@@ -66,12 +66,12 @@ pub struct DetectedLine {
     pub manoeuvres: [bool; 3],
 }
 
-/// Range of angles between legs that count as a right angle, degrees.
+/// Range of angles between legs that count as a right angle, in degrees.
 const RIGHT_ANGLE_DEG: (f64, f64) = (60.0, 120.0);
 /// Minimum number of legs of a box, and minimum share of its legs with manoeuvres of the same angle.
 const BOX_LEGS: usize = 4;
 const BOX_PART: f64 = 0.75;
-/// Turn of a loop that leads back over its start, degrees.
+/// Turn of a loop that leads back over its start, in degrees.
 const LOOP_DEG: (f64, f64) = (180.0, 340.0);
 /// Maximum distance of a crossing beyond the end of a leg, in legs.
 const BEYOND: f64 = 0.1;
@@ -85,16 +85,16 @@ const LEAD: f64 = 1.5;
 /// line to the next survey line, if that line is near.
 const EIGHT: usize = 2;
 const CLOVER: usize = 3;
-/// Minimum turn of a circle, degrees; a turn begins and ends slowly.
+/// Minimum turn of a circle, in degrees; a turn begins and ends slowly.
 const CIRCLE_DEG: f64 = 340.0;
-/// Minimum duration of a line: a share of the longest leg, within limits, s; if no leg is long, another share of the
-/// longest leg.
+/// Minimum duration of a line: a share of the longest leg, within limits, in seconds; if no leg is long, another share
+/// of the longest leg.
 const SHORTEST: f64 = 0.1;
 const SHORTEST_S: (f64, f64) = (10.0, 30.0);
 const SHORTEST_OF_SHORT: f64 = 0.35;
 /// Maximum length of a leg that only connects two parallel legs, relative to the length of each parallel leg.
 const CONNECTS: f64 = 0.6;
-/// Maximum deviation of survey lines from the survey's axis, and of tie lines from its perpendicular, degrees.
+/// Maximum deviation of survey lines from the survey's axis, and of tie lines from its perpendicular, in degrees.
 const ALONG_DEG: f64 = 25.0;
 /// Minimum concentration of the lines about one axis, 0 to 1.
 const ONE_AXIS: f64 = 0.2;
@@ -114,9 +114,9 @@ struct TurnLoop {
     /// The leg after; `None` if the flight ends with the loop.
     next: Option<usize>,
     right: bool,
-    /// Crossing of the legs: north and east, m.
+    /// Crossing of the legs: north and east, in metres.
     place: NorthEast,
-    /// Distance from the crossing to the loop, m.
+    /// Distance from the crossing to the loop, in metres.
     lead_m: f64,
     /// Rows at which the crossing is passed before and after the loop.
     passes: (usize, usize),
@@ -343,7 +343,7 @@ impl SegmentedFlight<'_> {
     fn tie(&self, lines: &mut [DetectedLine]) {
         let sides: Vec<(NorthEast, NorthEast)> = lines.iter().map(|l| self.ends(&l.rows)).collect();
         let vector = |(a, b): &(NorthEast, NorthEast)| (b.0 - a.0, b.1 - a.1);
-        // Twice the angle, so that opposite directions are one axis.
+        // The angle is doubled, so that opposite directions count as one axis.
         let (mut cos, mut sin, mut all_m) = (0.0, 0.0, 0.0);
         for side in &sides {
             let (n, e) = vector(side);

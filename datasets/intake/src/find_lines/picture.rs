@@ -10,8 +10,8 @@ const SLOW: usize = 0;
 const BETWEEN: usize = 1;
 const MANOEUVRE: usize = 2 + LinePattern::ALL.len();
 
-/// Names and colours of the stretches between lines, of the lines, and of the manoeuvres on the lines. Distinguishable
-/// without red-green vision [Wong 2011, Nature Methods 8, 441].
+/// Names and colours of the stretches between lines, of the lines, and of the manoeuvres on the lines. The colours are
+/// distinguishable without red-green vision [Wong 2011, Nature Methods 8, 441].
 const KINDS: [(&str, [u8; 3]); 9] = [
     ("on the ground, or slow", [205, 205, 205]),
     ("turn, or too short", [140, 140, 140]),
@@ -36,7 +36,7 @@ pub fn svg(title: &str, found: &LineDetection) -> Result<String, Fault> {
 /// The picture as a PNG file.
 ///
 /// # Errors
-/// Fails as [`svg`], and for a width that is out of range.
+/// Returns the errors of [`svg`]. Also fails for a width that is out of range.
 pub fn png(title: &str, found: &LineDetection, width_px: usize) -> Result<Vec<u8>, Fault> {
     drawn(title, found, &|picture| flight_png(picture, width_px))
 }

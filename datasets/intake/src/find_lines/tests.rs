@@ -53,7 +53,7 @@ fn kinds(found: &LineDetection) -> Vec<LinePattern> {
     found.lines.iter().map(|l| l.kind).collect()
 }
 
-/// Maximum error of the times of a line, s.
+/// Maximum error of the times of a line, in seconds.
 const SHARP_S: f64 = 4.0;
 
 fn close(found: (f64, f64), known: (f64, f64)) -> bool {

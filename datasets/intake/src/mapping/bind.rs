@@ -118,7 +118,7 @@ impl MappingBinding {
     /// Columns of some rows of the file, except keys, time and date.
     ///
     /// # Errors
-    /// Fails when an expression cannot be evaluated.
+    /// Fails if an expression cannot be evaluated.
     pub fn columns(&self, batch: &RecordBatch) -> Result<Vec<ArrayRef>, Fault> {
         let mut out: Vec<ArrayRef> = vec![];
         for output in &self.outputs {
@@ -162,7 +162,7 @@ impl MappingBinding {
     /// Whether the condition on rows holds for each row of the file; `None` without a condition.
     ///
     /// # Errors
-    /// Fails when the condition cannot be evaluated.
+    /// Fails if the condition cannot be evaluated.
     pub fn kept(&self, batch: &RecordBatch) -> Result<Option<Vec<bool>>, Fault> {
         let Some(sql) = &self.rows else { return Ok(None) };
         let mask = sql.evaluate(batch)?;
@@ -175,10 +175,10 @@ fn axes_of(rows: &[[f64; 3]]) -> [ArrayRef; 3] {
     [0, 1, 2].map(|k| Arc::new(rows.iter().map(|v| v[k]).collect::<Float64Array>()) as ArrayRef)
 }
 
-/// The texts of a key; numbers are formatted by [`identifier`].
+/// The strings of a key; numbers are formatted by [`identifier`].
 ///
 /// # Errors
-/// Fails when an expression cannot be evaluated.
+/// Fails if an expression cannot be evaluated.
 pub fn key_texts(source: &KeySource, batch: &RecordBatch) -> Result<StringArray, Fault> {
     let array = match source {
         KeySource::Constant(text) => return Ok(StringArray::from(vec![text.as_str(); batch.num_rows()])),

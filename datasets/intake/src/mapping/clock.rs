@@ -19,7 +19,8 @@ const UNIX_DAY: i64 = 719_163;
 /// 1980-01-06, from which GPS weeks are counted, in days since 1970-01-01.
 const GPS_DAY: i64 = 3_657;
 
-/// Values of GPS time minus UTC, s, and the first day of each value, in days since 1970-01-01 (IERS bulletin C).
+/// Values of GPS time minus UTC, in seconds, and the first day of each value, in days since 1970-01-01 (IERS bulletin
+/// C).
 const LEAP_S: &[(i64, f64)] = &[
     (GPS_DAY, 0.0),
     (4_199, 1.0),   // 1981-07-01
@@ -69,7 +70,7 @@ impl UtcInstant {
             return None;
         }
         let leap = leap_s.or_else(|| {
-            // The days of the table are in UTC, which is behind GPS time by the difference in the table.
+            // The days of the table are in UTC. UTC is behind GPS time by the difference in the table.
             let begun = |(day, leap): &&(i64, f64)| gps.seconds_since(*day) >= *leap;
             LEAP_S.iter().rev().find(begun).map(|(_, leap)| *leap)
         })?;
@@ -197,7 +198,7 @@ impl TimeTextFormat {
         matches!(self, TimeTextFormat::Dated(_, true))
     }
 
-    /// Parses the time in a text.
+    /// Parses the time in a string.
     pub fn read(&self, text: &str) -> Option<TimeText> {
         let text = text.trim();
         match self {

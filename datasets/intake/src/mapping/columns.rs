@@ -87,10 +87,10 @@ pub struct SqlExpression {
 }
 
 impl SqlExpression {
-    /// Its values.
+    /// Values.
     ///
     /// # Errors
-    /// Fails when the expression cannot be evaluated, with its position in the mapping.
+    /// Fails if the expression cannot be evaluated, with its position in the mapping.
     pub fn evaluate(&self, batch: &RecordBatch) -> Result<ArrayRef, Fault> {
         self.value.evaluate(batch).map_err(|f| f.at(self.at.clone()))
     }
@@ -148,7 +148,7 @@ pub fn numbers(batch: &RecordBatch, at: usize) -> Result<Vec<f64>, Fault> {
     as_numbers(column(batch, at)?)
 }
 
-/// The texts of a column.
+/// The strings of a column.
 ///
 /// # Errors
 /// Fails for a missing column, which is an error in the program.

@@ -53,12 +53,12 @@ choice! {
     }
 }
 
-/// A number or a text.
+/// A number or a string.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ConstantValue {
     /// A number.
     Number(f64),
-    /// A text; where a column is meant, its name.
+    /// A string; for a column, its name.
     Text(String),
 }
 

@@ -20,7 +20,7 @@ const RECOGNISABLE: usize = 3;
 pub struct MappingFit {
     /// The mapping.
     pub mapping: Arc<Mapping>,
-    /// Its name in the key `mapping`.
+    /// Name in the key `mapping`.
     pub name: &'static str,
     /// The names of its tables that read the log.
     pub tables: Vec<String>,
@@ -119,7 +119,7 @@ impl LogTopics<'_> {
     }
 }
 
-/// Whether two names are of one topic. A topic without a number is the first instance.
+/// Whether two names mean the same topic. A topic without a number is the first instance.
 fn same(a: &str, b: &str) -> bool {
     let plain = |name: &str| name.strip_suffix(":0").unwrap_or(name).to_owned();
     plain(a) == plain(b)

@@ -17,9 +17,9 @@ pub type MappingSpan = Range<usize>;
 pub struct SpannedValue<T> {
     /// Value.
     pub value: T,
-    /// Its keys as given.
+    /// Keys as given.
     pub args: SpecEntries,
-    /// Its position.
+    /// Position.
     pub at: MappingSpan,
 }
 
@@ -42,7 +42,7 @@ pub enum KeyDecl {
 /// One table of a mapping.
 #[derive(Clone, Debug)]
 pub struct TableDecl {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// Input that the table reads.
     pub head: SpannedValue<MappingTableKeys>,
@@ -67,7 +67,7 @@ pub struct TableDecl {
 pub struct MappingDocument {
     /// Purpose of the mapping.
     pub about: String,
-    /// Its tables, in the order of the text.
+    /// Tables, in the order of the text.
     pub tables: Vec<TableDecl>,
 }
 
@@ -180,7 +180,7 @@ impl MappingParser {
         })
     }
 
-    /// A flight or a line: a text, a whole number, or a table.
+    /// A flight or a line: a string, a whole number, or a table.
     fn key(&mut self, name: &str, given: &SpecEntry) -> Option<KeyDecl> {
         match &given.value {
             Literal::Section(_) => self.group::<RowIdentifierKeys>(name, given).map(KeyDecl::Of),

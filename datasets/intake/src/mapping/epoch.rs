@@ -1,5 +1,5 @@
-//! Time at which the clock of a log was 0, from the mapping or from a topic with both clocks, such as the fixes of
-//! GNSS.
+//! Time at which the clock of a log was 0, from the mapping or from a topic with two clocks (the log's clock and UTC),
+//! such as GNSS fixes.
 
 use std::path::{Path, PathBuf};
 
@@ -25,8 +25,8 @@ pub struct LogEpoch {
     pub note: String,
 }
 
-/// Maximum change of the difference between two clocks from one row to another, s. A larger change means that a clock
-/// was adjusted.
+/// Maximum change of the difference between two clocks from one row to another, in seconds. A larger change means that
+/// a clock was adjusted.
 const SET_S: f64 = 5.0;
 
 /// Path of the file next to `log` that holds both clocks, if the epoch names a file.
@@ -37,7 +37,7 @@ pub fn other_file(epoch: &LogEpochKeys, log: &Path) -> Option<PathBuf> {
 /// Instant at which the clock of `log` was 0.
 ///
 /// # Errors
-/// Fails for an epoch that the mapping lacks, and a topic without a valid time.
+/// Fails for an epoch that the mapping lacks, or a topic without a valid time.
 pub fn find(
     mapping: &Mapping,
     decl: &TableDecl,

@@ -22,7 +22,7 @@ impl RowExpression {
     /// Reads `sql` against the columns of a file.
     ///
     /// # Errors
-    /// Fails as [`Expression::new`].
+    /// Returns the errors of [`Expression::new`].
     pub fn new(sql: &str, source: &Schema) -> Result<RowExpression, Fault> {
         let seen: Vec<(usize, Column)> =
             source.fields().iter().enumerate().filter_map(|(at, field)| Some((at, seen(field)?))).collect();
@@ -41,7 +41,7 @@ impl RowExpression {
     /// The value for each row of a batch of the file.
     ///
     /// # Errors
-    /// Fails when the expression cannot be evaluated on these values.
+    /// Fails if the expression cannot be evaluated on these values.
     pub fn evaluate(&self, batch: &RecordBatch) -> Result<ArrayRef, Fault> {
         let one = |(at, field): &(usize, Field)| {
             let lost = || Fault::bug(format!("a batch lacks its column {at}"));

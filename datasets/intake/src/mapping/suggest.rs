@@ -23,11 +23,11 @@ use sample::ColumnSample;
 
 /// Topic with a sample of its rows.
 pub(super) struct TopicSample {
-    /// Its name; empty for a file of one table.
+    /// Name; empty for a file of one table.
     pub name: String,
     /// Number of rows.
     pub rows: u64,
-    /// Its columns.
+    /// Columns.
     pub columns: Vec<ColumnSample>,
     /// The clock of the topic, if recognised.
     pub clock: Option<ClockGuess>,
@@ -35,7 +35,7 @@ pub(super) struct TopicSample {
 
 /// A suggested mapping.
 pub struct MappingSuggestion {
-    /// Its text.
+    /// Text.
     pub text: String,
     /// Columns that it does not use, with the reason if it is known.
     pub unused: Vec<String>,
@@ -44,10 +44,10 @@ pub struct MappingSuggestion {
 /// Maximum number of reasons in the fault of a log without recognised columns.
 const SHOWN: usize = 8;
 
-/// A mapping of several logs: of the first one, with a comment on the logs with other columns.
+/// A mapping of several logs: the mapping of the first log, with a comment on logs that have other columns.
 ///
 /// # Errors
-/// Fails as [`suggest`], and without any log.
+/// Returns the errors of [`suggest`]. Also fails without any log.
 pub fn suggest_for(
     paths: &[PathBuf],
     options: &FlightOptions,
@@ -97,7 +97,7 @@ pub fn suggest_for(
 /// A mapping of a log.
 ///
 /// # Errors
-/// Fails for a log that cannot be read, and for a log without any recognised column.
+/// Fails for a log that cannot be read, or for a log without any recognised column.
 pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -> Result<MappingSuggestion, ReadError> {
     let listed = topics_among(formats, path, options)?;
     let mut format = "";
@@ -246,7 +246,7 @@ fn table(
     text
 }
 
-/// A comment in lines of a readable length.
+/// Comment, broken into lines of a readable length.
 fn wrapped(words: &str) -> String {
     const WIDE: usize = 118;
     let (mut text, mut line) = (String::new(), "#".to_owned());
@@ -262,7 +262,7 @@ fn wrapped(words: &str) -> String {
     text + &line + "\n"
 }
 
-/// A text as a TOML string.
+/// A string as a TOML string.
 pub fn quoted(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }

@@ -217,7 +217,7 @@ impl TableClock {
 
     /// Times of a day; the date advances at midnight.
     fn of_day(&mut self, seconds: &[f64]) -> RowTimes {
-        /// Maximum distance from midnight at which a backward step to the next day may begin and end, s.
+        /// Maximum distance from midnight at which a backward step to the next day may begin and end, in seconds.
         const NEAR_S: f64 = 3_600.0;
         let zone_s = self.zone_s;
         let Some(mut day) = self.day else {
@@ -241,7 +241,7 @@ impl TableClock {
     }
 }
 
-/// The instant of a text with a date.
+/// The instant of a string with a date.
 fn at(time: TimeText, zone_s: f64) -> UtcInstant {
     match time {
         TimeText::At { instant, zoned: true } => instant,
@@ -376,7 +376,7 @@ impl BootColumn {
         of_column(name, unit, (at.clone(), at), columns).map(BootColumn)
     }
 
-    /// Its values, s.
+    /// Values, in seconds.
     pub fn read(&self, batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
         self.0.seconds(batch)
     }

@@ -32,7 +32,7 @@ pub fn read_axes(text: &str) -> Option<[[f64; 3]; 3]> {
 }
 
 impl SensorMounting {
-    /// Mounting of a sensor whose axes are first permuted, then rotated by roll, pitch and yaw, degrees.
+    /// Mounting of a sensor whose axes are first permuted, then rotated by roll, pitch and yaw, in degrees.
     pub fn new(axes: [[f64; 3]; 3], [roll, pitch, yaw]: [f64; 3]) -> SensorMounting {
         if [roll, pitch, yaw] == [0.0; 3] {
             return SensorMounting(axes);
@@ -65,7 +65,7 @@ impl SensorMounting {
     }
 }
 
-/// Roll, pitch and yaw of a quaternion, degrees; NaN for an invalid quaternion. Yaw is from 0 to 360.
+/// Roll, pitch and yaw of a quaternion, in degrees; NaN for an invalid quaternion. Yaw is from 0 to 360.
 ///
 /// The rotation converts the components of a vector from the body frame to the navigation frame. The length of the
 /// quaternion has no effect.

@@ -44,7 +44,7 @@ pub fn seeds(spec: &Path, seeds: std::ops::RangeInclusive<u32>) -> Result<Vec<Ve
 }
 
 impl Line {
-    /// Its identifier.
+    /// Identifier.
     pub fn name(&self) -> &str {
         self.0.column_by_name("line").map_or("", |c| c.as_string::<i32>().value(0))
     }

@@ -83,7 +83,7 @@ mod tests {
         assert_eq!(carried(0.0, 3.0), 0.0);
         assert_eq!((carried(3.0, 3.0), carried(-3.0, 3.0)), (1.5, -1.5));
         assert!((carried(3e6, 3.0) / 3e6 - 1.0).abs() < 2e-6);
-        // For a small current, this part is proportional to the square of the current.
+        // For a small current, the part on the parallel path is proportional to the square of the current.
         assert!((carried(0.02, 3.0) / carried(0.01, 3.0) - 4.0).abs() < 0.02);
     }
 }

@@ -56,8 +56,8 @@ pub(super) struct AircraftFieldInput<'a> {
 
 impl AircraftField {
     /// Draws the quantities of the sensor `name` that the spec does not fix. The quantities are the same on all
-    /// flights, except the shift at a landing and the random walk. The walk is drawn up to `until_s` after the flight's
-    /// start. Components that are switched off are zero.
+    /// flights, except for the shift at a landing and the random walk. The walk is drawn up to `until_s` after the
+    /// flight's start. Components that are switched off are zero.
     pub(super) fn draw(
         seed: u64,
         (flight, until_s): (&str, f64),

@@ -48,9 +48,9 @@ const LARGEST: f64 = 1.5;
 /// reference amplitude.
 ///
 /// The model is a sum of play operators with evenly spaced thresholds (Prandtl and Ishlinskii), whose loops follow
-/// Rayleigh's law. The model stores each turning point until a larger excursion erases the turning point. The rate of
-/// the field has no effect. Beyond 1.5 times the reference amplitude the model is linear. [Rayleigh 1887; IEC
-/// 60050-221, 221-03-32; Krejčí 1996, chapter II]
+/// Rayleigh's law. The model stores each turning point until a larger excursion erases it. The rate of the field has no
+/// effect. Beyond 1.5 times the reference amplitude the model is linear. [Rayleigh 1887; IEC 60050-221, 221-03-32;
+/// Krejčí 1996, chapter II]
 pub(super) struct RayleighHysteresis {
     reference: f64,
     plays: [f64; PLAYS],

@@ -20,7 +20,7 @@ impl SensorClock {
         SensorClock { rows, rows_per_reading: own_hz.map(|own| rate_hz / own), lag_rows, hold: sampling.hold }
     }
 
-    /// Whether the table's rows are the sensor's readings, without lag.
+    /// Whether the rows of the table are the readings of the sensor, without lag.
     pub(super) fn is_the_tables(&self) -> bool {
         self.rows_per_reading.is_none() && self.lag_rows == 0.0
     }
@@ -46,7 +46,8 @@ impl SensorClock {
     }
 }
 
-/// Value of `x` between two samples, from the cubic polynomial through four samples. Beyond the ends, the end values.
+/// Value of `x` between two samples, from the cubic polynomial through four samples. Beyond the ends, the value at the
+/// end is used.
 fn interpolate(x: &[f64], at: f64) -> f64 {
     let last = x.len().saturating_sub(1);
     let at = at.clamp(0.0, last as f64);

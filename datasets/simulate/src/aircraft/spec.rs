@@ -16,7 +16,7 @@ mod source;
 /// The aircraft.
 #[derive(Clone, Debug)]
 pub struct Aircraft {
-    /// Whether each part of each reading is written as a column `part_<part>_<column>`.
+    /// Whether each component of each reading is written as a column `part_<part>_<column>`.
     pub component_columns: bool,
     /// The temperature on board.
     pub temperature: Temperature,

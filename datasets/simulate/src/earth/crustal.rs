@@ -113,7 +113,7 @@ impl CrustalMap {
     /// Prepares the field of a map; `core` and `year` give the direction of the core field.
     ///
     /// # Errors
-    /// Fails for a map that is not level, and for a date outside the core model.
+    /// Fails for a map that is not level, or for a date outside the core model.
     pub(super) fn new(path: &Path, map: &MapTable, core: &CoreFieldTrack, year: f64) -> Result<CrustalMap, ReadError> {
         let wrong = |e: &dyn std::fmt::Display| ReadError::data(path, e.to_string());
         let level_m = map.column("alt").first().copied().unwrap_or(f64::NAN);

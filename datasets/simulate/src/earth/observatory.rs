@@ -8,7 +8,7 @@ use numerics::signal::natural_cubic;
 
 /// Hours of the local day whose mean is the quiet value.
 const QUIET_H: std::ops::Range<f64> = 0.0..3.0;
-/// Maximum extrapolation of the spline beyond the end of a run, s.
+/// Maximum extrapolation of the spline beyond the end of a run, in seconds.
 const SLACK_S: f64 = 5e-3;
 
 /// The deviation of a record from its baseline, by time of day.

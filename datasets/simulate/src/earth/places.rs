@@ -4,7 +4,7 @@ use numerics::earth::geodesy::EarthModel;
 
 use crate::trajectory::TrueTrajectory;
 
-/// Times and positions, one per sample, offset from a true trajectory.
+/// Times and positions, one per sample, which are offset from a true trajectory.
 pub(super) struct OffsetTrack<'a> {
     /// The positions of the samples.
     pub(super) own: &'a TrueTrajectory,

@@ -35,15 +35,15 @@ impl SynthEarth {
 /// A source in the ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BuriedSource {
-    /// Its latitude in degrees.
+    /// Latitude in degrees.
     pub lat_deg: f64,
-    /// Its longitude in degrees.
+    /// Longitude in degrees.
     pub lon_deg: f64,
     /// The height of a dipole, or of the top of a prism, above the ellipsoid.
     pub alt_m: f64,
     /// Inclination (down from the horizontal) and declination of its magnetisation; `None` means along the core field.
     pub inclination_declination_deg: Option<(f64, f64)>,
-    /// Its kind and size.
+    /// Kind and size.
     pub body: BuriedBody,
 }
 
@@ -52,12 +52,12 @@ pub struct BuriedSource {
 pub enum BuriedBody {
     /// A dipole.
     Dipole {
-        /// Its moment, in A m².
+        /// Moment, in A m².
         moment_am2: f64,
     },
     /// A rectangular prism.
     Prism {
-        /// Its magnetisation, in A/m.
+        /// Magnetisation, in A/m.
         magnetisation_apm: f64,
         /// Length, width and thickness.
         size_m: [f64; 3],
@@ -86,7 +86,7 @@ pub struct Diurnal {
 pub struct Pulsations {
     /// Standard deviation of the north component, in nT.
     pub sigma_nt: f64,
-    /// Centre of the band, in s.
+    /// Centre of the band, in seconds.
     pub period_s: f64,
     /// Standard deviation of the frequency, as a fraction of the centre frequency.
     pub width: f64,
@@ -95,13 +95,13 @@ pub struct Pulsations {
 /// A magnetic storm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Storm {
-    /// Its depth at the geomagnetic equator, in nT.
+    /// Depth at the geomagnetic equator, in nT.
     pub depth_nt: f64,
-    /// Its sudden commencement, in seconds past midnight.
+    /// Sudden commencement, in seconds past midnight.
     pub start_tt_s: f64,
-    /// Time from the commencement to the minimum, in s.
+    /// Time from the commencement to the minimum, in seconds.
     pub main_s: f64,
-    /// Time from the minimum to 1/e of the depth, in s.
+    /// Time from the minimum to 1/e of the depth, in seconds.
     pub recovery_s: f64,
 }
 
@@ -195,7 +195,7 @@ params! {
     pulsation_width: f64, unit "1", default 0.1, rule Rule::Between(0.001, 0.3);
     /// Depth of a magnetic storm at the geomagnetic equator.
     storm_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
-    /// Time of the storm's sudden commencement, in s past midnight UTC. Required with `storm_nt`.
+    /// Time of the storm's sudden commencement, in seconds past midnight UTC. Required with `storm_nt`.
     storm_start_tt_s: Option<f64>, unit "s", default None, absent "no storm", rule Rule::Finite;
     /// Time from the commencement to the minimum of the storm.
     storm_main_s: f64, unit "s", default 21_600.0, rule Rule::Positive;

@@ -28,7 +28,7 @@ use super::{
 use crate::random::RandomStream;
 
 const DAY_S: f64 = 86_400.0;
-/// Maximum extrapolation of the first interval between knots before the flight's start, s.
+/// Maximum extrapolation of the first interval between knots before the flight's start, in seconds.
 const SLACK_S: f64 = 5e-3;
 
 /// The temporal variation of one flight.

@@ -34,8 +34,8 @@ impl PauseEndpoint {
     }
 }
 
-/// Maximum speed between lines, m/s. If the lines are too far apart for the pause, the speed is limited to this value,
-/// because a higher speed would change the errors unrealistically.
+/// Maximum speed between lines, in m/s. If the lines are too far apart for the pause, the speed is limited to this
+/// value, because a higher speed would change the errors unrealistically.
 const FASTEST_MPS: f64 = 300.0;
 
 /// Straight and level flight in steps of a second or slightly less, with the nose along the course. Without time

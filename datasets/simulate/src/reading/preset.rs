@@ -1,8 +1,8 @@
 //! Presets: platforms with known sensors and sources, on which a spec can be based.
 //!
-//! `preset = "cessna"` at the top of a spec adds the preset's keys. A key of the spec overrides the preset's. Tables
-//! are merged key by key, and lists of tables with a `name` entry by entry: `[[magnetometers]]` with the name
-//! `mag_4_uc` and `noise_nt` changes only that noise. An entry of another `kind` replaces the preset's.
+//! `preset = "cessna"` at the top of a spec adds the preset's keys. A key of the spec overrides the key of the preset.
+//! Tables are merged key by key, and lists of tables with a `name` entry by entry: `[[magnetometers]]` with the name
+//! `mag_4_uc` and `noise_nt` changes only that noise. An entry of another `kind` replaces the entry of the preset.
 //! `without = ["mag_5_uc"]` removes entries by name.
 
 use std::ops::Range;
@@ -130,7 +130,7 @@ fn leave_out(table: &mut DeTable, name: &str) -> bool {
     found
 }
 
-/// The same values, all with the same position in the spec.
+/// Returns the same values, all with the same position in the spec.
 fn placed<'a>(table: DeTable<'a>, at: &Range<usize>) -> DeTable<'a> {
     let one = |(key, value): (Spanned<std::borrow::Cow<'a, str>>, Spanned<DeValue<'a>>)| {
         (Spanned::new(at.clone(), key.into_inner()), placed_value(value, at))

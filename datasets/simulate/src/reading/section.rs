@@ -31,7 +31,7 @@ impl<'a> SynthSection<'a> {
         self.group_of(base, &ChoiceRegistry::default())
     }
 
-    /// [`SynthSection::group`] with the lists of kinds for keys that choose a kind.
+    /// Same as [`SynthSection::group`], with the lists of kinds for keys that choose a kind.
     pub(crate) fn group_of<T: Params>(&self, base: Option<&T>, lists: &ChoiceRegistry) -> Option<T> {
         let section = match schemas::SpecSection::from_table(self.table, self.span.clone()) {
             Ok(section) => section,

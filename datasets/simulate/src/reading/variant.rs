@@ -6,7 +6,7 @@ use schemas::{ChoiceKeys, ChoiceKind, ParamDoc, ParamReader};
 
 /// Kind of a table in a spec, with the keys of this kind, which are read into a `T`.
 pub struct SynthVariant<T: 'static> {
-    /// Its name in a spec.
+    /// Name in a spec.
     pub name: &'static str,
     /// The lines of its documentation.
     pub doc: &'static [&'static str],

@@ -212,7 +212,7 @@ impl RouteFollower<'_> {
         [lat * mps, lon * mps, course * mps, mps]
     }
 
-    /// Advances by `h` seconds, by Runge and Kutta's fourth order.
+    /// Advances by `h` seconds with the fourth-order Runge-Kutta method.
     pub(super) fn step(&mut self, h: f64) {
         let x = [self.place.lat_rad, self.place.lon_rad, self.place.course_rad, self.s];
         let moved = |k: &[f64; 4], by: f64| std::array::from_fn(|i| x[i] + by * k[i]);

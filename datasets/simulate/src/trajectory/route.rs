@@ -278,7 +278,7 @@ fn shortest(route: &Route, target: (f64, f64), finally_rad: f64) -> Option<(f64,
                 if (way(middle).0 > 0.0) == (from > 0.0) { low = middle } else { high = middle }
             }
             let (across, along, a, b, turns_m) = way(0.5 * (low + high));
-            // A change of sign that is a jump, where a zero turn becomes a full turn, is not a root.
+            // A change of sign at a jump, where a zero turn becomes a full turn, is not a root.
             if across.abs() < 1e-3 && along >= 0.0 && best.is_none_or(|(length, _)| turns_m + along < length) {
                 best = Some((turns_m + along, (a, along, b)));
             }

@@ -17,23 +17,23 @@ use super::{
 /// A flight: a table of `flights`.
 #[derive(Clone, Debug)]
 pub struct SynthFlight {
-    /// Its identifier.
+    /// Identifier.
     pub name: String,
-    /// Its lines in the order of time, from the tables `flights.lines`. One table can give several lines.
+    /// Lines in the order of time, from the tables `flights.lines`. One table can give several lines.
     pub lines: Vec<SynthLine>,
 }
 
 /// A line of a flight.
 #[derive(Clone, Debug)]
 pub struct SynthLine {
-    /// Its identifier.
+    /// Identifier.
     pub name: String,
     /// Start, in seconds past midnight UTC. If unset, 60 s after the end of the previous line; for the first line, the
     /// flight's `start_tt_s`.
     pub start_tt_s: f64,
     /// Height above the WGS-84 ellipsoid, in metres.
     pub alt_m: f64,
-    /// Airspeed, in m/s, equal to the speed over ground without wind; 1 to 1000, default 60.
+    /// Airspeed, in m/s; without wind, it equals the speed over ground. 1 to 1000, default 60.
     pub speed_mps: f64,
     /// Radius of turns and circles, in metres. If unset, the smallest that `bank_deg` of `dynamics` allows.
     pub radius_m: Option<f64>,
@@ -58,7 +58,7 @@ pub(in super::super) fn flights(root: &SynthSection, air: &FlightConditions) -> 
     flights
 }
 
-/// Default time from the end of a line to the start of the next line, in s.
+/// Default time from the end of a line to the start of the next line, in seconds.
 const PAUSE_S: f64 = 60.0;
 
 /// The copies of a flight.
@@ -287,7 +287,7 @@ params! {
     name: String, unit "";
     /// Kind of the path.
     kind: ChoiceSelection<SynthVariant<LinePathKeys>>, unit "";
-    /// Start of the line, in s past midnight UTC. The first line defaults to the flight's `start_tt_s`.
+    /// Start of the line, in seconds past midnight UTC. The first line defaults to the flight's `start_tt_s`.
     start_tt_s: Option<f64>, unit "s", absent "60 s after the end of the previous line", rule Rule::NotNegative;
     /// Height above the WGS-84 ellipsoid.
     alt_m: f64, unit "m", rule Rule::Between(-1000.0, 30_000.0);
@@ -302,7 +302,7 @@ params! {
     pub struct FlightKeys;
     /// Identifier of the flight.
     name: String, unit "";
-    /// Start of the first line, in s past midnight UTC.
+    /// Start of the first line, in seconds past midnight UTC.
     start_tt_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
     /// Number of flights of a Monte Carlo study. They share the plan and the aircraft; all other random draws are
     /// independent. The flights are named `<name>-1`, `<name>-2`, and so on.

@@ -1,4 +1,4 @@
-//! A text in blocks that begin and end with its records.
+//! A string in blocks that begin and end with its records.
 
 use std::io::{self, Read};
 
@@ -7,15 +7,15 @@ use super::{
     cells::{CsvCells, ends_record, last_end},
 };
 
-/// Approximate size of a block, bytes.
+/// Approximate size of a block, in bytes.
 pub(super) const BLOCK: usize = 1 << 21;
 
-/// Maximum length of a record, bytes. A longer record has an open quote or is not part of a table.
+/// Maximum length of a record, in bytes. A longer record has an open quote or is not part of a table.
 const LONGEST: usize = 1 << 28;
 
 const MARK: &[u8] = "\u{feff}".as_bytes();
 
-/// Whole records of a text, followed by newlines, with their position in the block.
+/// Whole records of a string, followed by newlines, with their position in the block.
 pub(super) struct CsvBlock {
     /// The records, then newlines.
     text: Vec<u8>,
@@ -44,7 +44,7 @@ impl CsvBlock {
     }
 }
 
-/// Reader of the blocks of a text, without its header.
+/// Reader of the blocks of a string, without its header.
 pub(super) struct CsvBlockReader<R> {
     input: R,
     size: usize,
@@ -75,7 +75,7 @@ impl<R: Read> CsvBlockReader<R> {
     /// The next block.
     ///
     /// # Errors
-    /// Fails with the errors of the input, and for a record without an end.
+    /// Fails with the errors of the input, or for a record without an end.
     fn next(&mut self) -> io::Result<Option<CsvBlock>> {
         if self.done {
             return Ok(None);

@@ -1,4 +1,4 @@
-//! Finds the ends of the records of a text, and the cells of a record. Commas separate cells. Cells that contain
+//! Finds the ends of the records of a string, and the cells of a record. Commas separate cells. Cells that contain
 //! commas, newlines or (doubled) quotes are quoted. A carriage return or a newline ends a record.
 
 /// Whether a byte ends a record.

@@ -31,7 +31,7 @@ enum CsvColumn {
     Text(TextBuffer),
 }
 
-/// Texts in one buffer, one after another, with the end of each.
+/// Strings in one buffer, one after another, with the end of each.
 #[derive(Default)]
 struct TextBuffer {
     all: String,
@@ -81,12 +81,12 @@ enum CsvFaultKind {
     /// The row that the end of the file truncates.
     Cut(usize),
     OtherHeader,
-    /// A text that is not a number, with its column.
+    /// A string that is not a number, with its column.
     NoNumber(usize, Vec<u8>),
 }
 
 impl CsvRowFault {
-    /// Whether reading cannot continue after it.
+    /// Whether the fault prevents further reading.
     pub(super) fn is_fatal(&self) -> bool {
         matches!(self.what, CsvFaultKind::OtherHeader)
     }

@@ -30,7 +30,7 @@ pub(super) struct CsvScan {
 struct CsvTruncation {
     value: String,
     line: u64,
-    /// Whether it is shorter than all other values of its column.
+    /// Whether this value is shorter than all other values of its column.
     short: bool,
 }
 
@@ -61,7 +61,7 @@ impl CsvScan {
     /// Scans a file, several blocks in parallel.
     ///
     /// # Errors
-    /// Fails when the file cannot be read.
+    /// Fails if the file cannot be read.
     pub(super) fn read(
         path: &Path,
         names: &[String],

@@ -18,7 +18,7 @@ const COMMENT: char = '#';
 /// The byte order mark.
 const MARK: &[u8] = "\u{feff}".as_bytes();
 
-/// Form of a text, from its first lines.
+/// Form of a string, from its first lines.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct CsvStyle {
     /// Separator of the columns.
@@ -50,7 +50,7 @@ impl CsvStyle {
         CsvStyle { header: heads.then(|| names.to_owned()), ..style }
     }
 
-    /// Form of a text with the header `line`.
+    /// Form of a string with the header `line`.
     fn new(line: &str) -> CsvStyle {
         let mut quoted = false;
         let mut has = [false; 3];
@@ -126,7 +126,8 @@ impl Read for CsvText {
 enum DecimalSign {
     Unknown,
     Point,
-    /// A comma, with the first such number, until one is not a thousand with a separator, such as `1,234`.
+    /// A comma. Holds the first number with a comma, as long as all such numbers may be thousands with a separator,
+    /// such as `1,234`.
     Comma(Option<String>),
 }
 
@@ -211,7 +212,7 @@ impl ConvertedText {
         Ok(())
     }
 
-    /// Appends the current cell. A text with a comma is quoted.
+    /// Appends the current cell. A string with a comma is quoted.
     fn end_cell(&mut self) -> io::Result<()> {
         let cell = std::mem::take(&mut self.cell);
         let inner = cell.strip_prefix(b"\"").and_then(|cell| cell.strip_suffix(b"\""));
@@ -284,7 +285,7 @@ fn decimal(sign: &mut DecimalSign, cell: &[u8], line: u64) -> io::Result<Option<
     }
 }
 
-/// The decimal sign of a number with exactly one; `None` for other texts.
+/// The decimal sign of a number with exactly one; `None` for other strings.
 fn decimal_sign(cell: &[u8]) -> Option<u8> {
     let at = cell.iter().position(|b| matches!(b, b'.' | b','))?;
     let number: Vec<u8> = cell.iter().enumerate().map(|(i, b)| if i == at { b'.' } else { *b }).collect();

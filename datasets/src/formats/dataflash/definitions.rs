@@ -214,7 +214,7 @@ impl DataflashUnits {
             let known = units.get(i).and_then(|id| self.names.iter().find(|(known, _)| known == id));
             let Some(name) = known.map(|(_, name)| usual(name)).filter(|name| !name.is_empty()) else { continue };
             let factor = factors.get(i).and_then(|id| self.factors.iter().find(|(known, _)| known == id));
-            // A format that scales its numbers has already applied the factor.
+            // If the format scales its numbers, the factor has already been applied.
             let factor = if definition.is_scaled(i) { 1.0 } else { factor.map_or(1.0, |(_, factor)| *factor) };
             let unit = prefixed(factor, name);
             for (column, _) in definition.columns.iter_mut().zip(&definition.fields).filter(|(_, of)| **of == i) {

@@ -27,7 +27,7 @@ pub(super) struct DataflashTopic {
     pub(super) instance: Option<String>,
     /// The position of its definition.
     pub(super) layout: usize,
-    /// Its messages so far.
+    /// Messages so far.
     pub(super) rows: u64,
 }
 
@@ -78,7 +78,7 @@ impl DataflashLayout {
 struct DataflashMessageType {
     /// Length with the header; 0 for an undefined type.
     length: u8,
-    /// Its definition; `None` if it is invalid.
+    /// Definition; `None` if it is invalid.
     layout: Option<usize>,
     /// Whether the definition of the type equals the definition of the name.
     same: bool,

@@ -22,7 +22,7 @@ impl MatVariable {
 pub(super) enum MatValue {
     /// Numbers of a matrix, column after column; `None` if only the shape was read.
     Array { rows: u64, columns: u64, values: Option<ColumnValues> },
-    /// The rows of a matrix of characters, or the texts of a cell array.
+    /// The rows of a matrix of characters, or the strings of a cell array.
     Texts(Vec<String>),
     /// One structure.
     Struct(Vec<MatVariable>),

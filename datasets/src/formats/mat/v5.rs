@@ -16,7 +16,7 @@ use crate::{ReadError, table::ColumnValues};
 const HEADER: u64 = 128;
 /// Maximum nesting of structures and cells.
 const DEPTH: usize = 16;
-/// Maximum length of a name, a list of dimensions or a text, in bytes.
+/// Maximum length of a name, a list of dimensions or a string, in bytes.
 const LONGEST: u64 = 1 << 20;
 
 /// Types of data elements.
@@ -269,7 +269,7 @@ impl<'a> MatByteReader<'a> {
         Ok((0..dims.len()).step_by(4).map(|at| u64::from(word(&dims, at, self.big))).collect())
     }
 
-    /// A cell array of texts; others are skipped.
+    /// A cell array of strings; others are skipped.
     fn cells(&mut self, count: u64, end: u64, depth: usize, keep: &dyn Fn(&str) -> bool) -> io::Result<MatValue> {
         let mut texts = vec![];
         for _ in 0..count {

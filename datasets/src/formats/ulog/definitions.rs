@@ -182,7 +182,7 @@ fn declared(field: &str) -> Option<UlogFieldDeclaration> {
     (is_name(of) && is_name(name)).then(|| UlogFieldDeclaration { of: of.to_owned(), length, name: name.to_owned() })
 }
 
-/// Whether a text may be the name of a format or field.
+/// Whether a string may be the name of a format or field.
 pub(super) fn is_name(name: &str) -> bool {
     !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b"_-/.".contains(&b))
 }

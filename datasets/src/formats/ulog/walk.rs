@@ -35,7 +35,7 @@ pub(super) struct UlogTopic {
     pub(super) name: String,
     pub(super) instance: u8,
     pub(super) layout: UlogMessageLayout,
-    /// Its messages so far.
+    /// Messages so far.
     pub(super) rows: u64,
     /// Messages in another layout, after a redefinition of its format.
     pub(super) others: u64,
@@ -60,7 +60,7 @@ impl LengthMismatches {
 }
 
 impl UlogTopic {
-    /// Its name in the options: without the number for instance 0.
+    /// Name in the options: without the number for instance 0.
     pub(super) fn spelt(&self) -> String {
         if self.instance == 0 { self.name.clone() } else { format!("{}:{}", self.name, self.instance) }
     }
@@ -306,7 +306,7 @@ impl UlogScanState {
         self.leads(rest, new, 4)
     }
 
-    /// Whether the bytes begin with a message, or some of unknown types before one.
+    /// Whether the bytes begin with a message, possibly after some messages of unknown types.
     #[inline]
     fn leads(&self, bytes: &[u8], new: Option<u16>, depth: usize) -> bool {
         if new.is_some() && bytes.get(2) == Some(&b'D') && word(bytes, 3) == new {
@@ -317,7 +317,7 @@ impl UlogScanState {
             UlogMatch::Unsure(length) => {
                 depth > 0 && self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1)
             }
-            // Each has a known type and id, so several consecutive ones are not accidental.
+            // Each message has a known type and id, so several consecutive messages are not accidental.
             UlogMatch::Misfit(length) => {
                 depth == 0 || self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1)
             }

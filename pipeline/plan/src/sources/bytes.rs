@@ -1,4 +1,4 @@
-//! The hash of the bytes of a file, and the conditions for its reuse.
+//! Hash of a file's bytes, and the conditions under which a recorded hash is reused.
 
 use std::{
     fs,
@@ -29,8 +29,8 @@ pub struct ReusePolicy<'a> {
     pub store: Option<&'a Path>,
     /// Whether the bytes of every file are read, even if it appears unchanged.
     pub read_all: bool,
-    /// Minimum time since the last change of a file. Newer files are skipped, because another program may still write
-    /// them.
+    /// Minimum time since the last change of a file. A more recently changed file is skipped, because another program
+    /// may still be writing it.
     pub settle: Option<Duration>,
 }
 
@@ -44,7 +44,7 @@ pub(super) struct FileStamp {
     inode: u64,
 }
 
-/// A fact about a file, and the time of reading.
+/// Fact about a file, and the time at which the file was read.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct FileFact {
     stamp: FileStamp,
@@ -54,8 +54,8 @@ pub(super) struct FileFact {
     pub(super) found: String,
 }
 
-/// Minimum time between change and reading of a trusted file, ns. File-system clocks may stand still for up to 2 s, so
-/// a later change could have the same change time.
+/// Minimum time between change and reading of a trusted file, in nanoseconds. File-system clocks may stand still for up
+/// to 2 s, so a later change could have the same change time.
 const RACY_NS: i64 = 2_000_000_000;
 
 impl FileStamp {
@@ -103,7 +103,8 @@ impl FileFact {
         FileStamp::from_path(path).is_ok_and(|now| now == self.stamp)
     }
 
-    /// The same check for a note of an earlier process, whose age must also exceed `RACY_NS`.
+    /// Same check for a note of an earlier process. In addition, the file must have been unchanged for `RACY_NS` when
+    /// it was read.
     fn still_is_of(&self, path: &Path) -> bool {
         self.is_of(path) && self.stamp.changed_ns.saturating_add(RACY_NS) <= self.at_ns
     }
@@ -114,7 +115,7 @@ impl FileFact {
         seen.still_is_of(path).then_some(seen)
     }
 
-    /// Simulates a much later reading.
+    /// Pretends that the file was read much later.
     #[cfg(test)]
     pub(super) fn older(mut self) -> FileFact {
         self.at_ns += 10 * RACY_NS;
@@ -137,7 +138,7 @@ fn note(store: &Path, key: HashKey) -> PathBuf {
 /// `read_all` is set.
 ///
 /// # Errors
-/// Fails when the file cannot be read.
+/// Fails if the file cannot be read.
 pub fn fingerprint(store: &Store, path: &Path, read_all: bool) -> Result<FileDigest, Fault> {
     let fail = |e: io::Error| Fault::machine(format!("cannot read {}: {e}", path.display()));
     let hash = if path.is_dir() {
@@ -172,7 +173,7 @@ fn one(store: &Store, path: &Path, read_all: bool) -> io::Result<HashKey> {
 /// The key of the bytes of a file.
 ///
 /// # Errors
-/// Fails when the file cannot be read.
+/// Fails if the file cannot be read.
 pub(super) fn hash_file(path: &Path) -> io::Result<HashKey> {
     let mut hasher = blake3::Hasher::new();
     let mut file = fs::File::open(path)?;
@@ -196,7 +197,7 @@ mod tests {
     use super::*;
 
     fn aged(path: &Path) {
-        // Simulates a later reading instead of waiting for 2 s.
+        // Pretends that the file was read later, instead of waiting for 2 s.
         for entry in fs::read_dir(path.join("sources")).unwrap().flatten() {
             let seen: FileFact = note::unsealed(&fs::read(entry.path()).unwrap()).unwrap();
             fs::write(entry.path(), note::sealed(&seen.older()).unwrap()).unwrap();

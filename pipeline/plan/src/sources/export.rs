@@ -1,8 +1,8 @@
-//! A log as flight Parquet: its lines in the columns of the flight table, in row groups that end with a line, and
-//! figures of their quality.
+//! Export of a log as flight Parquet: its lines in the columns of the flight table, and their quality figures. Each row
+//! group ends with a line.
 //!
-//! A file gets its name when it is complete and on the disk. It never replaces other data: its metadata hold the key of
-//! its inputs.
+//! A file gets its final name when it is complete and on the disk. Its metadata hold the key of its inputs, so a file
+//! of other data is recognised and not replaced.
 
 use std::{
     collections::BTreeMap,
@@ -79,15 +79,15 @@ pub struct ExportLine {
     pub flight: String,
     /// The line.
     pub line: String,
-    /// Its samples.
+    /// Samples.
     pub rows: usize,
-    /// Its first and last time, s.
+    /// First and last time, in seconds.
     pub tt: (f64, f64),
     /// The year and day of the year of its first sample, if known.
     pub date: Option<(i64, i64)>,
     /// Faults that make the line unusable; an unusable line is not written.
     pub faults: Vec<Fault>,
-    /// The figures of its columns.
+    /// Quality figures of its columns.
     pub measures: Vec<QualityMeasure>,
 }
 
@@ -100,9 +100,9 @@ pub struct ExportOutcome {
     pub files: Vec<PathBuf>,
     /// Whether the files already existed with the same data.
     pub unchanged: bool,
-    /// The file with the figures; `None` if no line is usable.
+    /// File with the quality figures; `None` if no line is usable.
     pub quality: Option<PathBuf>,
-    /// Its lines, in the file's order.
+    /// Lines, in the file's order.
     pub lines: Vec<ExportLine>,
     /// Notes for the user.
     pub notes: Vec<String>,
@@ -121,8 +121,8 @@ impl LogExport<'_> {
     /// Reads the log and writes it.
     ///
     /// # Errors
-    /// Fails for a log that cannot be read, a mapping that does not fit, existing files of other data, and errors of
-    /// the file system. Faults of single lines are in [`ExportLine::faults`].
+    /// Fails for a log that cannot be read, a mapping that does not fit, existing files of other data, or errors of the
+    /// file system. Faults of single lines are in [`ExportLine::faults`].
     pub fn run(&self) -> Result<ExportOutcome, Fault> {
         let place = |f: Fault| if is_shown(&f) { f } else { f.in_file(&self.input.display().to_string()) };
         self.read().map_err(place)
@@ -213,7 +213,7 @@ impl LogExport<'_> {
         Ok(HashKey::from_parts(parts))
     }
 
-    /// A line with its faults, its figures and its rows.
+    /// A line with its faults, its quality figures and its rows.
     fn line(&self, whole: LineBatches, origins: &FileColumns) -> Result<(ExportLine, Option<RecordBatch>), Fault> {
         let LineBatches { flight, line, parts, rows, fault } = whole;
         let file = self.input.display().to_string();
@@ -302,14 +302,14 @@ impl LogExport<'_> {
         Ok((files, unchanged))
     }
 
-    /// Writes the figures next to the data files.
+    /// Writes the quality figures next to the data files.
     fn quality(&self, lines: &[ExportLine], from: HashKey) -> Result<PathBuf, Fault> {
         let rows: Vec<(&str, &str, &QualityMeasure)> = lines
             .iter()
             .flat_map(|l| l.measures.iter().map(move |m| (l.flight.as_str(), l.line.as_str(), m)))
             .collect();
         let batch = checks::table::table(&rows)?;
-        // Folders whose names begin so are not read as flights.
+        // Folders with this prefix are not read as flights.
         let target = self.folder.join("_quality").join(format!("{}.parquet", self.name));
         let path = self.unfinished.join(format!("{}-quality.parquet", self.number));
         let written = File::create(&path).map_err(|e| cannot_write(&target, &e)).and_then(|file| {
@@ -320,7 +320,7 @@ impl LogExport<'_> {
             writer.into_inner().map_err(failed)?.sync_all().map_err(|e| cannot_write(&target, &e))
         });
         written?;
-        // The figures depend on the data files, whose names are final.
+        // The quality figures are computed from the data files under their final names.
         settle(&path, &target, true, from)?;
         Ok(target)
     }
@@ -330,7 +330,7 @@ fn cannot_write(path: &Path, e: &dyn std::fmt::Display) -> Fault {
     Fault::machine(format!("cannot write {}: {e}", path.display()))
 }
 
-/// Gives a complete file its name. Returns `true` if a file of the same data existed.
+/// Gives a complete file its final name. Returns `true` if a file with the same data existed.
 fn settle(path: &Path, target: &Path, replace: bool, from: HashKey) -> Result<bool, Fault> {
     let failed = |e: io::Error| cannot_write(target, &e);
     let folder = target.parent().unwrap_or(Path::new("."));
@@ -350,7 +350,7 @@ fn settle(path: &Path, target: &Path, replace: bool, from: HashKey) -> Result<bo
             }
             return Ok(true);
         }
-        // A file system without links.
+        // Fallback for a file system without links.
         Err(_) if !target.exists() => fs::rename(path, target).map_err(failed)?,
         Err(e) => return Err(failed(e)),
     }

@@ -14,7 +14,7 @@ use schemas::Fault;
 /// The files of `path`: a file, a folder (all files in it, sorted, without hidden ones) or a glob.
 ///
 /// # Errors
-/// Fails when there are no files.
+/// Fails if there are no files.
 pub fn find(path: &str, folder: &Path, any_name: bool) -> Result<Vec<PathBuf>, Fault> {
     let path = match place(path)? {
         StorageLocation::Object(address) => return objects(&address, any_name),
@@ -63,7 +63,7 @@ fn objects(address: &ObjectAddress, any_name: bool) -> Result<Vec<PathBuf>, Faul
 /// The file that a spec names: a file in `folder`, or the copy of an object.
 ///
 /// # Errors
-/// Fails for an unknown address, a missing object, and a server that cannot be reached or rejects the request.
+/// Fails for an unknown address, a missing object, or a server that cannot be reached or rejects the request.
 pub fn file(path: &str, folder: &Path) -> Result<PathBuf, Fault> {
     match place(path)? {
         StorageLocation::Path(path) => Ok(folder.join(path)),
@@ -93,7 +93,7 @@ pub fn settled(found: &mut Vec<PathBuf>, settle: Duration) -> Option<String> {
     })
 }
 
-/// The pattern for the files of `path` in `folder`, whose own name is not a pattern.
+/// Pattern for the files of `path` in `folder`. Special characters in the name of `folder` are escaped.
 fn pattern(path: &str, folder: &Path) -> String {
     if Path::new(path).is_absolute() {
         return path.to_owned();
@@ -108,10 +108,10 @@ fn is_flight(path: &Path) -> bool {
     flight_formats().iter().flat_map(|f| f.extensions).any(ends)
 }
 
-/// Adds the files in a folder and of its subfolders, in the order of their names.
+/// Adds the files in a folder and its subfolders, in the order of their names.
 ///
 /// # Errors
-/// Fails when a folder cannot be read.
+/// Fails if a folder cannot be read.
 pub fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
     let mut entries = fs::read_dir(folder)?.collect::<Result<Vec<_>, _>>()?;
     entries.sort_by_key(fs::DirEntry::file_name);
@@ -119,7 +119,7 @@ pub fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
         if entry.file_name().to_string_lossy().starts_with(['.', '_']) {
             continue;
         }
-        // A link that leads nowhere is kept: opening it reports the fault. A pipe or a device is no file of data.
+        // A link without a target is kept, because opening it reports the fault. A pipe or a device is not a data file.
         match fs::metadata(entry.path()) {
             Ok(about) if about.is_dir() => walk(&entry.path(), found)?,
             Ok(about) if !about.is_file() => {}

@@ -15,7 +15,7 @@ pub(super) struct FlightFile {
     pub(super) options: FlightOptions,
     /// Mapping of its columns, if any.
     pub(super) mapped: Option<MappingTable>,
-    /// Lists the inputs of the file, if its values are computed from other files.
+    /// Returns the inputs of the file, if its values are computed from other files.
     pub(super) made_from: Option<FlightInputLister>,
     /// The result of the scan of the file, such as the types of columns; valid while the file is unchanged.
     found: Option<FileFact>,

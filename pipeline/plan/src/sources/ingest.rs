@@ -92,7 +92,7 @@ impl IndexLine {
     }
 }
 
-/// `fault` as a fault of the data, without its file, flight and line, which the index gives.
+/// `fault` as a data fault, without its file, flight and line, which are in the index.
 fn unplaced(Fault { what, help, place, .. }: Fault) -> Fault {
     let place = DataLocation { column: place.column, row: place.row, ..DataLocation::default() };
     Fault { what, help, place, owner: FaultOwner::Data, ..Fault::default() }
@@ -154,7 +154,7 @@ fn once_each(lines: Vec<LineRecord>, files: &[FileDigest]) -> Vec<LineRecord> {
                 let name =
                     |i: usize| files.get(i).map(|f: &FileDigest| f.path.display().to_string()).unwrap_or_default();
                 if line.flight == MISSING || line.line == MISSING {
-                    // Rows without a line in several files: all files are named.
+                    // If several files have rows without a line, the fault names all of them.
                     last.fault.get_or_insert_default().what += &format!("; more such rows are in {}", name(line.file));
                     continue;
                 }

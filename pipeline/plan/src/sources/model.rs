@@ -26,7 +26,7 @@ const VALUE: &str = "value";
 pub struct ModelTable {
     /// The condition that selects it, in canonical spelling; empty without a condition.
     pub condition: String,
-    /// Its columns.
+    /// Columns.
     pub schema: SchemaRef,
     features: Vec<String>,
 }
@@ -35,7 +35,7 @@ impl ModelTable {
     /// Reads the table once to check that it holds one model.
     ///
     /// # Errors
-    /// Fails for unknown options, files that are not the table of a `fit`, and several models in one table.
+    /// Fails for unknown options, files that are not the table of a `fit`, or several models in one table.
     pub fn open(decl: &SourceDecl, path: &Path) -> Result<ModelTable, Vec<Fault>> {
         let (condition, at, features) = options(decl)?;
         let rows = read(path, &condition).map_err(|fault| vec![fault.at(at)])?;
@@ -57,7 +57,7 @@ impl ModelTable {
     }
 }
 
-/// The condition, its place in the spec, and the features.
+/// The condition with its position in the spec, and the features.
 fn options(decl: &SourceDecl) -> Result<(String, SpecSpan, Vec<String>), Vec<Fault>> {
     let mut rest = decl.clone();
     let (condition, at) = match rest.options.remove(WHERE) {
@@ -71,11 +71,11 @@ fn options(decl: &SourceDecl) -> Result<(String, SpecSpan, Vec<String>), Vec<Fau
     Ok((condition, at, features))
 }
 
-/// The rows of one model of the Parquet files at `path`: texts, whole numbers and numbers. A missing number is NaN.
+/// The rows of one model of the Parquet files at `path`: strings, whole numbers and numbers. A missing number is NaN.
 ///
 /// # Errors
-/// Fails when a file is not Parquet, the columns of a fit are missing, the condition cannot be evaluated, or the
-/// selected rows are not one model.
+/// Fails if a file is not Parquet, the columns of a fit are missing, the condition cannot be evaluated, or the selected
+/// rows are not one model.
 pub fn read(path: &Path, condition: &str) -> Result<RecordBatch, Fault> {
     let mut files = vec![];
     if path.is_dir() {
@@ -104,7 +104,7 @@ pub fn read(path: &Path, condition: &str) -> Result<RecordBatch, Fault> {
     Ok(rows)
 }
 
-/// The columns of a model in the types that stages take: texts, whole numbers, numbers.
+/// Columns of a model in the types that stages accept: strings, whole numbers and numbers.
 fn plain(batch: &RecordBatch) -> Result<RecordBatch, Fault> {
     let (mut fields, mut arrays): (Vec<Field>, Vec<ArrayRef>) = (vec![], vec![]);
     for (field, array) in batch.schema().fields().iter().zip(batch.columns()) {

@@ -40,13 +40,13 @@ params! {
 
 /// Options for reading the files of a table.
 pub struct FileOptions {
-    /// Names, units, keys.
+    /// Options for names, units and keys.
     pub options: FlightOptions,
     /// Mapping of the columns.
     pub mapped: Option<MappingTable>,
     /// Division of the flights into lines, if it differs from the lines in the file.
     pub lines: Option<FlightDivision>,
-    /// The mapping that was chosen by content, for the user.
+    /// Note for the user on the mapping that was chosen by content.
     pub note: Option<String>,
 }
 
@@ -56,7 +56,7 @@ pub const AUTO: &str = "auto";
 /// Division by the table of lines `name`, or by detection.
 ///
 /// # Errors
-/// Fails as [`LineTable::read`].
+/// Returns the errors of [`LineTable::read`].
 pub fn division(name: &str, folder: &Path) -> Result<FlightDivision, Fault> {
     if name == AUTO {
         Ok(FlightDivision::Found)
@@ -65,13 +65,13 @@ pub fn division(name: &str, folder: &Path) -> Result<FlightDivision, Fault> {
     }
 }
 
-/// Line identifier of a file that will be divided.
+/// Placeholder for the line identifier of a file that will be divided into lines.
 pub const WHOLE: &str = "0";
 
 /// The options of a table of flights, with its mapping table and its table of lines. Paths start from `folder`.
 ///
 /// # Errors
-/// Fails for unknown options, wrong types, and all faults of the mapping.
+/// Fails for unknown options, wrong types, or faults of the mapping.
 pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<FileOptions, Vec<Fault>> {
     let (mut options, MappingOptions { mapping, table, lines }) = options::<FlightOptions, MappingOptions>(decl)?;
     let option_of = |key: &str| decl.options.get(key);
@@ -110,7 +110,7 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<FileOptions, V
     } else {
         (name, None)
     };
-    // A fault in the text of a mapping is shown at its own place.
+    // A fault in a mapping is shown at its position in the mapping.
     let mapping = Mapping::load(&name, |name| file(name, folder))
         .map_err(|f| vec![if is_shown(&f) { f } else { at(f, "mapping") }])?;
     let key = if table.is_some() { "table" } else { "mapping" };
@@ -119,7 +119,8 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<FileOptions, V
     Ok(FileOptions { options, mapped: Some(mapped), lines, note })
 }
 
-/// The name of the built-in mapping that reads most tables of the first log of a declaration, and a note on the choice.
+/// Name of the built-in mapping that can read the most tables in the first log of a declaration, and a note on the
+/// choice.
 fn chosen(decl: &SourceDecl, folder: &Path, options: &FlightOptions) -> Result<(String, Option<String>), Fault> {
     let logs = find(&decl.path.0, folder, options.format.is_some())?;
     let log = logs.first().ok_or_else(|| Fault::new(format!("there is no log in {}", decl.path.0)))?;

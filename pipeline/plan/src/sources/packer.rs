@@ -1,4 +1,4 @@
-//! Writing of lines into the store, several short lines per pack.
+//! Writes lines into the store, with several short lines per pack.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -6,7 +6,7 @@ use arrow_array::RecordBatch;
 use schemas::{Fault, keys::HashKey};
 use store::Store;
 
-/// Size of a pack in memory, bytes.
+/// Size of a pack in memory, in bytes.
 const PACK_BYTES: usize = 4 << 20;
 
 /// Lines that are not written yet.
@@ -31,7 +31,7 @@ impl<'a> LinePacker<'a> {
     /// Adds a line, and writes a pack when it is full.
     ///
     /// # Errors
-    /// Fails when the store cannot be written.
+    /// Fails if the store cannot be written.
     pub fn put(&self, key: HashKey, batch: RecordBatch) -> Result<(), Fault> {
         let full = {
             let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
@@ -51,7 +51,7 @@ impl<'a> LinePacker<'a> {
     /// Writes the remaining lines.
     ///
     /// # Errors
-    /// Fails when the store cannot be written.
+    /// Fails if the store cannot be written.
     pub fn finish(self) -> Result<(), Fault> {
         self.store.put_all(&self.waiting.into_inner().unwrap_or_else(PoisonError::into_inner).lines)
     }

@@ -1,4 +1,4 @@
-//! Files read into a store: once for any number of threads, and again after damage to the store's notes.
+//! Tests that files are read into a store once for any number of threads, and again after damage to the store's notes.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 

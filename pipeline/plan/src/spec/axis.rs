@@ -16,13 +16,13 @@ const SUBSET_KEYS: [&str; 3] = ["subsets_of", "at_least", "up_to"];
 
 /// The values of the axis `name`: a list, one value, or `{ subsets_of = [...], at_least = 1, up_to = 2 }`.
 ///
-/// A value may itself be a list of texts or numbers. `"$axis"` is then replaced by that list where a parameter takes
+/// A value may itself be a list of strings or numbers. `"$axis"` is then replaced by that list where a parameter takes
 /// one, or by its entries inside another list: `features = ["$terms", "mag_3_uc"]`. Its key column holds text, the
 /// entries joined by `+`. `subsets_of` makes all lists of `at_least` to `up_to` of its entries, the short ones first
 /// and each in the given order. An entry that is a list is included or omitted as a whole.
 ///
 /// # Errors
-/// Fails with the faults of the values, each at its value.
+/// Fails with the faults of the values, each with its position.
 pub fn values(name: &str, value: &Spanned<DeValue>) -> Result<Vec<Literal>, Vec<Fault>> {
     let (values, places) = match value.get_ref() {
         DeValue::Table(table) => {
@@ -148,7 +148,7 @@ fn flat(entry: &Literal) -> Vec<Literal> {
     }
 }
 
-/// `n`, or `None` above 10^30, where counting stops.
+/// Returns `n`; `None` above 10^30, so that products do not overflow.
 fn below(n: u128) -> Option<u128> {
     (n <= 10u128.pow(30)).then_some(n)
 }

@@ -102,7 +102,7 @@ impl<'a> SearchState<'a> {
         course
     }
 
-    /// The next rows, which do not need each other's scores; empty if the search is over.
+    /// The next rows, which can be computed in any order; empty if the search is over.
     pub fn next(&self) -> &[SearchTrial] {
         &self.next
     }
@@ -169,8 +169,8 @@ impl<'a> SearchState<'a> {
         rows
     }
 
-    /// The best computed trial: the trial with the least cost among the trials at the highest rung, the first of
-    /// several equal trials.
+    /// The best computed trial: the trial with the smallest cost among the trials at the highest rung. Of several equal
+    /// trials, the first is used.
     pub fn best(&self) -> Option<&SearchTrialScore> {
         best(&self.done)
     }

@@ -9,7 +9,7 @@ use super::SpecSpan;
 pub struct SpecFaults {
     /// The file, as the user named it.
     pub file: String,
-    /// Its text.
+    /// Text.
     pub text: String,
     /// The assignments of `--set`, whose bytes follow those of the text.
     pub sets: Vec<String>,
@@ -26,7 +26,7 @@ impl std::fmt::Display for SpecFaults {
 
 impl std::error::Error for SpecFaults {}
 
-/// The first byte of each assignment: they follow the text, each after a line's end.
+/// First byte of each assignment. The assignments follow the text, each after a line break.
 pub fn starts(text: &str, sets: &[String]) -> Vec<usize> {
     let next = |at: &mut usize, set: &String| {
         let start = *at;
@@ -47,7 +47,7 @@ impl SpecFaults {
     }
 }
 
-/// A fault of an assignment, pointing into it.
+/// Fault of an assignment, with its position in the assignment.
 fn on_command_line(fault: &Fault, set: &str, at: &SpecSpan) -> String {
     const BEFORE: &str = "--set ";
     // A character that would break the line is shown in one column.

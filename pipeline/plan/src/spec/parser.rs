@@ -18,7 +18,8 @@ use super::{
     several,
 };
 
-/// Maximum number of stages. More stages should be an axis; each may be a level of the plan.
+/// Maximum number of stages. A spec with more stages should use an axis instead. Each stage may be a separate level of
+/// the plan.
 const MOST_STAGES: usize = 1_000;
 
 fn given(value: Literal, key_at: SpecSpan, at: SpecSpan) -> SpecEntry {
@@ -135,7 +136,7 @@ impl SpecParser {
                 }
             });
             return found.unwrap_or_else(|fault| {
-                // The value may be a password, and is not shown.
+                // The value may be a password, so it is not shown.
                 self.faults.push(if store.contains('@') { fault } else { fault.at(at) });
                 ("store".into(), None)
             });

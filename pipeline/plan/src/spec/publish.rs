@@ -73,7 +73,7 @@ params! {
     limits: Option<String>, unit "", default None, absent "not provided";
 }
 
-/// Template for a missing table.
+/// Template of the table `[publish]`, for a spec without it.
 pub const EXAMPLE: &str = "write\n\
     [publish]\n\
     title       = \"...\"\n\
@@ -164,7 +164,7 @@ fn wrong(facts: &PublishFacts) -> Vec<(&'static str, Fault)> {
     found
 }
 
-/// Whether a text is a day of the (proleptic Gregorian) calendar, `YYYY-MM-DD`.
+/// Whether a string is a day of the (proleptic Gregorian) calendar, `YYYY-MM-DD`.
 pub fn is_date(text: &str) -> bool {
     let parts: Vec<&str> = text.split('-').collect();
     let [year, month, day] = parts.as_slice() else { return false };
@@ -180,7 +180,7 @@ pub fn is_date(text: &str) -> bool {
     month.checked_sub(1).and_then(|m| lengths.get(m)).is_some_and(|length| (1..=*length).contains(&day))
 }
 
-/// Whether a text is an ORCID, with or without its address: 15 digits and a check digit. [ISO 7064, MOD 11-2]
+/// Whether a string is an ORCID, with or without its address: 15 digits and a check digit. [ISO 7064, MOD 11-2]
 fn is_orcid(text: &str) -> bool {
     let bare = text.strip_prefix("https://orcid.org/").unwrap_or(text);
     let groups: Vec<&str> = bare.split('-').collect();
@@ -267,7 +267,7 @@ params! {
 pub const PROTECTION_KEYS: [&str; 5] = ["restricted", "embargo", "reason", "least_samples", "least_ratio"];
 
 impl ProtectionKeys {
-    /// Takes the keys of the restrictions out of the keys of a table, which is at the bytes `at`.
+    /// Removes the keys of the restrictions from the keys of a table and reads them. The table is at the bytes `at`.
     ///
     /// # Errors
     /// Fails with all faults, each with its position.
@@ -298,7 +298,7 @@ impl ProtectionKeys {
         self.on(clock::now().get(..10).unwrap_or_default())
     }
 
-    /// Restrictions on the day `today`, `YYYY-MM-DD`: days of this form sort as texts.
+    /// Restrictions on the day `today`, in the form `YYYY-MM-DD`. Such days can be compared as strings.
     fn on(&self, today: &str) -> ColumnRestriction {
         match &self.embargo {
             Some(day) if today >= day.as_str() => ColumnRestriction::None,

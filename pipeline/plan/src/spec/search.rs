@@ -1,8 +1,9 @@
 //! `[search]`: axes whose values are searched rather than listed.
 //!
-//! A trial has one value of each searched axis, so these axes together form one side of the sweep's grid: the column
-//! `trial` and a column for each axis. The trials of `random` and `sobol` are known beforehand; the trials of `tpe` and
-//! the rungs of `halving` depend on earlier scores. A [`SearchState`](super::SearchState) gives the next trials.
+//! A trial has one value of each searched axis. These axes together thus form one side of the sweep's grid. The tables
+//! have the column `trial` and a column for each of these axes. The trials of `random` and `sobol` are known
+//! beforehand; the trials of `tpe` and the rungs of `halving` depend on earlier scores. A
+//! [`SearchState`](super::SearchState) gives the next trials.
 
 use learning::search::{MOST_DIMENSIONS, ProposalMethod, SearchDimension, TrialValue};
 use schemas::{ChoiceRegistry, Fault, Literal, ParamDoc, ParamReader, Params, Rule, SpecSection, choice, params};
@@ -17,7 +18,7 @@ use super::{SpecSpan, SweepAxis, axis};
 pub const TRIAL: &str = "trial";
 /// Maximum number of trials; more are probably a mistake.
 const MOST_TRIALS: f64 = 100_000.0;
-/// Above this number, not every whole number is a 64-bit float.
+/// Largest number up to which every whole number is exact as a 64-bit float.
 const MOST_WHOLE: f64 = (1_u64 << 53) as f64;
 /// Keys that are parsed separately.
 const OWN_KEYS: [&str; 3] = ["axes", "where", "halving"];
@@ -93,7 +94,7 @@ params! {
 /// A checked `[search]`.
 #[derive(Clone, Debug)]
 pub struct SearchSpec {
-    /// Its position.
+    /// Position.
     pub at: SpecSpan,
     /// The method that proposes trials.
     pub method: ProposalMethod,
@@ -126,9 +127,9 @@ pub struct SearchSpec {
 pub struct SuccessiveHalving {
     /// The axis.
     pub axis: String,
-    /// Its position.
+    /// Position.
     pub at: SpecSpan,
-    /// Its values, the cheapest first.
+    /// Values, the cheapest first.
     pub values: Vec<Literal>,
     /// The reduction factor: one of `eta` trials is promoted to the next rung.
     pub eta: usize,
@@ -137,13 +138,13 @@ pub struct SuccessiveHalving {
 /// An axis of a search.
 #[derive(Clone, Debug)]
 pub struct SearchAxis {
-    /// Its name, which is also the name of its column.
+    /// Name, which is also the name of its column.
     pub name: String,
-    /// Its position.
+    /// Position.
     pub at: SpecSpan,
-    /// Its values.
+    /// Values.
     pub dimension: SearchDimension,
-    /// Values of a choice.
+    /// List of values to choose from.
     pub choices: Vec<Literal>,
 }
 
@@ -157,7 +158,7 @@ impl SearchAxis {
         }
     }
 
-    /// Its values in words.
+    /// Values in words.
     pub fn words(&self) -> String {
         match self.dimension {
             SearchDimension::Real { low, high, log } => {

@@ -10,7 +10,7 @@ use toml::{
 
 use super::{SpecSpan, TOP, publish::PROTECTION_KEYS};
 
-/// Keys whose value is a text, so that it needs no quotes.
+/// Keys whose value is always a string and therefore needs no quotes.
 const TEXT_KEYS: [&str; 5] = ["name", "store", "path", "stage", "where"];
 
 /// One assignment as two TOML documents, padded so that positions follow the spec's text.
@@ -29,7 +29,7 @@ impl SetAssignment {
     /// The assignment `text`, whose first byte is `start`.
     ///
     /// # Errors
-    /// Fails when it has no `=`.
+    /// Fails if it has no `=`.
     pub fn new(text: &str, start: usize) -> Result<SetAssignment, Fault> {
         let at = start..start + text.len();
         let equals = equals(text).ok_or_else(|| form(&at))?;
@@ -43,7 +43,7 @@ impl SetAssignment {
     /// Sets the value in the document `root`.
     ///
     /// # Errors
-    /// Fails when the key does not exist in the spec, or the value is not TOML where TOML is required.
+    /// Fails if the key does not exist in the spec, or the value is not TOML where TOML is required.
     pub fn put<'i>(&'i self, root: &mut DeTable<'i>) -> Result<(), Fault> {
         let path = self.path()?;
         let value = self.value(&path)?;
@@ -100,7 +100,7 @@ impl SetAssignment {
         path.first().map_or(self.at.start, |k| k.span().start)..path.last().map_or(self.at.end, |k| k.span().end)
     }
 
-    /// The value: TOML, or the text unchanged.
+    /// The value, parsed as TOML if possible, else the text unchanged.
     fn value(&self, path: &[Spanned<DeString>]) -> Result<Spanned<DeValue<'_>>, Fault> {
         let raw = &self.whole[self.value.clone()];
         let text = || Ok(Spanned::new(self.value.clone(), DeValue::String(Cow::Borrowed(raw))));

@@ -6,7 +6,7 @@ use schemas::{Fault, FaultOwner};
 /// Runs `call` with the GIL. An exception becomes a fault of the part `name`, with its traceback.
 ///
 /// # Errors
-/// If Python raises an exception. The fault is not cached, because it may depend on more than the inputs.
+/// Fails if Python raises an exception. The fault is not cached, because it may depend on more than the inputs.
 pub fn in_python<T>(name: &str, call: impl FnOnce(Python<'_>) -> PyResult<T>) -> Result<T, Fault> {
     Python::attach(|py| call(py).map_err(|e| fault(py, name, &e)))
 }

@@ -44,7 +44,7 @@ impl FilterPart {
     /// The filter of a declaration. `run` is called with a flight and the parameters.
     ///
     /// # Errors
-    /// If a default is invalid.
+    /// Fails if a default is invalid.
     pub fn new(decl: PythonFilterDecl, run: Py<PyAny>) -> Result<FilterPart, String> {
         let head: &'static PartHead = Box::leak(Box::new(PartHead::new(decl.head, run)?));
         let (name, needs_map) = (head.name, decl.needs_map);
@@ -87,7 +87,7 @@ impl NavigationFilter for PythonFilter {
         self.needs_map
     }
 
-    /// The method of a filter in Python is unknown, so its start is not tested.
+    /// The method of a filter in Python is unknown, so its initial position is not tested.
     fn takes_wide_start(&self) -> bool {
         true
     }
@@ -170,11 +170,11 @@ fn track(name: &str, input: &FilterInput, (columns, update): Found) -> Result<Fi
     })
 }
 
-/// Names of the columns of a flight: INS, then the measurement and its standard deviation, nT.
+/// Names of the columns of a flight: INS, then the measurement and its standard deviation, in nT.
 const FLIGHT: [&str; 15] =
     ["tt", "lat", "lon", "alt", "vn", "ve", "vd", "fn", "fe", "fd", "roll", "pitch", "yaw", "measured", "sigma"];
 
-/// Field, nT, and its slopes north, east and up, nT/m.
+/// Field, in nT, and its slopes north, east and up, in nT/m.
 type FieldColumns<'py> = [Bound<'py, PyArray1<f64>>; 4];
 
 /// One line for a navigation filter. ``flight["lat"]`` and the other columns of the INS have the units of the flight
@@ -242,8 +242,8 @@ impl Flight {
         Ok(PyArray1::from_slice(py, values.ok_or_else(unknown)?))
     }
 
-    /// Expected measurement at positions (deg, deg, m), nT, and its slopes north, east and up, nT/m: the map, plus the
-    /// core field if the measurement contains it. NaN off the map.
+    /// Expected measurement at positions (deg, deg, m), in nT, and its slopes north, east and up, in nT/m: the map,
+    /// plus the core field if the measurement contains it. NaN off the map.
     fn field<'py>(
         &self,
         py: Python<'py>,

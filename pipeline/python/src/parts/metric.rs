@@ -110,7 +110,7 @@ impl MetricPart {
     /// The metric of a declaration. `run` is called with the arguments by name.
     ///
     /// # Errors
-    /// If the metric has parameters or no arguments.
+    /// Fails if the metric has parameters or no arguments.
     pub fn new(decl: MetricDecl, run: Py<PyAny>) -> Result<MetricPart, String> {
         let MetricDecl { head, unit, pool, better, needs } = decl;
         let head = PartHead::new(head, run)?;

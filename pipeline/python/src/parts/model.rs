@@ -37,7 +37,7 @@ impl ModelPart {
     /// `predict`.
     ///
     /// # Errors
-    /// If a default is invalid.
+    /// Fails if a default is invalid.
     pub fn new(decl: ModelDecl, run: Py<PyAny>) -> Result<ModelPart, String> {
         let head: &'static PartHead = Box::leak(Box::new(PartHead::new(decl.head, run)?));
         // A catalogue keeps its part, even if the part is replaced during a run.
@@ -128,7 +128,7 @@ impl fmt::Debug for PythonFitted {
 /// Reads the model of a table.
 ///
 /// # Errors
-/// If its Python code is not loaded or has changed, or the state cannot be read.
+/// Fails if its Python code is not loaded or has changed, or the state cannot be read.
 pub fn read(reading: &TermLookup) -> Result<Arc<dyn ExternalModel>, Fault> {
     let name = reading.word("model")?;
     let part = parts().models.get(name).map(|part| part.head).ok_or_else(|| {

@@ -110,7 +110,7 @@ impl PartValue {
         }
     }
 
-    /// The texts of a text or a list of text; `None` for other values.
+    /// The strings of a string or a list of text; `None` for other values.
     fn texts(&self) -> Option<&[String]> {
         match self {
             PartValue::Text(one) => Some(std::slice::from_ref(one)),
@@ -147,7 +147,7 @@ impl PartParam {
     /// The parameter of a declaration.
     ///
     /// # Errors
-    /// If its default is of another type or not permitted.
+    /// Fails if its default is of another type or not permitted.
     pub fn new(decl: PartParamDecl) -> Result<PartParam, String> {
         let PartParamDecl { name, kind, optional, default, unit, doc, least, most, choices } = decl;
         let value = match &default {
@@ -269,7 +269,7 @@ impl PartValues {
     /// The values as keyword arguments.
     ///
     /// # Errors
-    /// If Python has no memory.
+    /// Fails if Python has no memory.
     pub fn arguments<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let found = PyDict::new(py);
         for (name, value) in self.0.iter() {
@@ -290,7 +290,7 @@ impl PartValues {
     /// element of a list of text.
     ///
     /// # Errors
-    /// If a parameter between braces is missing or not text.
+    /// Fails if a parameter between braces is missing or not text.
     pub fn expand(&self, template: &str) -> Result<Vec<String>, Fault> {
         let Some((before, rest)) = template.split_once('{') else { return Ok(vec![template.to_owned()]) };
         let (name, after) = rest.split_once('}').unwrap_or((rest, ""));

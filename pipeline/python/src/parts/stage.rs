@@ -67,7 +67,7 @@ impl StagePart {
     /// The stage of a declaration. `run` is called with a line, the parameters and the names of the columns to make.
     ///
     /// # Errors
-    /// If a default is invalid.
+    /// Fails if a default is invalid.
     pub fn new(decl: StageDecl, run: Py<PyAny>) -> Result<StagePart, String> {
         let StageDecl { head, reads, makes } = decl;
         let head = PartHead::new(head, run)?;

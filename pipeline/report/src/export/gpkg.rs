@@ -33,7 +33,7 @@ pub struct GeoPackageWriter {
     line: Option<Track>,
 }
 
-/// Rows of a line, or of a line at one point of a sweep.
+/// Track of a line; in a sweep, of a line at one point.
 struct Track {
     /// Values of the key columns.
     keys: Vec<Value>,
@@ -50,7 +50,7 @@ impl GeoPackageWriter {
     /// Creates the file `path` for the table `table`.
     ///
     /// # Errors
-    /// Fails when the file cannot be created.
+    /// Fails if the file cannot be created.
     pub fn create(path: &Path, table: &str) -> Result<GeoPackageWriter, Fault> {
         let exists = std::fs::remove_file(path);
         if let Err(e) = exists

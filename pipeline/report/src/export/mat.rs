@@ -1,8 +1,9 @@
 //! MATLAB MAT-files of level 5, uncompressed. [MathWorks, MAT-File Format, R2025a]
 //!
-//! Each column is a column vector of the same name. A column of texts is a vector of positions in a cell array
-//! `NAME_names`; 0 is a missing text. A time is in seconds since 1970-01-01 UTC, as `datetime` of MATLAB reads it. The
-//! cell array `columns` has one row for each vector: its variable, the name of the column, the unit and the description.
+//! Each column is a column vector of the same name. A column of strings is a vector of positions in a cell array
+//! `NAME_names`; 0 is a missing string. A time is in seconds since 1970-01-01 UTC, as `datetime` of MATLAB reads it.
+//! The cell array `columns` has one row for each vector: its variable, the name of the column, the unit and the
+//! description.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -50,7 +51,7 @@ struct MatVector {
     /// Variable, column, unit and description.
     names: [String; 4],
     values: Vec<f64>,
-    /// Distinct texts with their positions, for a column of texts.
+    /// Distinct strings with their positions, for a column of strings.
     texts: Option<DistinctTexts>,
 }
 
@@ -61,7 +62,7 @@ struct DistinctTexts {
 }
 
 impl DistinctTexts {
-    /// Position of a text, from 1.
+    /// Position of a string, from 1.
     fn position(&mut self, text: &str) -> usize {
         if let Some(at) = self.known.get(text) {
             return *at;
@@ -169,8 +170,8 @@ fn is_text(field: &Field) -> bool {
     !(kind.is_numeric() || matches!(kind, DataType::Boolean | DataType::Timestamp(..)))
 }
 
-/// Unused name of a variable: letters, digits and `_`, beginning with a letter. The name of a text leaves room for the
-/// name of its list.
+/// Unused name of a variable: letters, digits and `_`, beginning with a letter. The name of a string leaves room for
+/// the name of its list.
 fn variable(name: &str, is_text: bool, taken: &mut HashSet<String>) -> String {
     let plain: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
     let plain = if plain.starts_with(|c: char| c.is_ascii_alphabetic()) { plain } else { format!("x_{plain}") };
@@ -221,7 +222,7 @@ fn numbers(name: &str, values: &[f64]) -> Vec<u8> {
     matrix(code::NUMBERS, name, [values.len(), 1], &element(code::DOUBLE, &bytes))
 }
 
-/// A cell array of texts, column by column.
+/// A cell array of strings, column by column.
 fn cells(name: &str, texts: &[&str], columns: usize) -> Vec<u8> {
     let cell = |text: &&str| {
         let units: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();

@@ -12,10 +12,10 @@ use arrow_select::take::take;
 use schemas::Fault;
 
 /// The batch with the list `name` replaced by `name_1`, `name_2` and so on. The description of each column names its
-/// entry. A list of varying length becomes a text.
+/// entry. A list of varying length becomes a string.
 ///
 /// # Errors
-/// Fails for a structure and for nested lists, and for a name that is used twice.
+/// Fails for a structure, for nested lists, or for a name that is used twice.
 pub(super) fn spread(batch: &RecordBatch) -> Result<RecordBatch, Fault> {
     let (mut fields, mut columns) = (vec![], vec![]);
     for (field, column) in batch.schema().fields().iter().zip(batch.columns()) {
@@ -52,7 +52,7 @@ pub(super) fn spread(batch: &RecordBatch) -> Result<RecordBatch, Fault> {
     RecordBatch::try_new_with_options(schema, columns, &options).map_err(|e| Fault::bug(e.to_string()))
 }
 
-/// Lists of different lengths as texts: the values, separated by semicolons.
+/// Lists of different lengths as strings: the values, separated by semicolons.
 fn joined(list: &ListArray) -> Result<StringArray, Fault> {
     let options = FormatOptions::new();
     let text = |row: usize| -> Result<Option<String>, Fault> {

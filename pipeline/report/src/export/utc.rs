@@ -30,15 +30,15 @@ pub(super) struct UtcColumn {
 struct LastRow {
     /// Flight and line.
     keys: [String; 2],
-    /// Time, s.
+    /// Time, in seconds.
     tt: f64,
-    /// Midnight from which the time counts, s since 1970; NaN if unknown.
+    /// Midnight from which the time counts, in seconds since 1970; NaN if unknown.
     midnight: f64,
 }
 
 impl UtcColumn {
-    /// The batch with the column `utc` after `tt`. Unchanged without the columns `tt`, `year` and `doy`, and with a
-    /// column `utc`.
+    /// The batch with the column `utc` after `tt`. The batch is unchanged if it lacks `tt`, `year` or `doy`, or already
+    /// has a column `utc`.
     ///
     /// # Errors
     /// Fails for a day that its year does not have.
@@ -68,7 +68,7 @@ impl UtcColumn {
         RecordBatch::try_new_with_options(schema, columns, &options).map_err(|e| Fault::bug(e.to_string()))
     }
 
-    /// Midnight from which the time of a row counts, in s since 1970; NaN if it is unknown.
+    /// Midnight from which the time of a row counts, in seconds since 1970; NaN if unknown.
     fn midnight(&mut self, keys: [&str; 2], (tt, year, doy): (f64, f64, f64)) -> Result<f64, Fault> {
         let same = self.last.as_ref().filter(|last| last.keys == keys && tt >= last.tt);
         let known = same.map(|last| last.midnight).filter(|midnight| midnight.is_finite());
@@ -87,7 +87,7 @@ impl UtcColumn {
     }
 }
 
-/// Texts of a key column.
+/// Strings of a key column.
 fn texts(batch: &RecordBatch, name: &str) -> Option<StringArray> {
     let texts = cast(batch.column_by_name(name)?, &DataType::Utf8).ok()?;
     texts.as_string_opt::<i32>().cloned()
@@ -138,7 +138,7 @@ mod tests {
             [("1", 86_399.0, 2024, 366), ("1", 86_401.0, 2025, 1), ("2", 1.0, 2025, 1), ("2", f64::NAN, 2025, 1)];
         let [a, b, c, d] = times(&midnight).try_into().unwrap();
         assert_eq!((b, c, d), (a.map(|a| a + 2 * second), b, None));
-        // A date that does not advance at midnight.
+        // Case: the date does not advance at midnight.
         let constant = times(&[("1", 86_399.0, 2024, 366), ("1", 86_401.0, 2024, 366)]);
         assert_eq!(constant[1], constant[0].map(|a| a + 2 * second));
     }

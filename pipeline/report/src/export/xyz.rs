@@ -12,8 +12,8 @@ use super::{TableWriter, write_failed};
 /// Names of the columns that become records.
 const RECORDS: [&str; 2] = ["flight", "line"];
 
-/// Writer of a table of lines as Geosoft XYZ. Numbers precede texts, because a row must begin with a number. Numbers
-/// have as many digits as needed to read the same value. A text of several words is in double quotes.
+/// Writer of a table of lines as Geosoft XYZ. Numbers precede strings, because a row must begin with a number. Numbers
+/// have as many digits as needed to read the same value. A string of several words is in double quotes.
 pub struct GeosoftWriter<W> {
     out: W,
     /// Positions of the written columns.
@@ -146,7 +146,7 @@ fn number(value: f64) -> String {
     }
 }
 
-/// A text as one word, in quotes if necessary.
+/// A string as one word, in quotes if necessary.
 fn word(text: String) -> Result<String, Fault> {
     if text.is_empty() {
         return Ok("*".to_owned());
@@ -160,7 +160,7 @@ fn word(text: String) -> Result<String, Fault> {
     Ok(format!("\"{text}\""))
 }
 
-/// Rejects a text that is not one word in the format.
+/// Rejects a string that is not one word in the format.
 fn check(text: &str, what: &str) -> Result<(), Fault> {
     let special = |c: char| c.is_whitespace() || c.is_control() || matches!(c, ',' | '"');
     let fine = !text.is_empty() && !text.contains(special) && !text.starts_with(['/', '*']);

@@ -29,7 +29,7 @@ struct AnswerLine {
 /// The section; `None` without scores.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn section(
     source: &ReportSource,
     boards: &[ScoreBoard],

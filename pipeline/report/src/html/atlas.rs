@@ -56,7 +56,7 @@ pub type AtlasTracks = (Option<TableRef>, Vec<DegreeTrack>);
 /// over the same map share the picture of the map.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn atlases(source: &ReportSource, groups: &[AtlasTracks]) -> Result<(Vec<Option<Atlas>>, Markup), Fault> {
     let bounds: Vec<Option<Bounds>> = groups.iter().map(|(_, tracks)| around(tracks)).collect();
     let mut drawn: Vec<(TableRef, Option<Rc<AtlasImage>>)> = vec![];
@@ -432,7 +432,7 @@ mod tests {
     #[test]
     fn unit_small_ellipses_are_enlarged_with_a_note() {
         let mut line_tracks = example_tracks();
-        // The largest ellipse is at row 40 and measures 30 m, less than a pixel on 12 km of track.
+        // The largest ellipse is at row 40. Its size is 30 m, less than a pixel on 12 km of track.
         line_tracks.sigma.as_mut().unwrap()[0][40] = 10.5;
         assert_eq!(widest(&line_tracks).map(|(k, e)| (k, e.major_m)), Some((40, 31.5)));
         let atlas = Atlas { bounds: around(std::slice::from_ref(&line_tracks.estimate)).unwrap(), picture: None };

@@ -16,7 +16,7 @@ use super::source::ReportSource;
 pub struct ScoreBoard {
     /// The table, as a position in the plan.
     pub table: usize,
-    /// Its scores.
+    /// Scores.
     pub scores: Scores,
     /// The instance behind each row.
     pub instances: Vec<usize>,
@@ -28,9 +28,9 @@ pub struct ScoreBoard {
 pub struct MoreScores {
     /// The metric.
     pub metric: Metric,
-    /// Its value at each row.
+    /// Value at each row.
     pub values: Vec<Option<f64>>,
-    /// Whether the value of each row is of lines in sample only.
+    /// For each row, whether its value comes only from in-sample lines.
     pub in_sample: Vec<bool>,
 }
 
@@ -54,7 +54,7 @@ impl ScoreBoard {
     /// The boards of all score tables that were published.
     ///
     /// # Errors
-    /// Fails when a table of scores cannot be read.
+    /// Fails if a table of scores cannot be read.
     pub fn all(source: &ReportSource, warnings: &[Warning]) -> Result<Vec<ScoreBoard>, Fault> {
         let (graph, store) = (source.graph, source.store);
         let plan = graph.plan;
@@ -141,7 +141,7 @@ pub mod tests {
         assert_eq!(board.headline(), Some(1));
         assert_eq!(board.ranked(1), [1, 3, 0]);
         assert_eq!(board.ranked(0), [2, 1, 0, 3]);
-        // The expected value is 2: 2.5 is nearer to it than 9 and 0.2.
+        // The expected value is 2, and 2.5 is nearer to 2 than 9 and 0.2 are.
         assert_eq!(board.ranked(2), [1, 0, 3]);
         assert_eq!(board.point(1), "mag = mag_2_uc, lambda = 0.025");
     }

@@ -59,7 +59,7 @@ struct LineScoreCell {
 /// One table for each axis with several values, at the best point of the other axes; no table for a single line.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn tables(source: &ReportSource, board: &ScoreBoard, warnings: &[Warning]) -> Result<Vec<Markup>, Fault> {
     let Some(metric) = board.scores.metric(DRMS).or_else(|| board.headline()) else { return Ok(vec![]) };
     let Some(best) = board.ranked(metric).first().copied() else { return Ok(vec![]) };

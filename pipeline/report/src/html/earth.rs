@@ -38,11 +38,11 @@ pub struct TrackSelection<'a> {
     pub lines: &'a [String],
 }
 
-/// Tracks of one line at one point, with heights in m.
+/// Tracks of one line at one point, with heights in metres.
 struct KmlTrack {
     name: String,
     line_tracks: LineTracks,
-    /// Heights of truth, INS and estimate, m.
+    /// Heights of truth, INS and estimate, in metres.
     alt: [Vec<f64>; 3],
 }
 
@@ -50,7 +50,7 @@ struct KmlTrack {
 /// lines of `choice`. Pictures of the maps are named after `stem`.
 ///
 /// # Errors
-/// Fails when there are no results of the plan, no track matches `choice`, or the store is damaged.
+/// Fails if there are no results of the plan, no track matches `choice`, or the store is damaged.
 pub fn kml(graph: &PlanGraph, store: &Store, choice: &TrackSelection, stem: &str) -> Result<Kml, Fault> {
     let source = ReportSource::new(graph, store);
     let groups = chosen(&source, choice)?;

@@ -212,7 +212,7 @@ mod tests {
         assert!(east.lines[1].points.iter().all(|p| p.1.abs() < 1e-9));
         // |k| <= 30 + 0.3 k up to the 42nd minute: 43 of 60.
         assert!(north.caption.contains("within ±3σ for 71.7 % of the time"), "{}", north.caption);
-        // On the picture too: the highest point of the band is at three sigma of the last minute, 47.7 m.
+        // On the picture, the highest point of the band is also at three sigma of the last minute, 47.7 m.
         let drawn = north.draw().unwrap().into_string();
         let spots = |class: &str| -> Vec<(f64, f64)> {
             let path = drawn.split(&format!("class=\"{class}\"")).nth(1).unwrap();

@@ -24,7 +24,7 @@ const NUMBER: usize = 20;
 /// The explorer of one score table. Subtracts the size of its block from `left`, in bytes.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn section(
     source: &ReportSource,
     board: &ScoreBoard,
@@ -50,7 +50,7 @@ pub fn section(
 /// `entries` points and lines.
 ///
 /// # Errors
-/// Fails when the scores of lines cannot be read.
+/// Fails if the scores of lines cannot be read.
 pub fn block(
     board: &ScoreBoard,
     pipeline: &str,
@@ -352,7 +352,7 @@ mod tests {
         assert_eq!(affordable(&board, 100, 100 * (3 * NUMBER + 14) - 1), Some(vec![1]));
         assert_eq!((affordable(&board, 100, 100), affordable(&board, 0, 1000)), (None, None));
         assert_eq!(rows(&board, 100_000), [0, 1, 2, 3]);
-        // Of two points the block keeps the best.
+        // The block keeps the better of two points.
         let kept = rows(&board, 500);
         assert_eq!(kept, [1, 3]);
         let words = omitted(&board, &kept, None).join("; ");

@@ -15,11 +15,11 @@ use super::{
 /// A figure as a file.
 #[derive(Clone, Debug)]
 pub struct FigureFile {
-    /// Its file name: a number in the order of the page, and its title.
+    /// File name: a number in the order of the page, and its title.
     pub name: String,
     /// The document.
     pub svg: String,
-    /// Its text for screen readers, and its caption.
+    /// Text for screen readers, and its caption.
     pub caption: String,
 }
 
@@ -63,7 +63,7 @@ pub fn figure_list(title: &str, figures: &[FigureFile]) -> String {
     text
 }
 
-/// A text as Markdown: characters with a meaning are escaped.
+/// A string as Markdown: characters with a meaning are escaped.
 fn escaped(text: &str) -> String {
     let special = |c: char| "\\`*_{}[]<>#|!".contains(c);
     text.chars().flat_map(|c| special(c).then_some('\\').into_iter().chain([c])).collect()
@@ -127,7 +127,7 @@ fn words(label: &str) -> String {
     if name.is_empty() { "figure".to_owned() } else { name }
 }
 
-/// A figure as a document of its own.
+/// A figure as a separate document.
 fn document(page: &str, (opening, inner): (&str, &str), legend: &[LegendEntry], sheet: &StyleSheet<'_>) -> String {
     let figure = format!("{opening}>{inner}");
     let definitions: String = references(&figure)
@@ -135,7 +135,7 @@ fn document(page: &str, (opening, inner): (&str, &str), legend: &[LegendEntry], 
         .filter(|id| !figure.contains(&format!("id=\"{id}\"")))
         .filter_map(|id| definition(page, id))
         .collect();
-    // The size of a figure on the page is a matter of the page.
+    // The size of the figure applies only to the page, so it is removed.
     let style = attribute(opening, "style").map(|style| format!(" style=\"{style}\"")).unwrap_or_default();
     let opening = opening.replacen(&style, "", 1);
     let view = attribute(&opening, "viewBox").unwrap_or_default();
@@ -229,7 +229,7 @@ impl<'a> StyleSheet<'a> {
         };
         let mut text = String::new();
         for (selector, declarations) in self.rules.iter().filter(|(selector, _)| applies(selector)) {
-            // The width of a figure is that of its column on the page.
+            // On the page, the width of a figure is that of its column.
             let kept: Vec<&str> = declarations
                 .split(';')
                 .map(str::trim)
@@ -245,7 +245,7 @@ impl<'a> StyleSheet<'a> {
         text
     }
 
-    /// A text with the values of variables.
+    /// A string with the values of variables.
     fn resolved(&self, text: &str) -> String {
         self.variables.iter().fold(text.to_owned(), |text, (name, value)| text.replace(&format!("var({name})"), value))
     }

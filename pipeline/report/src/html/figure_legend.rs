@@ -7,11 +7,11 @@ use maud::html;
 
 use super::plain_text::plain_text;
 
-/// Height of a row, and the width of a key and of a character at 11.5 px, px.
+/// Height of a row, and the width of a key and of a character at 11.5 px, in pixels.
 const ROW: f64 = 18.0;
 const KEY: f64 = 22.0;
 const CHARACTER: f64 = 6.4;
-/// Space between a key and its name, and between entries, px.
+/// Space between a key and its name, and between entries, in pixels.
 const GAP: f64 = 6.0;
 const BETWEEN: f64 = 18.0;
 
@@ -35,8 +35,8 @@ pub fn entries(markup: &str) -> Vec<LegendEntry> {
     legend.split("<span").skip(1).filter_map(entry).collect()
 }
 
-/// The legend below a figure `wide` px wide whose lower left corner is (`x`, `y`), and its height, px. `rules` are the
-/// selectors and declarations of the page.
+/// The legend below a figure `wide` px wide whose lower left corner is (`x`, `y`), and its height, in pixels. `rules`
+/// are the selectors and declarations of the page.
 pub fn drawn(entries: &[LegendEntry], (x, y, wide): (f64, f64, f64), rules: &[(&str, &str)]) -> (String, f64) {
     let (mut text, mut left, mut row) = ("<g>".to_owned(), x, 0.0);
     for entry in entries {

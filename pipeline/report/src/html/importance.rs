@@ -46,7 +46,7 @@ fn seeds(spec: &Spec) -> Vec<&str> {
 /// The section of all tables of importance; `None` for a run without an importance table.
 ///
 /// # Errors
-/// Fails when a table cannot be read.
+/// Fails if a table cannot be read.
 pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
     let (graph, store) = (source.graph, source.store);
     let mut models: BTreeMap<(usize, usize), (String, ImportanceRanking)> = BTreeMap::new();

@@ -18,7 +18,7 @@ use super::source::ReportSource;
 
 /// The maximum number of points of a plot.
 const MOST: usize = 40;
-/// Least width of a plot, and width for its dots and values without the names of the points.
+/// Minimum width of a plot, and width of its dots and values without the names of the points.
 const LEAST: f64 = 460.0;
 const VALUES_WIDTH: f64 = 300.0;
 /// Maximum number of drawn characters of a name, and the width of a character.
@@ -47,7 +47,7 @@ struct IntervalDot {
 /// A section for each table of `summary`.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn sections(source: &ReportSource) -> Result<Vec<Markup>, Fault> {
     let plan = source.graph.plan;
     let mut out = vec![];

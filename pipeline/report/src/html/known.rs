@@ -20,7 +20,7 @@ use super::{
 /// exist; `None` without such a table.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn plots(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<Option<Markup>, Fault> {
     let Some(r) = subject.map_value else { return Ok(None) };
     let column = |name: &str| source.floats(r, line, name);

@@ -38,7 +38,7 @@ struct ReportModel {
 /// The model of one sweep point; `None` if the point has no model.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn table(source: &ReportSource, subject: &ReportSubject) -> Result<Option<Markup>, Fault> {
     let Some(TableRef::Stage(table, instance)) = subject.fit else { return Ok(None) };
     let columns = [

@@ -15,7 +15,7 @@ pub fn plain_text(markup: &str) -> String {
     unescaped(&plain.split_whitespace().collect::<Vec<_>>().join(" "))
 }
 
-/// A text with its character references replaced.
+/// A string with its character references replaced.
 pub fn unescaped(text: &str) -> String {
     text.replace("&lt;", "<").replace("&gt;", ">").replace("&quot;", "\"").replace("&#39;", "'").replace("&amp;", "&")
 }

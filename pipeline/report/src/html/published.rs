@@ -6,7 +6,7 @@ use results::{Snapshot, SnapshotTable, snapshots};
 
 use super::source::ReportSource;
 
-/// Whether the last run was of exactly this plan and data: otherwise the published tables may contain different scores
+/// Whether the last run used exactly this plan and data. Otherwise, the published tables may contain different scores
 /// for the same axis values.
 pub fn is_current(source: &ReportSource) -> bool {
     let plan = source.graph.plan;

@@ -48,7 +48,7 @@ impl QualityColumn {
 /// The section; `None` if no data were read.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
     let (columns, unreadable) = columns(source);
     if columns.is_empty() && unreadable == 0 {

@@ -1,4 +1,4 @@
-//! The scripts of the page, in the order of their use of each other.
+//! The scripts of the page. A script uses only earlier scripts.
 
 /// A script of the page.
 pub struct PageScript {

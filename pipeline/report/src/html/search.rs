@@ -38,7 +38,7 @@ struct TrialTableRow {
 /// The section of the search of the plan, from the table of trials; `None` without a search.
 ///
 /// # Errors
-/// Fails when the table cannot be read.
+/// Fails if the table cannot be read.
 pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
     let plan = source.graph.plan;
     let (Some(search), Some(goal)) = (&plan.spec.search, plan.goal()?) else { return Ok(None) };

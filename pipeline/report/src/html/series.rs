@@ -27,9 +27,9 @@ use super::{
 use crate::coast::{GeographicRegion, flat_coastlines};
 use crate::series::{DerivedColumn, SeriesColumn, SeriesPrecision, SeriesWindow, series};
 
-/// Least margin around the tracks in which coastlines are embedded, deg.
+/// Minimum margin around the tracks in which coastlines are embedded, in degrees.
 const COAST_MARGIN: f64 = 0.2;
-/// Maximum size of the coastlines, bytes.
+/// Maximum size of the coastlines, in bytes.
 const COAST_BYTES: usize = 120_000;
 /// Number of intervals of a block.
 const INTERVALS: usize = 2000;
@@ -43,7 +43,7 @@ const ATTITUDE: [[&str; 3]; 2] = [["roll", "pitch", "yaw"], ["ins_roll", "ins_pi
 /// The section; `None` without a line. Subtracts its size from `left`, in bytes.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn section(source: &ReportSource, boards: &[ScoreBoard], left: &mut usize) -> Result<Option<Markup>, Fault> {
     let (mut blocks, mut omitted, mut described) = (vec![], vec![], vec![]);
     let mut places: Vec<(f64, f64)> = vec![];
@@ -88,7 +88,7 @@ pub fn section(source: &ReportSource, boards: &[ScoreBoard], left: &mut usize) -
     }))
 }
 
-/// A line at a sweep point, and the reasons of its choice.
+/// A line at a sweep point, and the reasons for its choice.
 struct SeriesChoice {
     subject: ReportSubject,
     point: BTreeMap<String, String>,
@@ -110,8 +110,8 @@ struct SeriesTable {
 }
 
 impl SeriesTable {
-    /// True latitude and longitude of its rows, or their estimates without truth, deg; none without these columns. A
-    /// diverged estimate may be anywhere.
+    /// True latitude and longitude of its rows in degrees; without truth, their estimates; none without these columns.
+    /// The truth is preferred because a diverged estimate may be anywhere.
     fn places(&self) -> Vec<(f64, f64)> {
         let values = |name: &str| self.columns.iter().find(|c| c.name == name).map(|c| &c.values);
         let pair = |lat, lon| values(lat).zip(values(lon));

@@ -32,7 +32,7 @@ struct CompensationSignal {
 /// The plots of one line; no plots without compensation.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn plots(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<Vec<Markup>, Fault> {
     let Some(signal) = read(source, subject, line)? else { return Ok(vec![]) };
     let band = pass_band(source, subject);
@@ -59,14 +59,14 @@ fn read(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<
     Ok(Some(CompensationSignal { tt, before, after, truth: truth.map(|t| t.0), means }))
 }
 
-/// Subtracts the mean from the values, and returns the mean.
+/// Subtracts the mean from the values and returns it.
 fn centre(x: &mut [f64]) -> f64 {
     let mean = statistics::mean(x).value;
     x.iter_mut().for_each(|x| *x -= mean);
     mean
 }
 
-/// Time since the first sample, min.
+/// Time since the first sample, in minutes.
 pub fn minutes(tt: &[f64]) -> Vec<f64> {
     let start = tt.first().copied().unwrap_or(0.0);
     tt.iter().map(|t| (t - start) / 60.0).collect()
@@ -270,7 +270,7 @@ mod tests {
         slow.before.iter_mut().zip(&drift).for_each(|(x, d)| *x += d);
         let drawn = within(&slow, BAND).unwrap();
         let highest = drawn.lines[0].points.iter().map(|p| p.1.abs()).fold(0.0, f64::max);
-        // A drift of 1200 nT is gone and the 50 nT at 0.5 Hz remain; at the ends the filter overshoots slightly.
+        // The filter removes a drift of 1200 nT and keeps the 50 nT at 0.5 Hz. It overshoots slightly at the ends.
         assert!((49.0..70.0).contains(&highest), "{highest}");
     }
 }

@@ -28,7 +28,7 @@ pub struct FailureCount {
     pub stage: String,
     /// Reason of the failure.
     pub error: String,
-    /// Its first occurrence: axis values, flight, line.
+    /// First occurrence: axis values, flight, line.
     pub example: String,
     /// The number of occurrences.
     pub times: usize,
@@ -54,7 +54,7 @@ impl<'a> ReportSource<'a> {
     /// computed yet.
     ///
     /// # Errors
-    /// Fails when the store is damaged.
+    /// Fails if the store is damaged.
     pub fn floats(&self, r: TableRef, line: LineId, name: &str) -> Result<Option<Vec<f64>>, Fault> {
         let Some(batch) = self.column(r, line, name)? else { return Ok(None) };
         let numbers = batch.column(0).as_primitive_opt::<Float64Type>();
@@ -64,7 +64,7 @@ impl<'a> ReportSource<'a> {
     /// The number of occurrences of each text in a column of one line.
     ///
     /// # Errors
-    /// Fails when the store is damaged.
+    /// Fails if the store is damaged.
     pub fn tally(&self, r: TableRef, line: LineId, name: &str) -> Result<BTreeMap<String, usize>, Fault> {
         let mut counts = BTreeMap::new();
         let batch = self.column(r, line, name)?;
@@ -99,7 +99,7 @@ impl<'a> ReportSource<'a> {
     /// A small table of one unit; `None` if the table does not exist.
     ///
     /// # Errors
-    /// Fails when the store is damaged.
+    /// Fails if the store is damaged.
     pub fn tidy(&self, unit: PlanUnit, columns: &[&str]) -> Result<Option<RecordBatch>, Fault> {
         match self.graph.key(unit) {
             Ok(key) if self.store.has(key) => self.store.get(key, columns).map(Some),
@@ -110,7 +110,7 @@ impl<'a> ReportSource<'a> {
     /// The map `r` in latitude and longitude, for drawing; `None` if the table is missing.
     ///
     /// # Errors
-    /// Fails when the store is damaged.
+    /// Fails if the store is damaged.
     pub fn map(&self, r: TableRef) -> Result<Option<GeographicGrid>, Fault> {
         let there = |key: HashKey| self.store.find(key).is_some_and(|place| place.rows.is_some());
         if !self.graph.whole(r).is_ok_and(there) {
@@ -133,7 +133,7 @@ impl<'a> ReportSource<'a> {
     /// The failures of the last run, equal reasons of a table merged.
     ///
     /// # Errors
-    /// Fails when the table of failures cannot be read.
+    /// Fails if the table of failures cannot be read.
     pub fn failures(&self) -> Result<Vec<FailureCount>, Fault> {
         let spec = &self.graph.plan.spec;
         let folder = self.store.table(&spec.name, "failures");

@@ -27,7 +27,7 @@ const MOST: usize = 8;
 /// The spectra of one line's recorded signals; no spectra without recorded signals.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn plots(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<Vec<Markup>, Fault> {
     let Some(flights) = subject.compensate.or(subject.navigate).and_then(|r| flights(source, r)) else {
         return Ok(vec![]);
@@ -45,7 +45,7 @@ pub fn plots(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Re
 
 const CLASSES: [&str; MOST] = ["s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7"];
 
-/// The table of flights that `r` was made from.
+/// Table of flights from which `r` was computed.
 fn flights(source: &ReportSource, r: TableRef) -> Option<TableRef> {
     let plan = source.graph.plan;
     let mut at = r;

@@ -196,11 +196,11 @@ pub fn word(canonical: &str) -> Option<String> {
     Some(inner.to_owned())
 }
 
-/// The lines to show: by the score of the best point the median line first, then the best and the worst; without scores
-/// the longest.
+/// Lines to show. With scores, these are the median line by the score of the best point, then the best and the worst
+/// line. Without scores, it is the longest line.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn lines(source: &ReportSource, subject: &ReportSubject) -> Result<Vec<ReportLine>, Fault> {
     let scored = scored_lines(source, subject)?;
     let picks: &[(usize, &'static str)] = match scored.len() {
@@ -216,7 +216,7 @@ pub fn lines(source: &ReportSource, subject: &ReportSubject) -> Result<Vec<Repor
 /// Further lines of a navigation: the median and the worst of [`lines`].
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn few_lines(source: &ReportSource, subject: &ReportSubject) -> Result<Vec<ReportLine>, Fault> {
     let mut all = lines(source, subject)?;
     if all.len() > LINES {
@@ -237,10 +237,11 @@ pub fn place(source: &ReportSource, subject: &ReportSubject, line: LineId) -> St
     words.into_iter().filter(|w| !w.is_empty()).collect::<Vec<_>>().join(", ")
 }
 
-/// Flight, line, its own score at this point and the reason of its choice; `best` is the point that chose the lines.
+/// Flight, line, score of the line at this point, and the reason for its choice. `best` is the point by which the lines
+/// were chosen.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn label(
     source: &ReportSource,
     subject: &ReportSubject,
@@ -276,7 +277,7 @@ fn score(source: &ReportSource, chosen: &SubjectScore, line: LineId) -> Result<O
 /// The lines that have a score at the subject's point, best first.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn scored_lines(source: &ReportSource, subject: &ReportSubject) -> Result<Vec<LineId>, Fault> {
     let Some(chosen) = &subject.chosen else { return Ok(vec![]) };
     let mut found: Vec<(f64, LineId)> = vec![];

@@ -121,7 +121,7 @@ fn glossary(board: &ScoreBoard) -> Markup {
     }
 }
 
-/// A text with code between backticks.
+/// A string with code between backticks.
 pub fn spelt(text: &str) -> Markup {
     html! { @for (i, part) in text.split('`').enumerate() { @if i % 2 == 1 { code { (part) } } @else { (part) } } }
 }
@@ -269,7 +269,7 @@ mod tests {
         let text = table(&board).into_string();
         assert_eq!(text.matches("<tr class=\"bad\">").count(), 1);
         assert!(text.contains("<td data-v=\"2\">! 2 of 6</td>"), "{text}");
-        // The flagged row had the smallest drms; now the best of the other rows is highlighted.
+        // The flagged row has the smallest drms, so the best of the other rows is highlighted.
         assert!(!text.contains("data-v=\"12\" title=\"best\""), "{text}");
         assert!(text.contains("data-v=\"30\" title=\"best\""), "{text}");
         let map = drawn(&board, &heat(&board, 1, &[]).unwrap()).into_string();

@@ -4,10 +4,10 @@ use figures::{chart::px, ticks};
 use intake::checks::QualityFigure;
 use maud::{Markup, html};
 
-/// Timeline of one column over a flight, times in s.
+/// Timeline of one column over a flight, times in seconds.
 #[derive(Clone, Debug, Default)]
 pub struct TimelineLane {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// First and last time of each line.
     pub lines: Vec<(f64, f64)>,
@@ -21,7 +21,7 @@ pub struct TimelineLane {
 pub struct Timeline<'a> {
     /// The flight.
     pub flight: &'a str,
-    /// Its columns.
+    /// Columns.
     pub lanes: Vec<TimelineLane>,
     /// Number of hidden columns.
     pub hidden: usize,
@@ -86,7 +86,8 @@ impl Timeline<'_> {
     }
 }
 
-/// Figures that are drawn, with the class in the style sheet and the name; the narrowest last.
+/// Quality figures that are drawn, each with its class in the style sheet and its name. The narrowest marks are drawn
+/// last.
 const KINDS: [(QualityFigure, &str, &str); 4] = [
     (QualityFigure::Saturation, "saturated", "saturated"),
     (QualityFigure::Stuck, "stuck", "stuck"),

@@ -16,7 +16,7 @@ pub struct DegreeTrack {
     pub lon: Vec<f64>,
 }
 
-/// Offsets north and east, m.
+/// Offsets north and east, in metres.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackOffsets {
     /// North.
@@ -27,7 +27,7 @@ pub struct TrackOffsets {
 
 /// Tracks and filter outputs of one line.
 pub struct LineTracks {
-    /// Times, s.
+    /// Times, in seconds.
     pub tt: Vec<f64>,
     /// The true track, if known.
     pub truth: Option<DegreeTrack>,
@@ -35,9 +35,9 @@ pub struct LineTracks {
     pub ins: Option<DegreeTrack>,
     /// The estimate.
     pub estimate: DegreeTrack,
-    /// Standard deviations north and east, in m, and the covariance of both errors, in m².
+    /// Standard deviations north and east, in metres, and the covariance of both errors, in m².
     pub sigma: Option<[Vec<f64>; 3]>,
-    /// Innovations, nT.
+    /// Innovations, in nT.
     pub residual: Option<Vec<f64>>,
     /// Squared innovations divided by their predicted variances.
     pub nis: Option<Vec<f64>>,
@@ -72,7 +72,7 @@ impl LineTracks {
     /// Navigation of `line` in `subject`; `None` if the line has no navigation.
     ///
     /// # Errors
-    /// Fails when the store is damaged.
+    /// Fails if the store is damaged.
     pub fn read(source: &ReportSource, subject: &ReportSubject, line: LineId) -> Result<Option<LineTracks>, Fault> {
         let Some(r @ TableRef::Stage(t, i)) = subject.navigate else { return Ok(None) };
         let Some(flights) = source.graph.plan.instance(t, i).first_input() else { return Ok(None) };

@@ -22,7 +22,7 @@ struct LossCurve {
 /// The section of all trainings of the plan; `None` without a trained model.
 ///
 /// # Errors
-/// Fails when a model cannot be read.
+/// Fails if a model cannot be read.
 pub fn section(source: &ReportSource) -> Result<Option<Markup>, Fault> {
     let (graph, store) = (source.graph, source.store);
     let (mut charts, mut more) = (vec![], 0);

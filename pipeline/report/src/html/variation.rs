@@ -38,11 +38,11 @@ const MEMBERS: usize = 200;
 /// Maximum number of tables of models that are shown.
 const TABLES: usize = 4;
 
-/// The variation of coefficients in each table of models that are fitted to different rows, such as one calibration
-/// after the other. Without such a table, the variation of `fit` over any axis. `None` without comparable models.
+/// The variation of coefficients in each table of models that are fitted to different rows, such as several
+/// calibrations. Without such a table, the variation of `fit` over any axis is shown. `None` without comparable models.
 ///
 /// # Errors
-/// Fails when the store is damaged.
+/// Fails if the store is damaged.
 pub fn section(source: &ReportSource, fit: Option<TableRef>) -> Result<Option<Markup>, Fault> {
     let mut parts = vec![];
     for table in source.graph.plan.tables_of(StageRole::FitsModel) {

@@ -46,7 +46,7 @@ fn normalised(line_tracks: &LineTracks) -> Option<NormalisedInnovations> {
     let (residual, nis) = (line_tracks.residual.as_ref()?, line_tracks.nis.as_ref()?);
     let all = normalised_innovations(residual, nis);
     let there: Vec<usize> = (0..all.len()).filter(|k| all[*k].is_finite()).collect();
-    // A filter with an update every n samples has no innovations in between: its lags are counted in updates.
+    // A filter with an update every n samples has no innovations in between, so lags are counted in updates.
     let mut gaps: Vec<usize> = there.windows(2).map(|w| w[1] - w[0]).collect();
     let middle = gaps.len() / 2;
     let every = if gaps.is_empty() { return None } else { *gaps.select_nth_unstable(middle).1 };
@@ -241,7 +241,8 @@ mod tests {
     fn ref_band_of_a_mean_square() {
         // Chi-square quantiles of 100 degrees of freedom: 74.222 and 129.561 (Abramowitz and Stegun, table 26.8).
         let (low, high) = mean_square_band(100.0);
-        // There, the approximation of Wilson and Hilferty is accurate to 3e-4 of the quantile.
+        // For this number of degrees of freedom, the approximation of Wilson and Hilferty is accurate to 3e-4 of the
+        // quantile.
         assert!((low - 0.742_22).abs() < 5e-4 && (high - 1.295_61).abs() < 5e-4, "{low} {high}");
     }
 

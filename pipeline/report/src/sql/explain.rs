@@ -31,7 +31,7 @@ pub fn fault(e: &DataFusionError, session: &SqlSession, query: &str) -> Fault {
         root => {
             let text = root.strip_backtrace();
             let text = text.lines().next().unwrap_or_default().to_owned();
-            // Offsets of texts and lists have 31 bits, and DataFusion's tasks end with a panic beyond.
+            // Offsets of strings and lists have 31 bits, and DataFusion's tasks end with a panic beyond.
             let lower = text.to_lowercase();
             let too_long = ["offset overflow", "size overflow", "failed to allocate"].iter().any(|w| lower.contains(w));
             if text.contains("panicked") || too_long {
@@ -45,7 +45,7 @@ pub fn fault(e: &DataFusionError, session: &SqlSession, query: &str) -> Fault {
     }
 }
 
-/// The first table of the query that the store does not have.
+/// First table in the query that is missing from the store.
 fn missing(session: &SqlSession, query: &str) -> Option<Fault> {
     let (known, state) = (session.known(), session.context().state());
     let statement = state.sql_to_statement(query, &state.config().options().sql_parser.dialect).ok()?;

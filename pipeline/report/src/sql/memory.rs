@@ -25,7 +25,7 @@ const UNITS: [(&str, usize); 8] = [
 /// Reads a size such as `1GB`, `500 MB` or `1.5GiB`.
 ///
 /// # Errors
-/// Fails when it is not a size, or is too small.
+/// Fails if it is not a size, or is too small.
 pub fn size(text: &str) -> Result<usize, String> {
     let text = text.trim();
     let digits = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
@@ -45,12 +45,12 @@ pub fn shown(bytes: usize) -> String {
     if bytes >= KB * KB * KB { of(KB * KB * KB, "GB") } else { of(KB * KB, "MB") }
 }
 
-/// The message on a query that needs more than its limit, bytes.
+/// The message on a query that needs more than its limit, in bytes.
 pub fn exceeded(limit: usize) -> String {
     format!("the query exceeds its memory limit of {}", shown(limit))
 }
 
-/// The fault of a query that needs more than its limit, bytes.
+/// The fault of a query that needs more than its limit, in bytes.
 pub fn fault(limit: usize) -> Fault {
     Fault::machine(exceeded(limit))
         .help("increase `--memory-limit`, or select fewer rows with WHERE or LIMIT, or fewer columns")

@@ -80,7 +80,7 @@ impl PublishedTableProvider {
     /// The table `table` of `version`.
     ///
     /// # Errors
-    /// Fails when a file of the table is damaged.
+    /// Fails if a file of the table is damaged.
     pub fn open(
         objects: &Arc<PackReader>,
         version: &Version,
@@ -131,7 +131,7 @@ impl PublishedTableProvider {
     /// The columns `names` of a unit.
     ///
     /// # Errors
-    /// Fails for an unknown column, and when the store is damaged.
+    /// Fails for an unknown column. Also fails if the store is damaged.
     pub(crate) fn read_unit(&self, unit: usize, names: &[&str]) -> Result<RecordBatch, Fault> {
         self.source.read(ScanPiece::Unit(unit), &self.projection(names)?)
     }
@@ -139,7 +139,7 @@ impl PublishedTableProvider {
     /// The columns `names` of a row group.
     ///
     /// # Errors
-    /// Fails for an unknown column, and when a file is damaged.
+    /// Fails for an unknown column. Also fails if a file is damaged.
     pub(crate) fn read_group(&self, group: usize, names: &[&str]) -> Result<RecordBatch, Fault> {
         self.source.read(ScanPiece::Group(group), &self.projection(names)?)
     }

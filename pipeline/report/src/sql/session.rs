@@ -38,7 +38,7 @@ impl SqlSession {
     /// to the folder `spill`.
     ///
     /// # Errors
-    /// Fails when the store cannot be read.
+    /// Fails if the store cannot be read.
     pub fn new(store: &Path, memory: usize, spill: &Path) -> Result<SqlSession, Fault> {
         SqlSession::at(store, memory, spill, None)
     }
@@ -46,7 +46,7 @@ impl SqlSession {
     /// Session with the tables of the versions `pins`.
     ///
     /// # Errors
-    /// Fails when the store cannot be read, or a version no longer exists.
+    /// Fails if the store cannot be read, or a version no longer exists.
     pub fn at(store: &Path, memory: usize, spill: &Path, pins: Option<&VersionPins>) -> Result<SqlSession, Fault> {
         let pool: Arc<dyn MemoryPool> = Arc::new(FairSpillPool::new(memory));
         let disk = DiskManagerBuilder::default().with_mode(DiskManagerMode::Directories(vec![spill.to_owned()]));
@@ -70,7 +70,7 @@ impl SqlSession {
     /// The plan of a read-only query; its parameters `$1`, `$2` may be unbound.
     ///
     /// # Errors
-    /// Fails when the query is wrong, refers to an unknown table, or is not read-only.
+    /// Fails if the query is wrong, refers to an unknown table, or is not read-only.
     pub async fn plan(&self, query: &str) -> Result<LogicalPlan, Fault> {
         let wrong = |e: DataFusionError| self.fault(&e, query);
         let state = self.context.state();
@@ -87,7 +87,7 @@ impl SqlSession {
     /// known only after analysis.
     ///
     /// # Errors
-    /// Fails when the plan cannot be analysed.
+    /// Fails if the plan cannot be analysed.
     pub fn columns(&self, plan: &LogicalPlan) -> Result<Schema, DataFusionError> {
         Ok(self.context.state().optimize(plan)?.schema().as_arrow().clone())
     }
@@ -95,7 +95,7 @@ impl SqlSession {
     /// The result of a plan, batch by batch.
     ///
     /// # Errors
-    /// Fails when it cannot be started; see [`SqlSession::fault`].
+    /// Fails if it cannot be started; see [`SqlSession::fault`].
     pub async fn run(&self, plan: LogicalPlan) -> Result<SendableRecordBatchStream, DataFusionError> {
         self.context.execute_logical_plan(plan).await?.execute_stream().await
     }
@@ -130,7 +130,7 @@ impl SqlSession {
         &self.store
     }
 
-    /// Memory limit of the queries, bytes.
+    /// Memory limit of the queries, in bytes.
     pub fn memory(&self) -> usize {
         self.memory
     }

@@ -86,7 +86,7 @@ impl SchemaProvider for PipelineTables {
 /// Registers every table of the store at `root`, in the versions `pins` or in the current versions.
 ///
 /// # Errors
-/// Fails when the store cannot be read, or one of these versions no longer exists.
+/// Fails if the store cannot be read, or one of these versions no longer exists.
 pub fn register(context: &SessionContext, root: &Path, pins: Option<&VersionPins>) -> Result<QueryTables, Fault> {
     let mut known = QueryTables::default();
     let Ok(root) = root.canonicalize() else { return Ok(known) };
@@ -112,11 +112,12 @@ pub fn register(context: &SessionContext, root: &Path, pins: Option<&VersionPins
     Ok(known)
 }
 
-/// Columns with a single value in each part of the published table `table`, as `pipeline.table`, one row per part: flight,
-/// line and axes. A part is a unit or a row group, which queries read or skip as a whole. No column for an unknown table.
+/// Columns with a single value in each part of the published table `table`, as `pipeline.table`, one row per part:
+/// flight, line and axes. A part is a unit or a row group, which queries read or skip as a whole. Returns no columns
+/// for an unknown table.
 ///
 /// # Errors
-/// Fails when the store or the table cannot be read.
+/// Fails if the store or the table cannot be read.
 pub fn parts(root: &Path, table: &str) -> Result<RecordBatch, Fault> {
     let none = || Ok(RecordBatch::new_empty(Arc::new(Schema::empty())));
     let (Ok(root), Some((pipeline, name))) = (root.canonicalize(), table.split_once('.')) else { return none() };

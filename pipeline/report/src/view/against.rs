@@ -1,7 +1,7 @@
 //! Comparison of the scores of two runs, from the versions of the tables that the store keeps.
 //!
-//! Two values are comparable if they are of the same rows: the same held-out lines, with the same data and numbers of
-//! samples, scored by the same stage. Otherwise the reason is given with the values.
+//! Two values are comparable if they come from the same rows: the same held-out lines, with the same data and numbers
+//! of samples, scored by the same stage. Otherwise, the answer contains the reason.
 
 use std::{
     collections::{BTreeSet, HashMap},
@@ -89,7 +89,7 @@ impl StoreView {
     /// The scores of the table `name` in the run `run` (the newest by default) and in the run `against`, as JSON.
     ///
     /// # Errors
-    /// Fails for an unknown table or run, for a run whose tables were removed, and when the store is damaged.
+    /// Fails for an unknown table or run, or for a run whose tables were removed. Also fails if the store is damaged.
     pub fn against(&self, name: &str, against: &str, run: Option<&str>) -> Result<Value, ViewFault> {
         let (pipeline, table) = name.split_once('.').unwrap_or((name, ""));
         let find = |run: &str| history::find(self.root(), pipeline, run).map_err(ViewFault::Missing);
@@ -295,7 +295,7 @@ impl<'a> RunComparison<'a> {
         RunComparison { table, names, runs, axes, shared, only, changed, scoring }
     }
 
-    /// Reason why two values are not of the same rows; `None` for equal rows.
+    /// Reason why two values do not come from the same rows; `None` for equal rows.
     fn reason(&self, at: [usize; 2], metric: &str) -> Option<String> {
         if let Some(scoring) = &self.scoring {
             return Some(scoring.clone());
@@ -474,8 +474,8 @@ impl<'a> RunComparison<'a> {
 /// The comparison of the newest run of a plan with an earlier run, as JSON: one block for each table of scores.
 ///
 /// # Errors
-/// Fails for an unknown run, for the newest run, for a run whose tables were removed, for results of another version of
-/// the spec, and when the store is damaged.
+/// Fails for an unknown run, for the newest run, for a run whose tables were removed, or for results of another version
+/// of the spec. Also fails if the store is damaged.
 pub fn report_against(graph: &PlanGraph, store: &Store, against: &str) -> Result<Vec<Value>, Fault> {
     let (plan, root) = (graph.plan, store.root());
     let pipeline = &plan.spec.name;

@@ -38,9 +38,9 @@ pub struct SeriesRequest {
     pub columns: Vec<String>,
     /// The sweep point.
     pub point: ViewPoint,
-    /// First time, s.
+    /// First time, in seconds.
     pub from: Option<f64>,
-    /// Last time, s.
+    /// Last time, in seconds.
     pub to: Option<f64>,
     /// Number of intervals.
     pub pixels: Option<usize>,
@@ -98,7 +98,7 @@ impl StoreView {
     /// The lines of a table at a point, with their numbers of rows.
     ///
     /// # Errors
-    /// Fails for an unknown table or point, and when the store is damaged.
+    /// Fails for an unknown table or point. Also fails if the store is damaged.
     pub fn lines(&self, table: &str, point: &ViewPoint) -> Result<Value, ViewFault> {
         let (_, table) = self.table(table)?;
         let columns = table.provider.columns();
@@ -131,7 +131,8 @@ impl StoreView {
     /// The times of a line and all samples of the requested columns.
     ///
     /// # Errors
-    /// Fails for an unknown table, line, point or column, for limits that are exceeded, and when the store is damaged.
+    /// Fails for an unknown table, line, point or column, or for limits that are exceeded. Also fails if the store is
+    /// damaged.
     pub(super) fn samples(&self, request: &SeriesRequest) -> Result<(Arc<Vec<f64>>, Vec<SeriesColumn>), ViewFault> {
         window(request)?;
         let (pipeline, table) = self.table(&request.table)?;
@@ -155,7 +156,8 @@ impl StoreView {
     /// A series as an Arrow IPC stream.
     ///
     /// # Errors
-    /// Fails for an unknown table, line, point or column, for limits that are exceeded, and when the store is damaged.
+    /// Fails for an unknown table, line, point or column, or for limits that are exceeded. Also fails if the store is
+    /// damaged.
     pub fn series(&self, request: &SeriesRequest) -> Result<Vec<u8>, ViewFault> {
         let (window, (tt, columns)) = (window(request)?, self.samples(request)?);
         let point: serde_json::Map<String, Value> = request.point.iter().map(|(k, v)| (k.clone(), json!(v))).collect();
@@ -271,7 +273,7 @@ impl LineReader<'_> {
     }
 }
 
-/// Values with ascending times `tt`, at other times; NaN at times without a value.
+/// Looks up values with ascending times `tt` at other times; NaN at times without a value.
 fn at_times(tt: &[f64], values: &[f64], wanted: &[f64]) -> Vec<f64> {
     if tt == wanted {
         return values.to_vec();

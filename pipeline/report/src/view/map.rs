@@ -14,7 +14,7 @@ use super::{StoreView, ViewFault, ViewPoint};
 /// Default and maximum number of columns and rows of a raster.
 const PIXELS: usize = 800;
 const MOST_PIXELS: usize = 2000;
-/// Least and largest number of steps of a profile.
+/// Minimum and maximum number of steps of a profile.
 const LEAST_SAMPLES: usize = 100;
 const MOST_SAMPLES: usize = 4000;
 
@@ -53,18 +53,18 @@ impl MapRaster {
 /// Values of a map along a line.
 #[derive(Debug, Default, PartialEq)]
 pub struct DrawnProfile {
-    /// Distance from the first end, m.
+    /// Distance from the first end, in metres.
     pub distance_m: Vec<f64>,
-    /// Latitude, deg.
+    /// Latitude, in degrees.
     pub lat: Vec<f64>,
-    /// Longitude, deg.
+    /// Longitude, in degrees.
     pub lon: Vec<f64>,
     /// Value, bilinear between the nodes; `None` off the map and at unknown nodes.
     pub value: Vec<Option<f64>>,
 }
 
 impl DrawnProfile {
-    /// The profile between two positions (latitude, longitude), deg, with two samples per cell.
+    /// Profile between two positions (latitude and longitude in degrees), with two samples per cell.
     pub fn new(grid: &GeographicGrid, from: (f64, f64), to: (f64, f64)) -> DrawnProfile {
         let cells = |a: f64, b: f64, step: f64| ((b - a) / step).abs();
         let cells = cells(from.0, to.0, grid.lat().step_deg()).max(cells(from.1, to.1, grid.lon().step_deg()));
@@ -91,7 +91,7 @@ impl StoreView {
     /// A map of files, or of a stage at a point, as a raster of at most `pixels` columns and rows.
     ///
     /// # Errors
-    /// Fails for an unknown table or point, for a table that is not a map, and when the store is damaged.
+    /// Fails for an unknown table or point, or for a table that is not a map. Also fails if the store is damaged.
     pub fn map(&self, name: &str, point: &ViewPoint, pixels: Option<usize>) -> Result<Value, ViewFault> {
         let pixels = pixels.unwrap_or(PIXELS);
         if !(1..=MOST_PIXELS).contains(&pixels) {
@@ -116,7 +116,7 @@ impl StoreView {
     /// JSON. `ends` are latitude and longitude in degrees; distances are in metres on the WGS-84 ellipsoid.
     ///
     /// # Errors
-    /// Fails as [`StoreView::map`], and for ends that are equal or no positions.
+    /// Returns the errors of [`StoreView::map`]. Also fails for ends that are equal or no positions.
     pub fn profile(&self, name: &str, point: &ViewPoint, ends: [(f64, f64); 2]) -> Result<Value, ViewFault> {
         let [from, to] = ends;
         let is_position = |(lat, lon): (f64, f64)| is_latitude_deg(lat) && lon.is_finite() && lon.abs() <= 720.0;

@@ -116,7 +116,7 @@ impl PipelineNotes {
     /// them, but without the parameters of each point and with a count of the lines of a source.
     ///
     /// # Errors
-    /// Fails when no stage made the table.
+    /// Fails if no stage made the table.
     pub fn lineage(&self, table: &str) -> Result<Value, Fault> {
         let known: Vec<&str> = self.tables.iter().map(|t| t.name.as_str()).collect();
         let missing = || Fault::new(format!("`{table}` has no lineage: no stage made it")).nearest(table, &known);

@@ -26,7 +26,7 @@ use crate::html::is_current;
 const COUNT_EVERY: Duration = Duration::from_secs(1);
 /// Minimum time between two poolings of scores.
 const POOL_EVERY: Duration = Duration::from_secs(5);
-/// Pause after an action, as a multiple of its duration.
+/// Pause after a count or pooling, as a multiple of its duration.
 const PAUSE: u32 = 5;
 /// Age of the last renewal at which a lease no longer counts as a run in progress.
 const SILENT: Duration = Duration::from_secs(35);
@@ -106,10 +106,10 @@ impl<'a> RunProgress<'a> {
         pooled::tables(plan).map(|t| format!("{}.{}", plan.spec.name, plan.table_name(t))).collect()
     }
 
-    /// The state of the run as JSON. While another thread counts the units, the previous state.
+    /// State of the run as JSON; the previous state while another thread counts the units.
     ///
     /// # Errors
-    /// Fails when the store is damaged.
+    /// Fails if the store is damaged.
     pub fn json(&self) -> Result<Value, Fault> {
         let held = match self.state.try_lock() {
             Ok(state) => Some(state),

@@ -22,14 +22,14 @@ use super::{
 };
 use crate::html::{LineScores, MoreScores, ScoreBoard, score_block, score_rows};
 
-/// Size of an answer, bytes.
+/// Size of an answer, in bytes.
 const BUDGET: usize = 120_000_000;
 /// Maximum number of rows of a table of scores whose lines are read.
 const MOST_ROWS: usize = 4_000_000;
-/// Size of all kept answers, bytes.
+/// Maximum size of all cached answers, in bytes.
 const HELD_BYTES: usize = 96 << 20;
 
-/// Kept answers: table, version and block.
+/// Cached answers: table, version and block.
 pub type HeldBlocks = Vec<(String, u64, Arc<String>)>;
 
 /// One metric at one point.
@@ -38,13 +38,13 @@ pub(super) struct PooledCell {
     pub point: usize,
     /// Position of the metric.
     pub metric: usize,
-    /// Value over the held-out lines or, without any, over the lines in sample.
+    /// Value over the held-out lines or, if there are none, over the in-sample lines.
     pub value: Option<f64>,
     /// Number of samples or pairs of the value.
     pub n: usize,
     /// Number of lines of the value.
     pub lines: usize,
-    /// Whether the value is of lines in sample.
+    /// Whether the value is of in-sample lines.
     pub in_sample: bool,
     value_in_sample: Option<f64>,
     lines_in_sample: usize,
@@ -71,7 +71,7 @@ impl StoreView {
     /// The block of the explorer for the scores of a table.
     ///
     /// # Errors
-    /// Fails for a table without scores, and when the store is damaged.
+    /// Fails for a table without scores. Also fails if the store is damaged.
     pub fn scores(&self, name: &str) -> Result<Arc<String>, ViewFault> {
         let (pipeline, table) = self.table(name)?;
         let version = pipeline.version.number;
@@ -194,7 +194,7 @@ impl PooledScores {
         at
     }
 
-    /// The number of a point with these words.
+    /// The number of the point with these axis values.
     pub fn find(&self, words: &[String]) -> Option<usize> {
         let key: Vec<u32> = self.axes.iter().zip(words).map(|(axis, word)| axis.find(word)).collect::<Option<_>>()?;
         self.known.get(&key).copied()

@@ -11,7 +11,7 @@ impl StoreView {
     /// JSON. The unit of a density is that of the column per √Hz.
     ///
     /// # Errors
-    /// Fails as [`StoreView::series`], and for times that are not evenly spaced.
+    /// Returns the errors of [`StoreView::series`]. Also fails for times that are not evenly spaced.
     pub fn spectrum(&self, request: &SeriesRequest) -> Result<Value, ViewFault> {
         let (tt, columns) = self.samples(request)?;
         let (from, to) = (request.from.unwrap_or(f64::NEG_INFINITY), request.to.unwrap_or(f64::INFINITY));

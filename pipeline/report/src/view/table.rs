@@ -28,7 +28,7 @@ pub struct ViewTable {
 pub struct AxisIndex {
     /// Name.
     pub name: String,
-    /// Distinct values as text, in the order of the units. An empty text is a missing value.
+    /// Distinct values as text, in the order of the units. An empty string is a missing value.
     pub words: Vec<String>,
     at: Vec<u32>,
 }
@@ -82,7 +82,7 @@ pub fn word(array: &dyn Array, row: usize) -> String {
     }
 }
 
-/// Whether two spellings are of the same text or number.
+/// Whether two spellings mean the same string or number.
 fn is_same(own: &str, given: &str) -> bool {
     let number = |text: &str| text.parse::<f64>().ok();
     own == given || number(own).is_some_and(|own| number(given) == Some(own))
@@ -125,7 +125,7 @@ impl ViewTable {
     /// The units, read at first use.
     ///
     /// # Errors
-    /// Fails when the store is damaged.
+    /// Fails if the store is damaged.
     pub fn index(&self) -> Result<&UnitIndex, Fault> {
         self.index.get_or_init(|| UnitIndex::new(self)).as_ref().map_err(Clone::clone)
     }
@@ -133,7 +133,7 @@ impl ViewTable {
     /// The units of a line at a point, or of all lines.
     ///
     /// # Errors
-    /// Fails for an unknown or incomplete point, and for an unknown line.
+    /// Fails for an unknown or incomplete point, or for an unknown line.
     pub fn units(&self, point: &ViewPoint, line: Option<(&str, &str)>) -> Result<Vec<usize>, ViewFault> {
         let index = self.index()?;
         let mut wanted = vec![];
@@ -177,11 +177,11 @@ impl ViewTable {
         index.runs.get(unit).map_or_else(|| self.provider.unit_rows(unit), |run| run.2)
     }
 
-    /// The values of the column `name` in some units, one after another. A missing value is NaN, a truth is 1 or 0, and
-    /// `name[i]` is an element of a list.
+    /// The values of the column `name` in some units, one after another. A missing value is NaN, a Boolean is 1 or 0,
+    /// and `name[i]` is an element of a list.
     ///
     /// # Errors
-    /// Fails for an unknown column or one without numbers, and when the store is damaged.
+    /// Fails for an unknown column or one without numbers. Also fails if the store is damaged.
     pub fn floats(&self, units: &[usize], name: &str) -> Result<Vec<f64>, ViewFault> {
         let index = self.index()?;
         let (column, element) = self.column(name)?;
@@ -201,7 +201,7 @@ impl ViewTable {
     /// The rows of a table without lines at a point.
     ///
     /// # Errors
-    /// Fails for an unknown or incomplete point, and when the store is damaged.
+    /// Fails for an unknown or incomplete point. Also fails if the store is damaged.
     pub fn rows_at(&self, point: &ViewPoint, columns: &[&str]) -> Result<RecordBatch, ViewFault> {
         let mut found = vec![];
         for group in 0..self.provider.groups() {
@@ -237,7 +237,7 @@ impl ViewTable {
     /// The column of a name, and the element if the name is one of a list's elements.
     ///
     /// # Errors
-    /// Fails for an unknown column, and for a column without numbers.
+    /// Fails for an unknown column, or for a column without numbers.
     pub fn column(&self, name: &str) -> Result<(Field, Option<usize>), ViewFault> {
         let columns = self.provider.columns();
         let split = || {

@@ -20,11 +20,11 @@ use crate::text::number;
 /// Parameters of a navigation that explain its errors.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NavigationSettings {
-    /// The measurement sigma, nT; `None` if the parameter is estimated from the data.
+    /// The measurement sigma, in nT; `None` if the parameter is estimated from the data.
     pub sigma_nt: Option<f64>,
     /// Whether the noise was estimated by the likelihood of the innovations.
     pub found: bool,
-    /// Time over which a bias is estimated, s.
+    /// Time over which a bias is estimated, in seconds.
     pub offset_window_s: f64,
     /// Whether the map is continued to the flight heights.
     pub levels: bool,
@@ -32,30 +32,32 @@ pub struct NavigationSettings {
     pub dates: Option<(f64, f64)>,
     /// Time of the first rejected GNSS position, in seconds from the start of the line.
     pub gnss_rejected_s: Option<f64>,
-    /// Lag of the magnetometer and its standard deviation at the last sample, in s; `None` without a state for it.
+    /// Lag of the magnetometer and its standard deviation at the last sample, in seconds; `None` if the lag is not a
+    /// state.
     pub lag_s: Option<(f64, f64)>,
-    /// Height bias on the map and its standard deviation at the last sample, in m; `None` without a state for it.
+    /// Bias between the height of the INS and the height on the map, and its standard deviation, at the last sample, in
+    /// metres; `None` if the bias is not a state.
     pub height_bias_m: Option<(f64, f64)>,
-    /// Standard deviation of the initial position, and the largest one over which the map is linear, in m. `None` for a
-    /// filter that does not linearise the map.
+    /// Standard deviation of the initial position, and the largest one over which the map is linear, in metres. `None`
+    /// for a filter that does not linearise the map.
     pub start_m: Option<(f64, f64)>,
 }
 
 /// Table of a navigation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NavigationSide {
-    /// Its input.
+    /// Input.
     Flight,
-    /// Its output.
+    /// Output.
     Track,
 }
 
 impl NavigationSettings {
     /// Settings of a navigation with the parameters `params` in canonical spelling. `first` returns the first value of
-    /// a column. Unset: `gnss_rejected_s`, `lag_s` and `height_bias_m`.
+    /// a column. Leaves `gnss_rejected_s`, `lag_s` and `height_bias_m` unset.
     ///
     /// # Errors
-    /// Fails when `first` fails.
+    /// Fails if `first` fails.
     pub fn new(
         params: &[(&'static str, String)],
         first: impl Fn(NavigationSide, &str) -> Result<Option<f64>, Fault>,
@@ -63,7 +65,8 @@ impl NavigationSettings {
         use NavigationSide::{Flight, Track};
         let param = |name: &str| params.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_str());
         let number = |name: &str| param(name).and_then(|v| v.parse::<f64>().ok());
-        // `"auto"` uses the residual of the calibration, which is a column of the input. An unset key does not.
+        // `"auto"` uses the residual of the calibration, which is a column of the input. If the key is unset, that
+        // residual is not used.
         let found = |param_name: &str, column: &str| match param(param_name) {
             Some("auto") => first(Flight, column),
             _ => Ok(number(param_name)),
@@ -100,7 +103,7 @@ impl NavigationSettings {
 
 /// Scores and navigation settings of one line.
 pub struct LineFacts<'a> {
-    /// Its scores.
+    /// Scores.
     pub row: &'a LineMetrics,
     /// Settings of its navigation; `None` without a track.
     pub settings: Option<NavigationSettings>,
@@ -110,7 +113,7 @@ impl<'a> LineFacts<'a> {
     /// Collects the known facts of `line` upstream of the tables `inputs` of a score.
     ///
     /// # Errors
-    /// Fails when the store cannot be read.
+    /// Fails if the store cannot be read.
     pub fn gather(
         graph: &PlanGraph,
         store: &Store,
@@ -153,20 +156,21 @@ impl<'a> LineFacts<'a> {
         self.settings.as_ref().and_then(|s| s.gnss_rejected_s)
     }
 
-    /// Standard deviation of the initial position, and the distance over which the map is linear, in m, if their ratio
-    /// exceeds its limit.
+    /// Standard deviation of the initial position, and the distance over which the map is linear, in metres, if their
+    /// ratio exceeds its limit.
     pub fn wide_start_m(&self) -> Option<(f64, f64)> {
         let exceeds = |(sigma_m, linear_m): &(f64, f64)| *sigma_m > limits::WIDE_START * linear_m;
         self.settings.as_ref().and_then(|s| s.start_m).filter(exceeds)
     }
 
-    /// Lag of the magnetometer and its standard deviation, in s, if the lag exceeds its limits.
+    /// Lag of the magnetometer and its standard deviation, in seconds, if the lag exceeds its limits.
     pub fn lag_s(&self) -> Option<(f64, f64)> {
         let exceeds = |(lag_s, sigma_s): &(f64, f64)| lag_s.abs() > limits::LAG_S.max(limits::LAG_SIGMAS * sigma_s);
         self.settings.as_ref().and_then(|s| s.lag_s).filter(exceeds)
     }
 
-    /// Height bias on the map and its standard deviation, in m, if the bias exceeds its limits.
+    /// Bias between the height of the INS and the height on the map, and its standard deviation, in metres, if the bias
+    /// exceeds its limits.
     pub fn height_bias_m(&self) -> Option<(f64, f64)> {
         let exceeds =
             |(bias_m, sigma_m): &(f64, f64)| bias_m.abs() > limits::HEIGHT_BIAS_M.max(limits::LAG_SIGMAS * sigma_m);
@@ -239,7 +243,7 @@ impl<'a> LineFacts<'a> {
                  {limit_m:.0} m"
             ));
         }
-        // An estimated noise includes an offset.
+        // An estimated noise includes the effect of an offset.
         if settings.offset_window_s == 0.0 && !settings.found {
             let large = |bias: &f64| bias.abs() > limits::BIAS_SIGMAS * sigma.unwrap_or(5.0);
             let bias = row.get(&signal::BIAS_ERROR).filter(large);

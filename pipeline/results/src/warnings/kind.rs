@@ -19,7 +19,7 @@ pub enum WarningKind {
     WideStart,
     /// The time stamps of the magnetometer are late or early.
     Late,
-    /// The height of the aircraft on the map has a constant error.
+    /// The height at which the map is read has a constant error.
     HeightBias,
     /// The gate rejects many measurements as outliers.
     Gated,

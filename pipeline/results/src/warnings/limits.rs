@@ -1,14 +1,15 @@
 //! Limits of figures that are no metrics, or that depend on several figures. A metric declares its own limit
 //! (`stages/src/score`).
 //!
-//! A row of pooled scores is flagged if one of its lines is: a mean of means beyond a limit has a line beyond it.
+//! A row of pooled scores is flagged if one of its lines is flagged. If the pooled mean exceeds a limit, at least one
+//! line exceeds it, too.
 
 /// Smallest ratio of the initial position's standard deviation to the distance over which the map is linear that is
 /// flagged. On flights of another simulator the extended Kalman filter converges at ratios up to 0.8 and loses the
 /// aircraft at 1.6; at 1.07 over the Osborne map it converges.
 pub const WIDE_START: f64 = 1.5;
 
-/// Lag of the magnetometer that is flagged: in s, and in standard deviations of its estimate.
+/// Limits of the lag of the magnetometer: in s, and in standard deviations of its estimate.
 pub const LAG_S: f64 = 0.05;
 /// See [`LAG_S`] and [`HEIGHT_BIAS_M`].
 pub const LAG_SIGMAS: f64 = 4.0;
@@ -18,8 +19,9 @@ pub const LAG_SIGMAS: f64 = 4.0;
 /// filter with rejections loses it.
 pub const GATED: f64 = 0.1;
 
-/// Height bias on the map that is flagged: in m, and in [`LAG_SIGMAS`] standard deviations of its estimate. The weather
-/// changes the height of a barometer by less within an hour.
+/// Limit of the bias between the height of the INS and the height on the map, in metres. A flagged bias also exceeds
+/// [`LAG_SIGMAS`] standard deviations of its estimate. The weather changes the height of a barometer by less within an
+/// hour.
 pub const HEIGHT_BIAS_M: f64 = 10.0;
 
 /// Number of standard errors by which a retention must be below its limit.
@@ -48,7 +50,7 @@ pub const CONSISTENT_NEES: f64 = 4.0;
 /// Maximum difference between two dates of the core field, in years: it changes by up to 100 nT per year.
 pub const DATE_A: f64 = 0.25;
 
-/// Error of a map at the wrong height above which it is flagged, nT. It is half the assumed measurement noise, which
+/// Error of a map at the wrong height above which it is flagged, in nT. It is half the assumed measurement noise, which
 /// makes the total error a tenth larger than the filter assumes. It is at most 5 nT, the error of a good map.
 pub fn map_height_nt(sigma_nt: Option<f64>) -> f64 {
     sigma_nt.map_or(5.0, |sigma| (0.5 * sigma).min(5.0))

@@ -1,4 +1,4 @@
-//! Remedies for a flagged navigation, and the judgement whether a trial of one improved the line.
+//! Remedies for a flagged navigation, and the test of whether the trial of a remedy improved the line.
 //!
 //! A remedy changes keys of the stage `navigate`. It is a hint only if a trial on the flagged line improved the result.
 
@@ -116,7 +116,7 @@ pub fn remedies(kind: WarningKind, facts: &LineFacts, is_set: &dyn Fn(&str) -> b
 /// Result of a trial that improved a flagged line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Improvement {
-    /// Its figures as text, with the previous ones.
+    /// Figures of the trial as text, with the previous figures.
     pub figures: String,
     /// Whether the line is still flagged.
     pub is_flagged: bool,
@@ -178,7 +178,7 @@ mod tests {
         let given = || NavigationSettings { sigma_nt: Some(0.001), ..NavigationSettings::default() };
         let found = texts(WarningKind::NeesHigh, given(), &is_set);
         assert_eq!(found, ["without `measurement_sigma_nt`, `offset_window_s`", "without `init_position_sigma_m`"]);
-        // No key is set, and a warning that no key explains.
+        // Cases: no key is set, and a warning that no key explains.
         let auto = || NavigationSettings { found: true, ..given() };
         assert!(texts(WarningKind::NeesHigh, auto(), &|_| false).is_empty());
         assert!(texts(WarningKind::Retention, given(), &is_set).is_empty());
@@ -196,7 +196,7 @@ mod tests {
         let figures = "drms 13.10 m instead of 45.60 m, nees 1.400 instead of 35.00".to_owned();
         assert_eq!(found(row(13.1, 1.4, 1.0)), Some(Improvement { figures, is_flagged: false }));
         assert!(found(row(30.0, 30.0, 1.0)).is_some_and(|improvement| improvement.is_flagged));
-        // A larger error, a NEES that is farther from 2, a new flag, and no change.
+        // Cases: a larger error, a NEES that is farther from 2, a new flag, and no change.
         for after in [row(60.0, 2.0, 1.0), row(20.0, 50.0, 1.0), row(13.1, 1.4, 9.0), before.clone()] {
             assert_eq!(found(after.clone()), None, "{after:?}");
         }

@@ -45,7 +45,7 @@ impl LineMetrics {
         self.share(&track::SAMPLES_OFF_MAP)
     }
 
-    /// The share of measurements that the gate rejects; `None` without a count of the used ones.
+    /// Share of measurements that the gate rejects; `None` without a count of the used measurements.
     pub fn gated(&self) -> Option<f64> {
         let (gated, used) = (self.get(&track::SAMPLES_GATED)?, self.get(&track::SAMPLES_USED)?);
         Some(gated / (gated + used)).filter(|share| share.is_finite())

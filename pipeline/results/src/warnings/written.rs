@@ -15,7 +15,7 @@ const UNITS: [&str; 4] = ["m", "nT", "s", "1"];
 /// axis has the name of one of its columns.
 ///
 /// # Errors
-/// Fails when the table exists but cannot be read.
+/// Fails if the table exists but cannot be read.
 pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<Warning>>, Fault> {
     let axes = &plan.spec.axes;
     if axes.iter().any(|a| COLUMNS.contains(&a.name.as_str())) {

@@ -1,4 +1,4 @@
-//! Client of a scheduler: its state and its jobs by HTTP, and submission of jobs.
+//! Client of a scheduler: queries its state and its jobs by HTTP, and submits jobs.
 
 use std::{error::Error, future::poll_fn, io, pin::Pin, sync::Arc, time::Duration};
 
@@ -32,7 +32,7 @@ use crate::task::VERSION;
 
 /// Maximum time of a request.
 const ANSWER: Duration = Duration::from_secs(5);
-/// Maximum size of an answer, bytes.
+/// Maximum size of an answer, in bytes.
 const MOST_BYTES: usize = 64 << 20;
 
 /// Prefix of the name of each scheduler and worker, followed by its version.
@@ -68,11 +68,11 @@ pub struct SchedulerClient {
 /// Reason why a scheduler is unusable.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SchedulerFault {
-    /// No answer.
+    /// The scheduler does not answer.
     Silent(String),
     /// The scheduler has another key, or no key.
     Stranger,
-    /// Another version, or not a scheduler of magline.
+    /// The scheduler has another version, or is not a scheduler of magline.
     Other(String),
 }
 
@@ -118,7 +118,7 @@ impl SchedulerClient {
     /// Client of the scheduler at HOST:PORT.
     ///
     /// # Errors
-    /// Fails when the address is invalid, or there are no threads for a connection.
+    /// Fails if the address is invalid, or there are no threads for a connection.
     pub fn at(authority: &str, trust: &ClusterTrust) -> Result<SchedulerClient, Fault> {
         let runtime = Arc::new(runtime()?);
         let channel = {
@@ -165,7 +165,7 @@ impl SchedulerClient {
     /// Name of the scheduler, if the scheduler has this version.
     ///
     /// # Errors
-    /// Fails when the scheduler does not answer, or has another version.
+    /// Fails if the scheduler does not answer, or has another version.
     pub fn name(&self) -> Result<String, SchedulerFault> {
         let state = self.ask("state")?;
         let name = state.get("scheduler_id").and_then(Value::as_str).unwrap_or_default();
@@ -179,7 +179,7 @@ impl SchedulerClient {
     /// State of the scheduler and its workers.
     ///
     /// # Errors
-    /// Same as [`SchedulerClient::name`].
+    /// Returns the errors of [`SchedulerClient::name`].
     pub fn look(&self) -> Result<ClusterSnapshot, SchedulerFault> {
         let mut seen = ClusterSnapshot { scheduler: self.name()?, ..ClusterSnapshot::default() };
         let workers = self.ask("executors")?;
@@ -239,7 +239,7 @@ fn scheduler_fault(e: &(dyn Error + 'static)) -> SchedulerFault {
 /// Submits tasks as the job `name`, with one task of Ballista per partition of `parts`, and collects the answers.
 ///
 /// # Errors
-/// Fails when the scheduler cannot be reached, and when the job fails or is cancelled.
+/// Fails if the scheduler cannot be reached, or if the job fails or is cancelled.
 pub async fn job(
     (authority, trust): (String, ClusterTrust),
     session: String,

@@ -1,6 +1,6 @@
 //! Executor of a worker: registers at the scheduler, runs tasks, and serves their answers. Ballista's own executor
-//! listens without encryption and accepts any plan of DataFusion. This one requires the key of the cluster for each
-//! connection, and accepts only the plans of `closed.rs`.
+//! listens without encryption and accepts any plan of DataFusion. This executor requires the key of the cluster for
+//! each connection, and accepts only the plans of `closed.rs`.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -62,7 +62,7 @@ use super::{
     units::TaskPlanCodec,
 };
 
-/// Maximum size of a message, bytes.
+/// Maximum size of a message, in bytes.
 pub const MESSAGE: usize = 16 << 20;
 /// Maximum waiting time for a scheduler at the start.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -72,8 +72,8 @@ const AGAIN_AFTER: Duration = Duration::from_millis(500);
 const ANSWER: Duration = Duration::from_secs(20);
 /// Interval between the reports of an executor that finishes its tasks before it stops.
 const FINISHING_EVERY: Duration = Duration::from_secs(1);
-/// Silence of a stopping executor after which its tasks are dispatched to others, and time after which a stopped
-/// executor is removed.
+/// Time without a report after which the tasks of a stopping executor are dispatched to others, and time after which a
+/// stopped executor is removed.
 pub const GRACE: Duration = Duration::from_secs(3);
 /// Number of failed reports in a row after which the scheduler counts as lost.
 const MOST_LOST: usize = 5;
@@ -135,7 +135,7 @@ impl ExecutorSettings {
     /// Runs until a signal or the scheduler stops it, or the scheduler is lost.
     ///
     /// # Errors
-    /// Fails when the scheduler cannot be reached or rejects this executor, or a port cannot be served.
+    /// Fails if the scheduler cannot be reached or rejects this executor, or a port cannot be served.
     pub async fn run(self) -> Result<(), BallistaError> {
         let encryption = self.trust.server().map_err(|fault| general(fault.to_string()))?;
         let local = |l: &TcpListener| l.local_addr().map(|a| u32::from(a.port()));
@@ -203,7 +203,7 @@ impl ExecutorService {
         self.0.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Registers, reports, and shuts down in order.
+    /// Registers at the scheduler, reports until the end, and then shuts down in an orderly way.
     async fn work(&self, heartbeat: Duration) -> Result<(), BallistaError> {
         let mut scheduler = self.0.scheduler.clone();
         let metadata = Some(self.0.me.clone());

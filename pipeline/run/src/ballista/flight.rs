@@ -1,4 +1,5 @@
-//! Answers of a worker, which the scheduler fetches for a run: Ballista's file service, limited to files of jobs.
+//! Serves the answers of a worker, which the scheduler fetches for a run. This is Ballista's file service, limited to
+//! files of jobs.
 
 use std::path::Path;
 

@@ -1,14 +1,14 @@
 //! Number of tasks of a job.
 
-/// Overhead of a job at its worker and the scheduler, s. Source: `pipeline/CLUSTER.md`.
+/// Overhead of a job at its worker and the scheduler, in seconds. Source: `pipeline/CLUSTER.md`.
 const JOB_S: f64 = 0.06;
-/// Maximum overhead as a fraction of the work: during a wave, and at the end of the wave. Jobs are smaller there, so
-/// that all cores end together.
+/// Maximum overhead as a fraction of the work: during a wave, and at its end. At the end, jobs are smaller, so that all
+/// cores finish together.
 const MAX_OVERHEAD: f64 = 0.03;
 const MOST_AT_THE_END: f64 = 0.05;
-/// Time of the scheduler for a job, s; it handles jobs one after another.
+/// Time of the scheduler for a job, in seconds; it handles jobs one after another.
 const SCHEDULING_S: f64 = 0.02;
-/// Jobs for each core: one running, one waiting.
+/// Jobs per core: one running, one waiting.
 pub const JOBS_A_CORE: usize = 2;
 /// Maximum number of tasks of a job.
 const MOST_TASKS: usize = 256;

@@ -18,7 +18,7 @@ use tokio_rustls::rustls::{
 };
 use tonic::transport::{Certificate, ClientTlsConfig, Endpoint, Identity};
 
-/// Minimum number of characters of a key, because an attacker may make any number of guesses.
+/// Minimum number of characters of a key. A key must be long because an attacker may make any number of guesses.
 const SHORTEST: usize = 32;
 /// Environment variable that may hold the key.
 pub const VARIABLE: &str = "MAGLINE_CLUSTER_KEY";
@@ -59,7 +59,7 @@ impl ClusterTrust {
     /// Reads the key from a file, or else from the environment variable; `insecure` uses no key.
     ///
     /// # Errors
-    /// Fails when there is no key, or when others can read or guess it.
+    /// Fails if there is no key, or if others can read or guess it.
     pub fn read(file: Option<&Path>, insecure: bool) -> Result<ClusterTrust, Fault> {
         let secret =
             match (file, insecure) {
@@ -94,7 +94,7 @@ impl ClusterTrust {
     /// TLS configuration of a server; `None` without encryption.
     ///
     /// # Errors
-    /// Fails when this processor cannot encrypt.
+    /// Fails if this processor cannot encrypt.
     pub fn server(&self) -> Result<Option<Arc<ServerConfig>>, Fault> {
         let ClusterTrust::Key(key) = self else { return Ok(None) };
         let wrong = |e: &dyn std::fmt::Display| Fault::bug(format!("cannot make the certificate of the cluster: {e}"));
@@ -125,7 +125,7 @@ impl ClusterTrust {
     /// Endpoint for a connection to HOST:PORT.
     ///
     /// # Errors
-    /// Fails when the address is invalid.
+    /// Fails if the address is invalid.
     pub fn endpoint(&self, authority: &str) -> Result<Endpoint, tonic::transport::Error> {
         let endpoint = Endpoint::from_shared(self.url(authority))?
             .connect_timeout(LONGEST)
@@ -170,7 +170,7 @@ impl ClusterIdentity {
     /// Derives the identity from a secret.
     ///
     /// # Errors
-    /// Fails when the secret is too short, or contains invalid characters.
+    /// Fails if the secret is too short, or contains invalid characters.
     fn derive(secret: &str) -> Result<ClusterIdentity, Fault> {
         let secret = secret.trim();
         let fault = |what: String| Fault::new(what).help("create one with `openssl rand -hex 32`");

@@ -1,4 +1,4 @@
-//! Scheduler: Ballista's, extended by our plan node.
+//! Ballista's scheduler, extended by magline's plan node.
 
 use std::{
     net::{SocketAddr, TcpListener},
@@ -52,12 +52,12 @@ pub struct BoundScheduler {
     encryption: Option<Arc<ServerConfig>>,
 }
 
-/// Listens on `address`; port 0 selects a free port. Workers contact the scheduler by the name `advertise`. The default
-/// is the address, or this host's name if that is the unspecified address. A worker that is silent for `worker_timeout`
-/// counts as lost. `trust` authenticates workers and runs.
+/// Listens on `address`; port 0 selects a free port. Workers contact the scheduler by the name `advertise`. By default,
+/// this is the host of `address`, or the name of this host if `address` is the unspecified address. A worker that is
+/// silent for `worker_timeout` counts as lost. `trust` authenticates workers and runs.
 ///
 /// # Errors
-/// Fails when the address is in use or not this host's, or others can reach it without a key.
+/// Fails if the address is in use, is not an address of this host, or can be reached by others without a key.
 pub fn listen(
     address: SocketAddr,
     advertise: Option<&str>,
@@ -76,7 +76,7 @@ pub fn listen(
         scheduler_id: named(&Uuid::new_v4().simple().to_string()),
         bind_host: address.ip().to_string(),
         bind_port: address.port(),
-        // Pages of other hosts are rejected.
+        // Requests from web pages of other hosts are rejected.
         cors_allowed_origins: format!("http://{advertised}:{}", address.port()),
         external_host: advertised,
         override_physical_codec: Some(Arc::new(TaskPlanCodec::default())),
@@ -118,7 +118,7 @@ impl BoundScheduler {
     /// Serves requests until the process receives a stop signal.
     ///
     /// # Errors
-    /// Fails when Ballista fails.
+    /// Fails if Ballista fails.
     pub fn serve(self) -> Result<(), Fault> {
         let BoundScheduler { listener, config, trust, encryption, .. } = self;
         let served = async move {

@@ -42,7 +42,7 @@ pub struct TaskMessage {
     pub wave: String,
     /// Maximum number of retries of a unit whose worker was lost.
     pub retries: u64,
-    /// Maximum time of a unit, s; 0 for no limit.
+    /// Maximum time of a unit, in seconds; 0 for no limit.
     pub unit_timeout_s: u64,
     /// Task, in JSON.
     pub task: String,
@@ -94,7 +94,7 @@ impl TaskMessage {
     /// Tasks as rows.
     ///
     /// # Errors
-    /// Fails when Arrow rejects the columns.
+    /// Fails if Arrow rejects the columns.
     pub fn rows(all: &[TaskMessage]) -> Result<RecordBatch> {
         let numbers = |of: fn(&TaskMessage) -> u64| Arc::new(all.iter().map(of).collect::<UInt64Array>()) as ArrayRef;
         let columns = vec![
@@ -133,7 +133,7 @@ impl AnswerMessage {
         Ok(RecordBatch::try_new(answered_schema(), columns)?)
     }
 
-    /// Answers in some rows; `None` for rows of another kind.
+    /// Answers in some rows; `None` if the rows have other columns.
     pub fn read(rows: &RecordBatch) -> Option<Vec<AnswerMessage>> {
         let one = |i: usize| {
             Some(AnswerMessage {
@@ -254,7 +254,7 @@ impl ExecutionPlan for TaskComputeExec {
     }
 }
 
-/// Prefix of our node among the messages of a plan. No message of Ballista begins with a zero byte.
+/// Prefix of magline's node among the messages of a plan. No message of Ballista begins with a zero byte.
 pub const MARK: &str = "\0magline ";
 
 /// Codec of magline's node in a plan of Ballista.

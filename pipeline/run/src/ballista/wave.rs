@@ -27,7 +27,7 @@ use crate::{
     task::{Receipt, Task, TaskUnit, UnitAnswer},
 };
 
-/// Maximum number of tasks of a job before the first answer, and maximum size of the text of its tasks, bytes.
+/// Maximum number of tasks of a job before the first answer, and maximum size of the text of its tasks, in bytes.
 const MOST_UNSEEN: usize = 8;
 const MOST_BYTES: usize = 1 << 20;
 /// Maximum number of failed attempts per task.
@@ -71,7 +71,7 @@ pub struct WaveDispatcher<'a> {
     /// Number of failed attempts of each task.
     tries: Vec<usize>,
     number: usize,
-    /// Number of answered tasks, and their total time, s.
+    /// Number of answered tasks, and their total time, in seconds.
     answered: (usize, f64),
     /// Number of tasks rejected since the last answer.
     refused: usize,

@@ -100,7 +100,7 @@ fn leave(why: Fault, after: Duration) {
 /// Computes dispatched tasks until a stop signal arrives or the scheduler is lost.
 ///
 /// # Errors
-/// Fails when the scheduler has another version or cannot reach this worker, or a port or folder is unavailable.
+/// Fails if the scheduler has another version or cannot reach this worker, or a port or folder is unavailable.
 pub fn work(config: &WorkerConfig, on_receipt: ReceiptHandler) -> Result<WorkerExit, Fault> {
     config.trust.admits(config.bind)?;
     let scheduler = SchedulerClient::at(&format!("{}:{}", config.host, config.port), &config.trust)?;
@@ -119,7 +119,7 @@ pub fn work(config: &WorkerConfig, on_receipt: ReceiptHandler) -> Result<WorkerE
     let started = scheduler.name().ok();
     let is_lost = || started.is_none() || scheduler.name().ok() != started;
     let ended = crew.attended(&scheduler, || executed(config, name, &own, is_lost));
-    // The receipts were fetched; remaining files are in a temporary folder.
+    // The run has fetched the receipts; remaining files are in a temporary folder.
     let _ = fs::remove_dir_all(&own);
     match (AT_ODDS.get(), ended) {
         (Some(why), _) => Err(why.clone()),
@@ -327,7 +327,7 @@ impl WorkerPool {
                 Some(why) => {
                     (self.0.on_receipt)(&receipt);
                     let why = format!("{why} (its store is {})", shown(&self.0.store));
-                    // Otherwise it would take tasks from workers that can compute them.
+                    // Otherwise this worker would take tasks from workers that can compute them.
                     if !self.0.proven.load(Ordering::Relaxed) {
                         let fault = Fault::machine(format!("this worker rejects its first task: {why}"));
                         leave(fault.help("`--store` must be the `store` of the runs"), FETCHED_AFTER);

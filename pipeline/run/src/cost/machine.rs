@@ -5,22 +5,22 @@ use std::{fs, hint::black_box, io::Write, path::Path, time::Instant};
 use nix::time::{ClockId, clock_gettime};
 use numerics::signal::filter::band_pass;
 
-/// Reading of a system clock, s; 0 if the system lacks it.
+/// Reading of a system clock, in seconds; 0 if the system lacks it.
 fn clock_s(id: ClockId) -> f64 {
     clock_gettime(id).map_or(0.0, |time| time.tv_sec() as f64 + time.tv_nsec() as f64 * 1e-9)
 }
 
-/// The processor time of this process on all its threads, s.
+/// The processor time of this process on all its threads, in seconds.
 pub fn processor_s() -> f64 {
     clock_s(ClockId::CLOCK_PROCESS_CPUTIME_ID)
 }
 
-/// The processor time of this thread, s.
+/// The processor time of this thread, in seconds.
 fn thread_s() -> f64 {
     clock_s(ClockId::CLOCK_THREAD_CPUTIME_ID)
 }
 
-/// Time of the speed measurement on the reference machine, a virtual machine on an AMD EPYC, s.
+/// Time of the speed measurement on the reference machine, a virtual machine on an AMD EPYC, in seconds.
 const REFERENCE_S: f64 = 0.000_031_1;
 /// Number of time measurements; the shortest is used.
 const TRIES: usize = 15;
@@ -41,7 +41,7 @@ pub fn speed() -> f64 {
     if least > 0.0 && least.is_finite() { REFERENCE_S / least } else { 1.0 }
 }
 
-/// Time to sync a small file to the disk, s; 0 if it cannot be measured. `path` must be unused.
+/// Time to sync a small file to the disk, in seconds; 0 if it cannot be measured. `path` must be unused.
 pub fn sync_s(path: &Path) -> f64 {
     let mut least = f64::INFINITY;
     for _ in 0..3 {
@@ -61,7 +61,7 @@ pub fn forget_peak() -> bool {
     fs::write("/proc/self/clear_refs", "5").is_ok()
 }
 
-/// Peak memory of the process, bytes; `None` if the system does not report the memory.
+/// Peak memory of the process, in bytes; `None` if the system does not report the memory.
 pub fn peak_bytes() -> Option<u64> {
     peak(&fs::read_to_string("/proc/self/status").ok()?)
 }

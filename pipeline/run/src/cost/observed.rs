@@ -27,16 +27,17 @@ pub struct WorkAmounts {
     pub units: f64,
     /// Rows of the lines of each unit, times the stage's effort per row at its parameters.
     pub samples: f64,
-    /// Numbers read; points of a sweep share equal columns.
+    /// Numbers read. A column that several points of a sweep read is counted once.
     pub values: f64,
-    /// Rows times the squared count of numbers per row, for survey stages; shared by points that read the same columns.
+    /// Rows times the squared number of values per row, for survey stages. Points that read the same columns are
+    /// counted once.
     pub squares: f64,
 }
 
 /// The work of a table.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TableWork {
-    /// Its stage.
+    /// Stage.
     pub stage: String,
     /// Amounts by kind of unit.
     pub parts: BTreeMap<String, WorkAmounts>,
@@ -57,15 +58,15 @@ pub struct TableWork {
 /// Measured cost of one computed table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CostObservation {
-    /// Its work.
+    /// Work.
     pub work: TableWork,
     /// Number of rows made.
     pub rows: f64,
     /// Bytes of its files; `None` unless all files are new.
     pub bytes: Option<f64>,
-    /// Processor time on a machine of speed 1, s.
+    /// Processor time on a machine of speed 1, in seconds.
     pub seconds: f64,
-    /// Peak memory of the process during the computation, bytes; `None` if the system does not report it.
+    /// Peak memory of the process during the computation, in bytes; `None` if the system does not report it.
     pub memory: Option<f64>,
 }
 
@@ -111,7 +112,7 @@ fn last(name: &str) -> &str {
     name.rsplit('/').next().unwrap_or_default()
 }
 
-/// Default price of processor time, s.
+/// Default price of processor time, in seconds.
 pub fn usual_seconds(name: &str) -> f64 {
     match last(name) {
         "unit" => 1e-4,
@@ -142,7 +143,7 @@ pub fn usual_bytes(name: &str) -> f64 {
     }
 }
 
-/// Default price in memory, bytes.
+/// Default price in memory, in bytes.
 pub fn usual_memory(name: &str) -> f64 {
     match last(name) {
         "program" => 60e6,
@@ -153,13 +154,13 @@ pub fn usual_memory(name: &str) -> f64 {
 
 /// Cost of work, from all records.
 pub struct CostModel {
-    /// Processor time on a machine of speed 1, s.
+    /// Processor time on a machine of speed 1, in seconds.
     pub seconds: UnitPrices,
     /// Rows.
     pub rows: UnitPrices,
     /// Bytes.
     pub bytes: UnitPrices,
-    /// Memory, bytes.
+    /// Memory, in bytes.
     pub memory: UnitPrices,
     /// Records of this store.
     pub own: usize,

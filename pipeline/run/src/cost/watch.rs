@@ -62,8 +62,8 @@ impl<'a> CostMeter<'a> {
         self.seen.push(CostObservation { work: asked.work, rows, bytes, seconds, memory });
     }
 
-    /// Keeps the measurements. `whole` is whether the run has finished, so that its work outside the tables was
-    /// measured too.
+    /// Keeps the measurements. `whole` is true if the run has finished, so that its work outside the tables was
+    /// measured, too.
     pub fn keep(mut self, whole: bool) {
         if self.seen.is_empty() {
             return;

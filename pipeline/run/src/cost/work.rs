@@ -25,7 +25,7 @@ const LOOKED_AT: usize = 16;
 /// Missing units of a table, and the work that they require.
 #[derive(Clone, Debug, Default)]
 pub struct MissingWork {
-    /// Its units.
+    /// Units.
     pub units: usize,
     /// Units that are stored, have failed for good, or are duplicates.
     pub there: usize,
@@ -269,7 +269,7 @@ impl<'a> WorkEstimator<'a> {
         found.map_or(1.0, |c| numbers(&c.column_type))
     }
 
-    /// The bytes of a unit in memory.
+    /// Bytes of a unit in memory.
     fn bytes(&self, unit: PlanUnit, of_row: usize) -> f64 {
         let it = self.graph.plan.instance(unit.table, unit.instance);
         self.rows_of(unit, &it, self.rows_of_inputs(unit, &it), 1.0) * of_row as f64

@@ -11,9 +11,9 @@ use schemas::{Fault, canonical::FlightConversion, flight};
 
 use super::text::InitSource;
 
-/// Number of samples in the fast mean that a manoeuvre is measured against, in s.
+/// Length of the running mean with which manoeuvres are compared, in seconds.
 const MEAN_S: f64 = 10.0;
-/// Ground speed above which an aircraft flies, m/s.
+/// Ground speed above which an aircraft flies, in m/s.
 const FLYING_M_S: f64 = 3.0;
 /// Number of time steps from which the rate of a line is found.
 const STEPS: usize = 5_000;
@@ -25,7 +25,7 @@ pub struct LineFinding {
     pub first_tt: f64,
     pub last_tt: f64,
     pub rate_hz: Option<f64>,
-    /// Root mean square of the change of direction of the first vector magnetometer within [`MEAN_S`], degrees.
+    /// Root mean square of the change of direction of the first vector magnetometer within [`MEAN_S`], in degrees.
     pub swing_deg: Option<f64>,
     /// First and last time with a ground speed above [`FLYING_M_S`].
     pub flying: Option<(f64, f64)>,
@@ -46,7 +46,7 @@ pub struct ColumnFinding {
 /// One table of a log.
 #[derive(Clone, Debug, Default)]
 pub struct TableFindings {
-    /// Its name in the mapping; empty without a mapping or for the only table.
+    /// Name in the mapping; empty without a mapping or for the only table.
     pub name: String,
     pub columns: BTreeMap<String, ColumnFinding>,
     /// By flight and line.
@@ -192,7 +192,7 @@ impl TableFindings {
         self.columns.get(name).is_some_and(|c| c.known > 0)
     }
 
-    /// The lowest rate of its lines, Hz.
+    /// The lowest rate of its lines, in Hz.
     pub fn rate_hz(&self) -> Option<f64> {
         self.lines.values().filter_map(|l| l.rate_hz).reduce(f64::min)
     }

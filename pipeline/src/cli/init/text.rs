@@ -40,7 +40,7 @@ pub struct InitText<'a> {
     pub questions: Vec<String>,
 }
 
-/// Change of direction of the vector magnetometer above which a line has manoeuvres, degrees.
+/// Change of direction of the vector magnetometer above which a line has manoeuvres, in degrees.
 const MANOEUVRE_DEG: f64 = 1.0;
 /// Minimum number of samples of a calibration line: the ends are trimmed, and 18 terms are fitted.
 const CALIBRATION_ROWS: usize = 200;
@@ -288,7 +288,7 @@ impl InitText<'_> {
     }
 }
 
-/// A text inside quotes of an SQL condition of a stage, in which `$` begins the name of an axis.
+/// Escapes a string for use inside quotes in an SQL condition of a stage, in which `$` begins the name of an axis.
 fn sql(text: &str) -> String {
     text.replace('\'', "''").replace('$', "$$")
 }

@@ -1,4 +1,4 @@
-//! Stage parameters as command-line flags. Names, defaults and texts come from the stage's declaration.
+//! Stage parameters as command-line flags. Names, defaults and strings come from the stage's declaration.
 
 use std::marker::PhantomData;
 
@@ -12,7 +12,7 @@ use super::ExitReason;
 
 /// Map stage whose parameters are command-line flags.
 pub trait FlagStage: Stage + Clone {
-    /// Its declaration.
+    /// Declaration.
     fn declared() -> StageEntry;
     /// Flags with other spellings, or with a value that may be omitted.
     const SPELLINGS: &'static [FlagSpelling] = &[];

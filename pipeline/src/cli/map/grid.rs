@@ -149,7 +149,7 @@ fn append(all: &mut SurveyPointSet, more: SurveyPointSet) {
     all.height_m.extend(more.height_m);
     all.value_nt.extend(more.value_nt);
     all.row.extend(more.row);
-    // Columns that some of the files lack are dropped.
+    // Columns that are missing from any of the files are dropped.
     let both = |a: &mut Option<Vec<f64>>, b: Option<Vec<f64>>| match (a.as_mut(), b) {
         (Some(a), Some(b)) => a.extend(b),
         _ => *a = None,

@@ -16,7 +16,7 @@ fn folder(path: &Path) -> PathBuf {
 /// Checks before the run that a file can be written to `path`.
 ///
 /// # Errors
-/// Fails when the folder of `path` does not exist, or `path` is a folder.
+/// Fails if the folder of `path` does not exist, or `path` is a folder.
 pub fn check(flag: &str, path: &Path) -> Result<(), Fault> {
     if path.is_dir() {
         return Err(Fault::new(format!("`{flag}` requires a file, but {} is a folder", path.display()))

@@ -44,7 +44,7 @@ impl LineageSink {
     /// Opens a file or an address.
     ///
     /// # Errors
-    /// Fails for a missing folder, and for an unsupported address.
+    /// Fails for a missing folder, or for an unsupported address.
     pub fn open(to: &str) -> Result<LineageSink, Fault> {
         let target = target(to)?;
         let (sender, events) = mpsc::channel();

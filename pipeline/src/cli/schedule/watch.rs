@@ -70,7 +70,7 @@ pub struct RunEnd<'a> {
     pub status: RunStatus,
     /// Message for the user.
     pub error: Option<String>,
-    /// Its summary, if the run came that far.
+    /// Summary of the run, if it got that far.
     pub summary: Option<&'a RunSummary>,
 }
 

@@ -104,7 +104,7 @@ impl RemoteStore {
     /// Time by the server's clock.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn time(&self) -> Result<SystemTime, Fault> {
         let probe = format!("tmp/{}", Uuid::new_v4());
         self.bucket.put(&probe, b"\n".to_vec())?;
@@ -116,7 +116,7 @@ impl RemoteStore {
     /// Number of the last lease of `pipeline`, 0 before the first; `None` while it is held.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn generation(&self, pipeline: &str) -> Result<Option<u64>, Fault> {
         let Some(last) = self.leases(pipeline)?.pop() else { return Ok(Some(0)) };
         Ok(self.read_lease(&last)?.filter(|content| content.holder.is_free()).map(|_| last.number))
@@ -144,7 +144,7 @@ impl RemoteStore {
     /// Takes the lease of `pipeline` for a process that has the lock of the cache, or returns the holder.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn lease(self: &Arc<RemoteStore>, pipeline: &str) -> Result<Result<RemoteLease, ForeignLock>, Fault> {
         let last = self.leases(pipeline)?.pop();
         let number = last.as_ref().map_or(1, |lease| lease.number.saturating_add(1));
@@ -223,7 +223,7 @@ impl RemoteLease {
     /// Current holder of the lease; `None` if this process still holds the lease.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn taken_by(&self) -> Result<Option<String>, Fault> {
         let last = self.remote.leases(&self.pipeline)?.pop();
         let own = last.as_ref().is_some_and(|lease| lease.number == self.number);
@@ -244,7 +244,7 @@ impl Drop for RemoteLease {
             return;
         }
         self.content.holder.release();
-        // If the write fails, the lease expires by its age.
+        // If the write fails, the lease remains until it expires.
         if let Ok(bytes) = text(&self.content) {
             let _ = self.remote.bucket.put(&format!("{}{}", start(&self.pipeline), self.number), bytes);
         }

@@ -47,7 +47,7 @@ impl RemoteStore {
     /// Copies the changing objects into the cache. Returns whether there is a store.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error, the store is of another version of magline, or the
+    /// Fails if the server cannot be reached or reports an error, the store is of another version of magline, or the
     /// cache cannot be written.
     pub fn pull(&self) -> Result<bool, Fault> {
         for part in PARTS {
@@ -182,8 +182,8 @@ impl RemoteStore {
     /// Copies the files of a table into the cache.
     ///
     /// # Errors
-    /// Fails when a file is missing or damaged, the server cannot be reached or reports an error, or the cache cannot
-    /// be written.
+    /// Fails if a file is missing or damaged, the server cannot be reached or reports an error, or the cache cannot be
+    /// written.
     pub fn at_hand(&self, version: &Version, table: &ManifestTable) -> Result<(), Fault> {
         let files: Vec<&ManifestFile> = table.files.iter().chain(&table.units).collect();
         each(&files, |file| self.file_at_hand(version, file)).map(drop)
@@ -192,7 +192,7 @@ impl RemoteStore {
     /// Copies the files of a version that are not packs into the cache.
     ///
     /// # Errors
-    /// Same as [`RemoteStore::at_hand`].
+    /// Returns the errors of [`RemoteStore::at_hand`].
     pub fn own_at_hand(&self, version: &Version) -> Result<(), Fault> {
         let files = version.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
         let files: Vec<&ManifestFile> = files.filter(|f| f.pack.is_none()).collect();
@@ -231,8 +231,8 @@ impl RemoteStore {
     /// `check` fails if this process may no longer publish.
     ///
     /// # Errors
-    /// Fails when `check` fails, when another process has published in the meantime, and when the server cannot be
-    /// reached or reports an error. The previous version then stays the newest.
+    /// Fails if `check` fails, if another process has published in the meantime, or if the server cannot be reached or
+    /// reports an error. The previous version then stays the newest.
     pub fn publish(
         &self,
         pipeline: &str,
@@ -241,7 +241,7 @@ impl RemoteStore {
         check: &dyn Fn() -> Result<(), Fault>,
     ) -> Result<(), Fault> {
         let name = format!("tables/{pipeline}");
-        // Read before the lock is checked: a process that takes the lock later replaces this object.
+        // The object is read before the lock is checked, because a process that takes the lock later replaces it.
         let before = self.bucket.get_tagged(&name)?.map(|(_, tag)| tag);
         check()?;
         let path = folder.join("version.json");
@@ -277,7 +277,7 @@ impl RemoteStore {
     /// Removes a pipeline from the published tables.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn unpublish(&self, pipeline: &str) -> Result<(), Fault> {
         self.bucket.remove(&format!("tables/{pipeline}"))?;
         self.bucket.remove(&format!("plans/{pipeline}.json"))

@@ -39,8 +39,7 @@ impl RemoteStore {
     /// cache.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error, and when the manifest of a newest version is
-    /// damaged.
+    /// Fails if the server cannot be reached or reports an error, or if the newest version's manifest is damaged.
     pub fn collect(&self, store: &Store, what: GcOptions) -> Result<GcReport, Fault> {
         let (alone, time) = (store.alone()?, self.time()?);
         let is_old = |about: &ObjectEntry, than: Duration| is_object_old(about, than, time);
@@ -115,7 +114,7 @@ impl RemoteStore {
     /// Reads every byte of the store, not of the cache. Quarantines packs that do not verify.
     ///
     /// # Errors
-    /// Fails when the server cannot be reached or reports an error.
+    /// Fails if the server cannot be reached or reports an error.
     pub fn scrub(
         &self,
         store: &Store,
@@ -184,7 +183,7 @@ impl RemoteStore {
             tick(before + i, all);
             let wrong = match self.bucket.get(&key)? {
                 None if published => Some("it does not exist"),
-                // A run that was killed before it published leaves a manifest of files that were not all written.
+                // If a run was killed before it published, its manifest may list files that were not written.
                 None => None,
                 Some(bytes) => {
                     found.files += 1;

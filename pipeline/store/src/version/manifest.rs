@@ -38,7 +38,7 @@ pub struct ManifestFile {
     pub pack: Option<String>,
     /// Hash of the bytes, if the file is not a pack.
     pub hash: Option<String>,
-    /// Size, bytes.
+    /// Size, in bytes.
     pub size: u64,
     /// Time of writing, ns since 1970.
     pub(super) modified_ns: u64,

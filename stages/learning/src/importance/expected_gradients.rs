@@ -19,7 +19,7 @@ use crate::{draws, rows::setting};
 /// independent draws and are therefore upper estimates.
 ///
 /// # Errors
-/// Fails for values that are not finite, a column that is not in exactly one group, and fewer than two samples. Also
+/// Fails for values that are not finite, a column that is not in exactly one group, or fewer than two samples. Also
 /// fails if the model fails or returns anything but one finite number per row and column.
 pub fn expected_gradients<E: Send>(
     gradient: &PredictionFunction<'_, E>,

@@ -31,7 +31,7 @@ pub struct SparseLinearModel {
 /// may have a smaller error, mainly if columns are correlated. Columns must be standardised and the target centred.
 ///
 /// # Errors
-/// Fails for values that are not finite, and if `keep` is not between 1 and the number of columns.
+/// Fails for values that are not finite. Also fails if `keep` is not between 1 and the number of columns.
 pub fn iterative_hard_thresholding(
     x: &[f64],
     width: usize,

@@ -58,9 +58,9 @@ fn deviation(values: impl Iterator<Item = f64> + Clone) -> f64 {
 
 /// Elementary effects of groups of columns over their `ranges` (lower and upper bound) [Morris 1991].
 ///
-/// A trajectory begins at a random point of a grid with p levels per column. It moves one group after the other, in
-/// random order, by a step Δ of the range, and each step gives one effect (y₂ − y₁)/±Δ. The columns of a group move
-/// together, each in its own random direction. A column of no range has no effect.
+/// A trajectory begins at a random point of a grid with p levels per column. It moves one group at a time, in random
+/// order, by a step Δ of the range. Each step gives one effect (y₂ − y₁)/±Δ. The columns of a group move together, each
+/// in its own random direction. A column without a range has no effect.
 ///
 /// # Errors
 /// Fails for invalid ranges, groups or settings. Also fails if the model fails or returns anything but one finite
@@ -85,7 +85,7 @@ pub fn morris<E: Send>(
 /// than there are groups. Consecutive points differ in the columns of one group.
 ///
 /// # Errors
-/// Fails for another number of points, and for a trajectory that does not move each group once.
+/// Fails for another number of points, or for a trajectory that does not move each group once.
 pub fn elementary_effects<E>(
     points: &[f64],
     y: &[f64],

@@ -12,8 +12,8 @@ use crate::{
 /// Block length, number of repeats and seed of a permutation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PermutationBlocks {
-    /// Rows per block. A block must be longer than the correlation time. Otherwise permuted values resemble the
-    /// original ones.
+    /// Rows per block. A block must be longer than the correlation time. Otherwise, the permuted values resemble the
+    /// original values.
     pub rows: usize,
     /// Number of permutations.
     pub repeats: usize,
@@ -38,7 +38,7 @@ pub struct PermutationImportance {
 /// In each repeat all groups are permuted in the same way, so that they are comparable. Groups may share columns.
 ///
 /// # Errors
-/// Fails for values that are not finite, invalid groups or settings, and fewer than two blocks. Also fails if the model
+/// Fails for values that are not finite, invalid groups or settings, or fewer than two blocks. Also fails if the model
 /// fails or returns anything but one finite number per row.
 pub fn permutation<E: Send>(
     model: &PredictionFunction<'_, E>,

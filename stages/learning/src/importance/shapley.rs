@@ -24,7 +24,7 @@ use crate::{
 /// Cost: 2 `samples` (groups − 1) predictions for each row and background row.
 ///
 /// # Errors
-/// Fails for values that are not finite, a column that is not in exactly one group, and fewer than two samples. Also
+/// Fails for values that are not finite, a column that is not in exactly one group, or fewer than two samples. Also
 /// fails if the model fails or returns anything but one finite number per row.
 pub fn shapley_sampled<E: Send>(
     model: &PredictionFunction<'_, E>,
@@ -86,7 +86,8 @@ impl<E> ShapleySampler<'_, E> {
         (0..self.sampling.samples).map(|_| draws::shuffled(&mut bits, self.groups.len())).collect()
     }
 
-    /// For each order: rows on the path from the background row to `x`, then rows on the path in the reverse order.
+    /// For each order, the rows on the path from the background row to `x`, followed by the rows on the path in the
+    /// reverse order.
     fn mixed(&self, x: &[f64], some: Range<usize>, orders: &[Vec<usize>]) -> Vec<f64> {
         let mut out = vec![];
         for (b, orders) in some.zip(orders.chunks(self.sampling.samples)) {
@@ -136,7 +137,7 @@ impl<E> ShapleySampler<'_, E> {
 /// Lee 2017, corollary 1]. Groups may overlap, and columns may be in no group.
 ///
 /// # Errors
-/// Fails for values that are not finite, the wrong number of values, and invalid groups.
+/// Fails for values that are not finite, the wrong number of values, or invalid groups.
 pub fn shapley_linear(
     coefficients: &[f64],
     rows: &[f64],

@@ -15,7 +15,7 @@ use crate::trees::{BoostingError, Forest, RegressionTreeNode};
 /// m)! of its value to each of the n groups and subtracts n! (m − 1)!/(n + m)! from each of the m groups.
 ///
 /// # Errors
-/// Fails for values that are not finite, a column that is not in exactly one group, and a malformed forest.
+/// Fails for values that are not finite, a column that is not in exactly one group, or a malformed forest.
 pub fn shapley_trees(
     forest: &Forest,
     rows: &[f64],

@@ -64,8 +64,8 @@ pub struct SobolPredictions {
 /// random, so that the bootstrap over the rows gives the sampling error. An index may be slightly negative by chance.
 ///
 /// # Errors
-/// Fails for invalid ranges, groups or settings, and with [`ImportanceError::Constant`] if the predictions are equal.
-/// Also fails if the model fails or returns anything but one finite number per row.
+/// Fails for invalid ranges, groups or settings. Also fails with [`ImportanceError::Constant`] if the predictions are
+/// equal. Also fails if the model fails or returns anything but one finite number per row.
 pub fn sobol<E: Send>(
     model: &PredictionFunction<'_, E>,
     ranges: &[[f64; 2]],
@@ -91,7 +91,7 @@ pub fn sobol<E: Send>(
 /// Indices from predictions, with a seed of the bootstrap.
 ///
 /// # Errors
-/// Fails for predictions of different lengths, and with [`ImportanceError::Constant`] if they are equal.
+/// Fails for predictions of different lengths. Also fails with [`ImportanceError::Constant`] if they are equal.
 pub fn sobol_indices<E>(predictions: &SobolPredictions, seed: u64) -> Result<Vec<SobolIndices>, ImportanceError<E>> {
     let SobolPredictions { a, b, mixed } = predictions;
     let rows = a.len();

@@ -122,7 +122,7 @@ pub(super) fn sigmoid(z: f64) -> (f64, f64) {
 /// eˣ within two units in the last place, bit-identical on every machine, for results between e⁻⁷⁰⁸ and e⁷⁰⁹.
 ///
 /// x = n ln 2 + r with |r| at most half of ln 2. The exponential of r is computed by the Taylor polynomial of degree
-/// 13, and n is added to the exponent of the result. Branch-free, so that it vectorises.
+/// 13, and n is added to the exponent of the result. The computation is branch-free, so that it vectorises.
 #[inline(always)]
 fn exp(x: f64) -> f64 {
     const LN_2_HIGH: f64 = 6.931_471_803_691_238e-1;

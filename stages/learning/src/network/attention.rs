@@ -1,6 +1,6 @@
 //! A transformer encoder over a window: one layer of multi-head self-attention. [Vaswani et al. 2017]
 //!
-//! With the inputs x of T samples, d units and h heads of d/h units, and LN the layer normalisation:
+//! Let x be the inputs of T samples, with d units and h heads of d/h units, and LN the layer normalisation:
 //!
 //! ```text
 //! e = √d (We x + be) + P            embedding and trained position of each sample
@@ -18,7 +18,7 @@ use super::kernels::{WeightPanels, add_outer, affine, padded};
 use super::passes::BLOCK;
 use super::windowed::FeatureExtractor;
 
-/// Added to the variance of a layer normalisation.
+/// Constant that is added to the variance of a layer normalisation.
 const LEAST_VARIANCE: f64 = 1e-5;
 
 /// Sizes of an encoder, and the layout of its parameters: We (unit, input), be, P (sample, unit), Wq, Wk, Wv and Wo

@@ -8,9 +8,9 @@
 //! | 4 | 0.3 to 0.6 | the network | on | all |
 //! | 5 | 0.6 to 1 | all parameters | on | all |
 //!
-//! The constant of the prediction is trained in every phase. Samples near the mean are those whose error of the initial
-//! coefficients differs from its mean by at most a number of standard deviations. Adam starts again in each phase. The
-//! best epoch is selected, and the patience counted, from phase 4 on.
+//! The constant of the prediction is trained in every phase. A sample is near the mean if the error of the initial
+//! coefficients at the sample differs from the mean error by at most a number of standard deviations. Adam starts again
+//! in each phase. The best epoch is selected, and the patience is counted, from phase 4 on.
 //!
 //! MagNav.jl 1.3.3 compares the losses of all phases with each other. If the smallest loss is in phases 1 to 3, its
 //! model contains the untrained network, which these losses exclude. With its five default epochs, phases 2 and 3 are
@@ -26,7 +26,7 @@ use super::training::{NetworkSamples, NetworkTraining};
 use super::vector::{TERMS_WITHOUT_EDDY, tolles_lawson_fields};
 use super::windowed::NetworkArchitecture;
 
-/// Ends of the phases but the last, in tenths of the epochs.
+/// Ends of all phases except the last, in tenths of the epochs.
 const ENDS: [usize; 4] = [1, 2, 3, 6];
 /// Number of epochs in which each phase has an epoch.
 pub const CURRICULUM_EPOCHS: usize = 10;
@@ -115,10 +115,10 @@ impl NetworkTraining {
         }
     }
 
-    /// Rows near the mean: the rows of the first phases. All rows without a curriculum.
+    /// Rows near the mean, which are the rows of the first phases; without a curriculum, all rows.
     ///
     /// # Errors
-    /// If no row is near the mean.
+    /// Fails if no row is near the mean.
     pub(super) fn near_the_mean(
         &self,
         samples: &NetworkSamples<'_>,

@@ -6,13 +6,13 @@ pub enum TrainingError {
     /// There are no samples.
     #[error("there is no sample {what}")]
     NoSamples {
-        /// `to train on` or `to validate with`.
+        /// Purpose of the rows: `to train on` or `to validate with`.
         what: &'static str,
     },
     /// The number of values does not match the rows.
     #[error("there are {given} values of {of} {what}, but {rows} rows require {expected}")]
     Length {
-        /// `to train on` or `to validate with`.
+        /// Purpose of the rows: `to train on` or `to validate with`.
         what: &'static str,
         /// Name of the values.
         of: &'static str,
@@ -26,7 +26,7 @@ pub enum TrainingError {
     /// A value is NaN or infinite.
     #[error("{of} {column} in row {row} (both from 0) of the samples {what} is not finite; remove such rows")]
     NotFinite {
-        /// `to train on` or `to validate with`.
+        /// Purpose of the rows: `to train on` or `to validate with`.
         what: &'static str,
         /// Name of the value.
         of: &'static str,

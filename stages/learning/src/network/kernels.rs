@@ -2,7 +2,7 @@
 //! weights.
 //!
 //! The lanes of a SIMD vector hold different units, in panels of eight or four, so that no sum is across lanes. Each
-//! sum is over inputs or rows in order, by fused multiply-add. The bits do not depend on the vector width.
+//! sum is over inputs or rows in order, by fused multiply-add. The results are bit-identical for any vector width.
 
 use pulp::{Simd, WithSimd};
 
@@ -193,7 +193,7 @@ fn affine_tile<S: Simd, const R: usize, const K: usize>(
     for (row, x) in rows.iter_mut().zip(x.chunks_exact(stride)) {
         *row = &x[..weights.len()];
     }
-    // Only as many vectors are used as K numbers fill.
+    // Uses only the vectors that K numbers fill.
     let mut sums = [[simd.splat_f64s(0.0); K]; R];
     for sum in &mut sums {
         for (sum, bias) in sum.iter_mut().zip(S::as_simd_f64s(bias).0) {

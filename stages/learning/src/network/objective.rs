@@ -226,7 +226,7 @@ impl<'a> TrainingObjective<'a> {
         self.of_body.extend_from_slice(of_body);
     }
 
-    /// Inputs of a block of rows. For a network over a window, the inputs of each row's window.
+    /// Inputs of a block of rows; for a network over a window, the inputs of each row's window.
     fn inputs<'x>(&'x self, rows: BatchRows<'_>, range: &Range<usize>, gathered: &'x mut Vec<f64>) -> &'x [f64] {
         let (x, inputs) = (self.samples.x, self.model.inputs());
         gathered.clear();

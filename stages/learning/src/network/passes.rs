@@ -292,7 +292,7 @@ impl BlockWorkspace {
     }
 
     /// Derivatives with respect to the inputs, computed from the derivatives with respect to the sums of the first
-    /// layer. [`backward`](Self::backward) leaves the latter in the workspace.
+    /// layer. [`backward`](Self::backward) leaves the derivatives with respect to these sums in the workspace.
     pub fn step_to_inputs(&mut self, network: &PackedNetwork<'_>, rows: usize, out: &mut [f64]) {
         let shape = network.shape;
         let stride = padded(shape.hidden.first().copied().unwrap_or(shape.outputs()));
@@ -319,9 +319,9 @@ impl NetworkShape {
         (fits && self.check().is_ok()).then_some(rows)
     }
 
-    /// Predictions for rows of scaled inputs and of linear terms (empty without), in the scale of the target. The
-    /// vector forms require rows of [`VectorFrame::rows`](super::VectorFrame::rows) instead of linear terms. All are
-    /// NaN if parameters or terms do not match the shape. A row with a NaN input is NaN.
+    /// Predictions for rows of scaled inputs and of linear terms (empty if there are none), in the scale of the target.
+    /// The vector forms require rows of [`VectorFrame::rows`](super::VectorFrame::rows) instead of linear terms. All
+    /// are NaN if parameters or terms do not match the shape. A row with a NaN input is NaN.
     pub fn predict(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
         self.by_blocks(parameters, x, a, 1, |network, buffers, x, a, out| {
             buffers.forward(network, x, NetworkLinearTerms::Rows(a), false, None);
@@ -329,7 +329,7 @@ impl NetworkShape {
         })
     }
 
-    /// The derivatives of each prediction with respect to its scaled inputs, row by row; arguments as for
+    /// The derivatives of each prediction with respect to its scaled inputs, row by row; the arguments are those of
     /// [`predict`](Self::predict).
     pub fn gradient_of_inputs(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
         self.by_blocks(parameters, x, a, self.inputs, |network, buffers, x, a, out| {

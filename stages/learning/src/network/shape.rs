@@ -190,7 +190,7 @@ impl NetworkShape {
     /// Checks that the network can be trained.
     ///
     /// # Errors
-    /// Fails without inputs, for a layer without units, and without linear terms if the form requires them.
+    /// Fails without inputs, for a layer without units, or without linear terms if the form requires them.
     pub fn check(&self) -> Result<(), TrainingError> {
         let setting = |what, given: f64| Err(TrainingError::Setting { what, wanted: "at least 1", given });
         let without_network = self.form == NetworkForm::VectorOnly;

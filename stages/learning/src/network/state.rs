@@ -7,9 +7,9 @@ use super::training::TrainingEpoch;
 /// The first bytes of a stored state; the last byte is the version of the layout.
 const HEAD: [u8; 8] = *b"MAGNET\0\x01";
 
-/// State of a training at the end of an epoch, from which it resumes. With the same samples and settings, a resumed run
-/// gives the same bits as an uninterrupted run. Random numbers depend on seed, epoch and batch only, so the state holds
-/// no generator.
+/// State of a training at the end of an epoch, from which it resumes. With the same samples and settings, the results
+/// of a resumed run are bit-identical to those of an uninterrupted run. Random numbers depend on seed, epoch and batch
+/// only, so the state holds no generator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainingState {
     /// Number of completed epochs.

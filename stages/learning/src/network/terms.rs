@@ -45,7 +45,7 @@ impl TermScaling {
     /// components beyond the kept components are divided by the standard deviation of the last kept component.
     ///
     /// # Errors
-    /// Fails for an incomplete row, no rows, a `whiten` out of range, and without convergence.
+    /// Fails for an incomplete row, no rows, a `whiten` out of range, or without convergence.
     pub fn new(
         form: NetworkForm,
         a: &[f64],

@@ -27,7 +27,7 @@ pub type EpochCallback<'a> = dyn FnMut(&TrainingEpoch, &TrainingState) -> Contro
 /// ([`train_together`]).
 ///
 /// # Errors
-/// Fails without samples, for mismatched lengths, values that are not finite, settings out of range, and patience
+/// Fails without samples, or for mismatched lengths, values that are not finite, settings out of range, or patience
 /// without validation. Fails with [`TrainingError::Diverged`] if loss or parameters are no longer finite.
 pub fn train(
     shape: &NetworkShape,
@@ -40,12 +40,12 @@ pub fn train(
     alone(TrainingJob::new(shape, start, training, *samples, validation.copied(), Box::new(each))?)
 }
 
-/// Trains a network over windows, as [`train`]. Each epoch predicts every sample of the runs once, from the window that
-/// ends at the sample. The sparse group lasso applies to the input weights of the memory, and dropout also to the
-/// features.
+/// Trains a network over windows, in the same way as [`train`]. Each epoch predicts every sample of the runs once, from
+/// the window that ends at the sample. The sparse group lasso applies to the input weights of the memory, and dropout
+/// also to the features.
 ///
 /// # Errors
-/// Fails in the cases of [`train`], and if the lengths of the runs do not add up to the number of samples.
+/// Fails in the cases of [`train`]. Also fails if the lengths of the runs do not add up to the number of samples.
 pub fn train_windowed(
     network: &WindowedNetworkShape,
     start: TrainingState,
@@ -107,10 +107,10 @@ pub struct TrainingJob<'a> {
 }
 
 impl<'a> TrainingJob<'a> {
-    /// A training job of a network without windows, as [`train`].
+    /// Training job of a network without windows; see [`train`].
     ///
     /// # Errors
-    /// The same as for [`train`], except errors that occur during training.
+    /// Returns the errors of [`train`], except errors that occur during training.
     pub fn new(
         shape: &'a NetworkShape,
         start: TrainingState,
@@ -123,10 +123,10 @@ impl<'a> TrainingJob<'a> {
         Self::from_architecture(shape.into(), start, training, (samples, vec![]), validation, each)
     }
 
-    /// A training job of a network over windows, as [`train_windowed`].
+    /// Training job of a network over windows; see [`train_windowed`].
     ///
     /// # Errors
-    /// The same as for [`train_windowed`], except errors that occur during training.
+    /// Returns the errors of [`train_windowed`], except errors that occur during training.
     pub fn windowed(
         network: &'a WindowedNetworkShape,
         start: TrainingState,
@@ -285,7 +285,8 @@ pub(super) fn mean_loss(
     sum / samples.y.len() as f64
 }
 
-/// The order of the samples in an epoch, from 0: Shuffle of the row numbers by the method of Fisher and Yates.
+/// Order of the samples in an epoch, which is counted from 0. The row numbers are shuffled by the method of Fisher and
+/// Yates.
 pub(super) fn order(samples: usize, seed: u64, epoch: usize) -> Vec<u32> {
     let mut bits = SplitMix64::new(derived_seed(seed, &[NetworkRandomStream::Order as u64, epoch as u64]));
     let mut order: Vec<u32> = (0..samples as u32).collect();
@@ -296,7 +297,7 @@ pub(super) fn order(samples: usize, seed: u64, epoch: usize) -> Vec<u32> {
     order
 }
 
-/// Joint epoch of Adam of several trainings. Returns the mean loss of each training over its samples.
+/// Runs one joint epoch of Adam for several trainings. Returns the mean loss of each training over its samples.
 fn adam_epoch(jobs: &mut [&mut TrainingJob<'_>], rates: &[f64], pass: &mut GradientPass) -> Vec<f64> {
     jobs.iter_mut().for_each(|job| job.enter_phase());
     let Some(first) = jobs.first() else { return vec![] };

@@ -153,10 +153,10 @@ pub struct NetworkTraining {
     /// The weight of the mean squared distance of the predictions from Tolles-Lawson, a·b with
     /// [`TrainingState::tolles_lawson`].
     pub physics: f64,
-    /// For a vector form: scaling of the coefficients, in whose terms the coefficients are trained.
+    /// For a vector form, the scaling in which the coefficients are trained.
     pub conditioning: Option<TermScaling>,
-    /// For a vector form with a network: trains in the phases of a curriculum, with the number of standard deviations
-    /// of the samples of the first phases.
+    /// For a vector form with a network, trains in the phases of a curriculum. The number is the limit, in standard
+    /// deviations, of the samples of the first phases.
     pub curriculum: Option<f64>,
     /// Number of epochs without a new minimum of the validation loss after which training ends.
     pub patience: Option<usize>,
@@ -200,7 +200,7 @@ pub struct TrainingEpoch {
 /// A trained network.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainingResult {
-    /// The parameters of the smallest validation loss; without validation, the last parameters.
+    /// Parameters with the smallest validation loss; without validation, the last parameters.
     pub parameters: Vec<f64>,
     /// The training curve.
     pub epochs: Vec<TrainingEpoch>,

@@ -64,9 +64,9 @@ choice! {
 pub struct VectorFrame {
     /// Scalar field of the aircraft.
     pub coupling: FieldCoupling,
-    /// Scale s of the induced and eddy terms, nT.
+    /// Scale s of the induced and eddy terms, in nT.
     pub bt_scale_nt: f64,
-    /// Scale of the target, nT.
+    /// Scale of the target, in nT.
     pub target_scale_nt: f64,
 }
 
@@ -106,7 +106,7 @@ impl VectorFrame {
         tolles_lawson_fields(&self.rows(terms, b.len()), b)
     }
 
-    /// Mean magnitude of the field of some rows of terms, nT. NaN without rows.
+    /// Mean magnitude of the field of some rows of terms, in nT. NaN without rows.
     pub fn mean_field_nt(&self, terms: &[f64], width: usize) -> f64 {
         let projection = Self { coupling: FieldCoupling::Projection, ..*self };
         let rows = projection.rows(terms, width);

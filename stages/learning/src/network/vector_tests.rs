@@ -10,7 +10,7 @@ const COUPLINGS: [FieldCoupling; 2] = [FieldCoupling::Magnitude, FieldCoupling::
 const BT_SCALE_NT: f64 = 50_000.0;
 const TARGET_SCALE_NT: f64 = 3_000.0;
 
-/// Field and its difference per sample, nT, as the columns of the reference table.
+/// Field and its difference per sample, in nT, as the columns of the reference table.
 fn vectors() -> Vec<[f64; 6]> {
     let table = columns(include_str!("../../reference/network/vector.csv"));
     let all = ["bx", "by", "bz", "dx", "dy", "dz"].map(|name| &table[name]);

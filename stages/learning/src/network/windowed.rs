@@ -54,7 +54,7 @@ pub struct WindowedNetworkShape {
     pub inputs: usize,
     /// The number of samples; a power of two of at least 2 for `tcn`.
     pub window: usize,
-    /// Number of heads of `transformer`, a divisor of the units; 1 for the others.
+    /// Number of heads of `transformer`, a divisor of the number of units; 1 for other layers.
     pub heads: usize,
     /// Number of units of the memory, equal to the number of features. For `window`, the number of inputs of the
     /// window. For `transformer`, the number of units of a sample; the features are the units of all samples.
@@ -281,8 +281,8 @@ impl WindowedNetworkShape {
     /// Checks that the network can be trained.
     ///
     /// # Errors
-    /// Fails in the cases of [`NetworkShape::check`], for a window or units of 0, a window of `tcn` that is not a power
-    /// of two, and a dense network whose inputs do not match the features.
+    /// Fails in the cases of [`NetworkShape::check`]. Also fails for a window or units of 0, a window of `tcn` that is
+    /// not a power of two, or a dense network whose inputs do not match the features.
     pub fn check(&self) -> Result<(), TrainingError> {
         let heads = self.heads > 0 && self.units.is_multiple_of(self.heads);
         let whole = self.memory != MemoryLayers::Window || self.units == self.inputs * self.window;
@@ -334,9 +334,9 @@ impl WindowedNetworkShape {
         }
     }
 
-    /// Predictions for runs of scaled inputs and linear terms (empty without), run after run, in the scale of the
-    /// target. All are NaN if parameters, terms or lengths do not match. The prediction of a row is NaN if an input of
-    /// its window is NaN.
+    /// Predictions for runs of scaled inputs and linear terms (empty if there are none), run by run, in the scale of
+    /// the target. All are NaN if parameters, terms or lengths do not match. The prediction of a row is NaN if an input
+    /// of its window is NaN.
     pub fn predict(&self, parameters: &[f64], x: &[f64], a: &[f64], lengths: &[usize]) -> Vec<f64> {
         let rows = x.len() / self.inputs.max(1);
         match first_rows(lengths, rows) {

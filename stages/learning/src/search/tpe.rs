@@ -28,7 +28,7 @@ pub fn propose(
     proposed: &[Vec<TrialValue>],
 ) -> Vec<TrialValue> {
     let mut order: Vec<&TrialOutcome> = outcomes.iter().collect();
-    // The sort is stable: the first of equal trials ranks higher.
+    // The sort is stable, so the first of several equal trials ranks higher.
     order.sort_by(|a, b| {
         let cost = |o: &TrialOutcome| o.cost.unwrap_or(f64::INFINITY);
         b.rung.cmp(&a.rung).then(cost(a).total_cmp(&cost(b)))
@@ -64,7 +64,7 @@ pub fn propose(
     }
     match best {
         (true, _, values) => values,
-        // All values nearby have been proposed: any new value is taken, if a new value exists.
+        // All values nearby have been proposed, so any new value is used, if a new value exists.
         (false, _, values) => {
             let anything = || dimensions.iter().map(|d| d.at(uniform(bits))).collect::<Vec<TrialValue>>();
             std::iter::repeat_with(anything).take(1000).find(|v| !known(v)).unwrap_or(values)

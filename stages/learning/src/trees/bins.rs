@@ -76,7 +76,7 @@ fn bin_of(thresholds: &[f64; BINS], x: f64) -> u8 {
     at as u8
 }
 
-/// Midpoints between all distinct values. For more than [`BINS`] values, midpoints at the quantiles of [`BINS`] parts.
+/// Midpoints between all distinct values; for more than [`BINS`] values, midpoints at the quantiles of [`BINS`] parts.
 fn thresholds(x: &[f64], width: usize, column: usize) -> Vec<f64> {
     let rows = x.len() / width;
     let sampled = rows.min(SAMPLED);

@@ -1,4 +1,4 @@
-//! Growth of one tree: the sums of each bin, the best split of each leaf, the best leaf first.
+//! Grows one tree: computes the sums of each bin and the best split of each leaf, and splits the best leaf first.
 
 use std::ops::Range;
 
@@ -9,7 +9,7 @@ use super::{
     bins::{BINS, ColumnBins, TOGETHER},
 };
 
-/// Minimum ratio of a gain to the terms that it is the difference of. Smaller gains are rounding errors.
+/// Minimum ratio of a gain to the terms whose difference it is. Smaller gains are rounding errors.
 const ROUNDING: f64 = 1e-12;
 
 /// Sum of the residuals and number of rows of each bin.
@@ -63,7 +63,7 @@ impl<'a> TreeGrower<'a> {
         Self { bins, how, rows, scratch, ordered, pool: vec![], leaves: vec![], partial: false }
     }
 
-    /// Selects the rows of the next tree: the result of `some` for the number of rows, or all rows.
+    /// Selects the rows of the next tree: the rows that `some` returns for the number of rows, or all rows.
     pub fn draw(&mut self, some: impl Fn(usize) -> Option<Vec<u32>>) {
         let drawn = some(self.bins.rows);
         self.partial = drawn.is_some();
@@ -256,7 +256,7 @@ fn best_of_four(
     first_best(histogram.chunks_exact(BINS).enumerate().map(one))
 }
 
-/// Best split of a leaf by one column. Of equal gains, the lowest bin is chosen.
+/// Best split of a leaf by one column. Of several equal gains, the lowest bin is chosen.
 fn best_of(histogram: &[[f64; 2]], column: usize, sum: f64, rows: f64, how: &BoostingSettings) -> Option<LeafSplit> {
     let least = how.least_rows as f64;
     let score = |sum: f64, rows: f64| sum * sum / (rows + how.l2);

@@ -9,7 +9,7 @@ pub const PRODUCTS: [&str; 20] = [
     "srcpsy", "crspsy", "srspsy", "crcp", "srcp", "crsp", "srsp",
 ];
 
-/// Columns of roll, pitch and yaw, degrees.
+/// Columns of roll, pitch and yaw, in degrees.
 #[derive(Clone, Copy, Debug)]
 pub struct AttitudeColumns<'a> {
     /// Right wing down positive.

@@ -37,7 +37,7 @@ pub struct Excitation {
 ///
 /// # Errors
 /// Fails with [`LeastSquaresError::Shape`] if the number of names differs from the number of terms, with
-/// [`LeastSquaresError::Setting`] for a limit outside 0 to 1, and with [`LeastSquaresError::NoConvergence`] when the
+/// [`LeastSquaresError::Setting`] for a limit outside 0 to 1, or with [`LeastSquaresError::NoConvergence`] if the
 /// decomposition does not converge.
 pub fn excitation<S: AsRef<str>>(
     prepared: &ScaledFactor,
@@ -106,8 +106,9 @@ impl Excitation {
 ///
 /// The trivial solution [van der Meer 2025, 4.2.1] has no permanent field, the unit matrix as induced field and no eddy
 /// currents. Σ B̂ᵢ Bᵢ = |B| then explains the total field exactly, with a residual of zero. Band-passed rows cannot
-/// separate it from the true solution where the magnitude of the earth's field is constant. Unfiltered terms can: of a
-/// field of 50,000 nT, the true solution explains some hundreds of nT, the trivial one all.
+/// separate it from the true solution where the magnitude of the earth's field is constant. Unfiltered terms can
+/// separate them. Of a field of 50,000 nT, the true solution explains some hundreds of nT, and the trivial solution
+/// explains the whole field.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrivialSolution {
     /// Fraction of the total field that the fit explains, in the metric of the unfiltered terms: 0.002 for 100 nT in
@@ -146,8 +147,8 @@ impl TrivialSolution {
 ///
 /// # Errors
 /// Fails with [`LeastSquaresError::Shape`] if the number of names, unfiltered terms or coefficients differs from the
-/// number of fitted terms. If the diagonal terms exist, also fails with [`LeastSquaresError::NoRows`] when `unfiltered`
-/// or `fitted` has no rows, and with [`LeastSquaresError::NoSuch`] for an unknown target.
+/// number of fitted terms. If the diagonal terms exist, also fails with [`LeastSquaresError::NoRows`] if `unfiltered`
+/// or `fitted` has no rows. Also fails with [`LeastSquaresError::NoSuch`] for an unknown target.
 pub fn trivial_solution<S: AsRef<str>>(
     unfiltered: &RegressionMoments,
     fitted: &RegressionMoments,
@@ -228,7 +229,7 @@ pub struct CoefficientVariation {
 /// mean of the coefficients of variation as a function of λ.
 ///
 /// # Errors
-/// Fails with [`LeastSquaresError::NoRows`] without calibrations, and with [`LeastSquaresError::Shape`] if they have
+/// Fails with [`LeastSquaresError::NoRows`] without calibrations, or with [`LeastSquaresError::Shape`] if they have
 /// different numbers of coefficients.
 pub fn variation(calibrations: &[&[f64]]) -> Result<Vec<CoefficientVariation>, LeastSquaresError> {
     let terms = calibrations.first().ok_or(LeastSquaresError::NoRows)?.len();
@@ -291,8 +292,8 @@ mod tests {
             assert!(missed > -1e-9);
             most = most.max(missed);
         }
-        // The third-order term, F³/2B², is 2 % here. The worst attitude nearly reaches the bound: In the direction in
-        // which F is largest, F need not be perpendicular to B.
+        // The third-order term, F³/2B², is 2 % here. The worst attitude only nearly reaches the bound, because in the
+        // direction in which F is largest, F need not be perpendicular to B.
         assert!(most <= bound && most > 0.4 * bound, "{most} {bound}");
         assert!(approximation_bound_nt([f64::NAN; 3], [0.0; 6], 5e4).is_nan());
     }

@@ -17,8 +17,8 @@ const SLOWEST_HALF_S: f64 = 12.0;
 const FASTEST_HALF_S: f64 = 1.0;
 /// Minimum number of extremes of a manoeuvre: slightly more than two periods.
 const LEAST_EXTREMES: usize = 5;
-/// Maximum ratio between the swings or half periods of a manoeuvre and the first swing or half period of the same
-/// manoeuvre. Gusts are less regular.
+/// Maximum ratio of a swing or half period of a manoeuvre to the first swing or half period of the same manoeuvre.
+/// Gusts are less regular.
 const REGULAR: f64 = 1.7;
 /// Half of the averaging window for the mean attitude of a manoeuvre, in seconds.
 const TREND_S: f64 = 15.0;

@@ -1,9 +1,10 @@
 //! The Tolles-Lawson matrix: dependence of the aircraft field on the attitude in the earth's field.
 //!
-//! B denotes the vector magnetometer in the body frame (nT), and Bt its magnitude (in the modified model, a scalar
-//! magnetometer). Ḃ is the central difference of B per sample, and s a scale. The terms are: permanent B_i/Bt, induced
-//! B_i B_j/(Bt s), eddy B_i Ḃ_j/(Bt s), derivative Ḃ_i, bias 1. [Tolles and Lawson 1950; Gnadt 2022 eqs. 3.15-3.20,
-//! with the scale that eq. 3.20 omits and eddy currents driven by the change of the vector, as MagNav.jl computes them]
+//! B denotes the reading of the vector magnetometer in the body frame (nT), and Bt its magnitude. In the modified
+//! model, Bt is the reading of a scalar magnetometer. Ḃ is the central difference of B per sample, and s a scale. The
+//! terms are: permanent B_i/Bt, induced B_i B_j/(Bt s), eddy B_i Ḃ_j/(Bt s), derivative Ḃ_i, bias 1. [Tolles and Lawson
+//! 1950; Gnadt 2022 eqs. 3.15-3.20, with the scale that eq. 3.20 omits and eddy currents driven by the change of the
+//! vector, as MagNav.jl computes them]
 
 mod terms;
 
@@ -13,7 +14,7 @@ pub use terms::{TermFamily, TermGroup, TermSelection};
 
 use terms::{COLUMNS, DERIVATIVE, EDDY, INDUCED};
 
-/// The scale of induced and eddy terms of the published tables, nT.
+/// The scale of induced and eddy terms of the published tables, in nT.
 pub const DEFAULT_SCALE_NT: f64 = 50_000.0;
 
 /// Error of a request for an A-matrix.
@@ -45,21 +46,21 @@ pub enum AMatrixError {
     /// The scale is not a positive number.
     #[error("the scale of the induced and eddy terms must be above 0 nT, but is {scale_nt} nT")]
     Scale {
-        /// The given scale, nT.
+        /// The given scale, in nT.
         scale_nt: f64,
     },
 }
 
-/// Components of a vector magnetometer in the body frame, nT, and the scalar that divides them.
+/// Components of a vector magnetometer in the body frame, in nT, and the scalar that divides them.
 #[derive(Debug, Clone, Copy)]
 pub struct BodyFieldColumns<'a> {
-    /// Component along the nose, nT.
+    /// Component along the nose, in nT.
     pub x: &'a [f64],
     /// Component to the right.
     pub y: &'a [f64],
     /// Component down.
     pub z: &'a [f64],
-    /// Scalar magnetometer of the modified model, nT; `None` uses the vector's magnitude.
+    /// Scalar magnetometer of the modified model, in nT; `None` uses the vector's magnitude.
     pub bt: Option<&'a [f64]>,
 }
 
@@ -88,7 +89,7 @@ impl BodyFieldColumns<'_> {
 /// divided by it.
 ///
 /// # Errors
-/// Fails with [`AMatrixError::Lengths`] for columns of different lengths, and with [`AMatrixError::Scale`] for a scale
+/// Fails with [`AMatrixError::Lengths`] for columns of different lengths, or with [`AMatrixError::Scale`] for a scale
 /// that is not a finite number above 0.
 pub fn matrix(field: &BodyFieldColumns<'_>, terms: &TermSelection, scale_nt: f64) -> Result<Vec<f64>, AMatrixError> {
     let rows = field.rows()?;
@@ -100,7 +101,7 @@ pub fn matrix(field: &BodyFieldColumns<'_>, terms: &TermSelection, scale_nt: f64
 /// within its run. Rows outside all `runs` are NaN in all terms except the bias.
 ///
 /// # Errors
-/// Fails as [`matrix`].
+/// Returns the errors of [`matrix`].
 pub fn matrix_in_runs(
     field: &BodyFieldColumns<'_>,
     terms: &TermSelection,

@@ -52,7 +52,7 @@ impl CoreField {
     /// most 0.3 nT a day.
     ///
     /// # Errors
-    /// Fails as [`Self::new`].
+    /// Returns the errors of [`Self::new`].
     pub fn at(decimal_year: f64) -> Result<Self, CoreFieldError> {
         Self::new(CoreFieldModel::Igrf14, decimal_year)
     }
@@ -60,7 +60,7 @@ impl CoreField {
     /// A model's field at `decimal_year`.
     ///
     /// # Errors
-    /// Fails with [`CoreFieldError::Date`] for a date that the model does not cover, and with
+    /// Fails with [`CoreFieldError::Date`] for a date that the model does not cover, or with
     /// [`CoreFieldError::Coefficients`] for a damaged file of coefficients.
     pub fn new(model: CoreFieldModel, decimal_year: f64) -> Result<Self, CoreFieldError> {
         let potential = model.span(decimal_year)?.at(decimal_year);
@@ -244,7 +244,7 @@ impl HarmonicRecursion {
         terms
     }
 
-    /// Computes the orders below `n` of degree `n` from the two lower degrees.
+    /// Computes the harmonics of degree `n` and orders below `n` from the two lower degrees.
     fn zonal_to_subdiagonal(&self, terms: &mut [f64; TERMS], n: usize, z: f64, ratio_sq: f64) {
         for m in 0..n {
             let here = index(n, m);

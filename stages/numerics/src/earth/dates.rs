@@ -46,7 +46,7 @@ pub fn days_in_year(year: i32) -> u32 {
 /// January 2023 is 2023 + 0.5/365. Seconds may exceed a day, as in a flight over midnight.
 ///
 /// # Errors
-/// Fails with [`DateError::DayOfYear`] for a day that the year does not have, and with [`DateError::Seconds`] for
+/// Fails with [`DateError::DayOfYear`] for a day that the year does not have, or with [`DateError::Seconds`] for
 /// seconds that are not finite.
 pub fn decimal_year(year: i32, day_of_year: u32, seconds: f64) -> Result<f64, DateError> {
     let days = days_in_year(year);

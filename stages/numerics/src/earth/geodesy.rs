@@ -21,7 +21,7 @@ pub enum EarthModel {
     #[default]
     Wgs84,
     /// Radii of MagNav.jl 1.3.3: the transverse radius for both directions, without the height. A northward distance
-    /// differs by 0.33 % at 45°. For comparison with MagNav.jl.
+    /// differs by 0.33 % at 45°. Use these radii for comparison with MagNav.jl.
     Compatible,
 }
 
@@ -150,7 +150,7 @@ mod tests {
         let (north_too, east_too) = earth.north_east_m_per_rad(lat, alt);
         assert!((north_too / earth.north_m_per_rad(lat, alt) - 1.0).abs() < 1e-15);
         assert!((east_too / earth.east_m_per_rad(lat, alt) - 1.0).abs() < 1e-15);
-        // Cancellation: rounding of 1e-9 m over a chord of 13 m.
+        // The cancellation leaves a rounding error of 1e-9 m over a chord of 13 m.
         assert!((north / earth.north_m_per_rad(lat, alt) - 1.0).abs() < 1e-9);
         assert!((east / earth.east_m_per_rad(lat, alt) - 1.0).abs() < 1e-9);
     }

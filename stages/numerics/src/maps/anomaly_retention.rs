@@ -49,7 +49,7 @@ pub enum RetentionError {
     /// The anomaly is constant.
     #[error("the anomaly is {value_nt} nT in all rows; the retention is undefined for a constant anomaly")]
     NoAnomaly {
-        /// Value of the anomaly, nT.
+        /// Value of the anomaly, in nT.
         value_nt: f64,
     },
 }
@@ -79,7 +79,7 @@ pub struct AnomalyRetention {
 /// Rows with a value that is not finite are excluded.
 ///
 /// # Errors
-/// Fails for columns of different lengths, for fewer than three finite rows and for a constant anomaly.
+/// Fails for columns of different lengths, for fewer than three finite rows, or for a constant anomaly.
 pub fn anomaly_retention(
     compensated: &[f64],
     reference: &[f64],
@@ -262,7 +262,7 @@ mod tests {
         let found = anomaly_retention(&holed, &reference, &known).unwrap();
         assert_eq!((found.n, found.left_out), (2000, 1000));
         assert!((found.slope - short.slope).abs() < 1e-12 && (found.residual_nt - short.residual_nt).abs() < 1e-12);
-        // Shifts across the gap are weighted by the mean number of rows that overlap.
+        // Shifts across the gap have the weight of the mean number of rows that overlap.
         assert!((found.standard_error / short.standard_error - 1.0).abs() < 0.2, "{found:?} {short:?}");
     }
 

@@ -25,7 +25,7 @@ pub struct WeightedMap<'a> {
     pub weight: f64,
 }
 
-/// Rule that merges the values of several maps at one node.
+/// Rule for merging the values of several maps at one node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BlendMethod {
     /// The first map with a value at the node, blended into the next map towards its edge.
@@ -48,7 +48,7 @@ pub struct CombineOptions {
 }
 
 impl Default for CombineOptions {
-    /// Priority blending with ramps of 1 km, without bias correction.
+    /// Priority blending with ramps of 1 km, and no bias correction.
     fn default() -> Self {
         Self { blend: BlendMethod::Priority, feather_m: 1000.0, bias: BiasModel::Nothing }
     }

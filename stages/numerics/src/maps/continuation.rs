@@ -66,7 +66,7 @@ pub enum ContinuationError {
     /// A spacing is not above zero.
     #[error("the spacing must be above 0 m, but is {step_m} m; sort the axes in ascending order")]
     Spacing {
-        /// The spacing, m.
+        /// The spacing, in metres.
         step_m: f64,
     },
     /// Some nodes have no value.

@@ -2,10 +2,10 @@
 
 use crate::regression::statistics::SampleStatistic;
 
-/// Maximum horizontal distance between the two samples of a crossing, m.
+/// Maximum horizontal distance between the two samples of a crossing, in metres.
 pub const NEAR_M: f64 = 1.0;
 
-/// Minimum time between the two samples of a crossing, s.
+/// Minimum time between the two samples of a crossing, in seconds.
 pub const APART_S: f64 = 1.0;
 
 /// Maximum number of compared pairs of samples.

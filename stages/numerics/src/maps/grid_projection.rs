@@ -36,9 +36,9 @@ pub enum GridProjectionError {
     /// The projection is undefined at a position of the area.
     #[error("the map's projection is undefined at latitude {lat_deg}, longitude {lon_deg}")]
     Nowhere {
-        /// Its latitude.
+        /// Latitude.
         lat_deg: f64,
-        /// Its longitude.
+        /// Longitude.
         lon_deg: f64,
     },
     /// The projection is not smooth.
@@ -91,7 +91,7 @@ impl GridProjection {
     /// and a longitude in degrees.
     ///
     /// # Errors
-    /// Fails for an invalid area, for a position in the area without easting and northing, and for a projection that is
+    /// Fails for an invalid area, for a position in the area without easting and northing, or for a projection that is
     /// not smooth.
     pub fn new(
         project: impl Fn(f64, f64) -> Option<(f64, f64)>,

@@ -85,11 +85,11 @@ pub enum GriddingError {
          equivalent sources beneath the points, from {lowest_m:.1} m up for all requested positions", at_m[0], at_m[1]
     )]
     BelowSources {
-        /// The position's height, metres.
+        /// The position's height, in metres.
         height_m: f64,
-        /// The position's easting and northing, metres.
+        /// The position's easting and northing, in metres.
         at_m: [f64; 2],
-        /// The lowest height that is valid at all positions, metres.
+        /// The lowest height that is valid at all positions, in metres.
         lowest_m: f64,
     },
 }
@@ -108,7 +108,7 @@ pub enum GriddingMethod {
         layers: Option<Vec<SourceLayer>>,
         /// The damping, see `SourceFitOptions`.
         damping: f64,
-        /// Height of the grid, metres. `None` is the height of the highest point, the lowest level above all
+        /// Height of the grid, in metres. `None` is the height of the highest point, the lowest level above all
         /// measurements.
         level_m: Option<f64>,
     },
@@ -126,7 +126,7 @@ impl GriddingMethod {
     }
 }
 
-/// A rectangle on the plane, metres.
+/// A rectangle on the plane, in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridRegion {
     /// Least and greatest easting.
@@ -140,14 +140,14 @@ pub struct GridRegion {
 pub struct GriddingOptions {
     /// Method of gridding.
     pub method: GriddingMethod,
-    /// The distance between nodes, metres; `None` is half the distance between lines.
+    /// The distance between nodes, in metres; `None` is half the distance between lines.
     pub spacing_m: Option<f64>,
     /// Rectangle of the grid; `None` is the bounding rectangle of the points, widened to whole spacings.
     pub region: Option<GridRegion>,
-    /// Side of the blocks to which points are reduced, metres. `None` is a quarter of the distance between lines, at
+    /// Side of the blocks to which points are reduced, in metres. `None` is a quarter of the distance between lines, at
     /// most 200 m; zero keeps every point.
     pub block_m: Option<f64>,
-    /// Distance from every point beyond which nodes are unknown, metres; `None` is twice the distance between lines,
+    /// Distance from every point beyond which nodes are unknown, in metres; `None` is twice the distance between lines,
     /// infinity keeps all nodes.
     pub mask_m: Option<f64>,
     /// Cleaning criteria.
@@ -160,7 +160,7 @@ pub struct GriddingOptions {
 }
 
 impl GriddingOptions {
-    /// Options for a method, with all others derived from the data and no cross-validation.
+    /// Options for a method. All other options are derived from the data, and there is no cross-validation.
     pub fn new(method: GriddingMethod) -> Self {
         Self {
             method,
@@ -180,9 +180,9 @@ impl GriddingOptions {
 pub struct GriddingReport {
     /// The counts of cleaning.
     pub cleaned: CleaningOutcome,
-    /// The median distance between lines, metres.
+    /// The median distance between lines, in metres.
     pub line_spacing_m: f64,
-    /// The side of the blocks, metres.
+    /// The side of the blocks, in metres.
     pub block_m: f64,
     /// The number of blocks.
     pub blocks: usize,
@@ -194,9 +194,9 @@ pub struct GriddingReport {
     pub layers: Vec<SourceLayerReport>,
     /// The relaxation of minimum curvature.
     pub relaxed: Option<RelaxationReport>,
-    /// Level of the grid, metres; `None` for minimum curvature, whose values are at the flight heights.
+    /// Level of the grid, in metres; `None` for minimum curvature, whose values are at the flight heights.
     pub level_m: Option<f64>,
-    /// Largest error of the far-field summation at a hundred nodes, nT; `None` for minimum curvature.
+    /// Largest error of the far-field summation at a hundred nodes, in nT; `None` for minimum curvature.
     pub summation_error_nt: Option<f64>,
     /// Number of masked nodes.
     pub masked: usize,
@@ -207,9 +207,9 @@ pub struct GriddingReport {
 /// A grid, the expected error at each node, and the report.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GriddingResult {
-    /// Values, nT.
+    /// Values, in nT.
     pub grid: PlaneGrid,
-    /// Expected error, nT.
+    /// Expected error, in nT.
     pub error: Option<PlaneGrid>,
     /// The report.
     pub report: GriddingReport,
@@ -218,8 +218,8 @@ pub struct GriddingResult {
 /// Cleans and grids the points of a survey.
 ///
 /// # Errors
-/// Fails as [`check`], as [`fit`] for the points that cleaning keeps, as [`FittedSurface::grid`], and with folds as
-/// [`cross_validate`].
+/// Returns the errors of [`check`], [`fit`] for the points that cleaning keeps and [`FittedSurface::grid`], and with
+/// folds as [`cross_validate`].
 pub fn grid(
     points: SurveyPoints,
     options: &GriddingOptions,

@@ -11,7 +11,7 @@ pub fn sample_bound_m(north: f64, east: f64, sigma_nt: f64) -> f64 {
 /// Settings of [`window_bounds_m`] for the measurements of a window of time.
 #[derive(Clone, Copy, Debug)]
 pub struct WindowInformation {
-    /// The length of the window, in s.
+    /// The length of the window, in seconds.
     pub window_s: f64,
     /// Standard deviation of the error of a measurement, independent of the others, in nT.
     pub sigma_nt: f64,
@@ -24,10 +24,10 @@ pub struct WindowInformation {
 /// within the window is known. The bound is √ trace(J⁻¹) with the Fisher information J = Σ g gᵀ/σ². If a constant is
 /// unknown, the mean is subtracted from the slopes g. [Cramér-Rao bound; Kay 1993, section 3.7]
 ///
-/// `tt_s` ascends, evenly or not. Samples without a slope are excluded from all windows. NaN if the sample itself has
-/// no slope, or if J is singular. J is singular if the map is flat or slopes in one direction only, or if there are too
-/// few samples (two, three with a constant). J is treated as singular if its smaller eigenvalue is below about 2.5e-13
-/// of the larger one, the level of rounding.
+/// The times `tt_s` ascend, with even or uneven steps. Samples without a slope are excluded from all windows. NaN if
+/// the sample itself has no slope, or if J is singular. J is singular if the map is flat or slopes in one direction
+/// only, or if there are too few samples (two, three with a constant). J is treated as singular if its smaller
+/// eigenvalue is below about 2.5e-13 of the larger one, the level of rounding.
 pub fn window_bounds_m(tt_s: &[f64], north: &[f64], east: &[f64], of: WindowInformation) -> Vec<f64> {
     let n = tt_s.len().min(north.len()).min(east.len());
     let half_s = 0.5 * of.window_s;

@@ -22,8 +22,9 @@ use std::collections::BTreeMap;
 /// Constraint on the common level, which crossovers do not determine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LevellingGauge {
-    /// The group with the smaller scatter of its corrections, ties or other lines, keeps its median at zero: the ties
-    /// if the lines are out of level, the lines if the ties are. If both scatters are equal, the lines.
+    /// The group (ties or other lines) whose corrections have the smaller scatter keeps its median correction at zero.
+    /// If the lines are out of level, this is the group of ties, and the other way round. If both scatters are equal,
+    /// it is the group of lines.
     Steadiest,
     /// The mean of the tie lines' corrections is zero; without ties, the mean of all corrections.
     TiesMean,
@@ -40,8 +41,8 @@ pub struct LevellingOptions {
     /// as its corrections scatter beyond their standard errors, and single lines that are out of level are corrected
     /// individually. If false, every line is corrected fully by its crossovers.
     pub tested: bool,
-    /// Penalty on corrections, as a fraction of the weight of one crossover. The penalty is above zero, so that a line
-    /// with fewer crossovers than coefficients is corrected as little as possible.
+    /// Penalty on corrections, as a fraction of the weight of one crossover. The penalty must be above zero. A line
+    /// with fewer crossovers than coefficients is then corrected as little as possible.
     pub ridge: f64,
     /// Limit, in standard deviations, above which differences are down-weighted (Huber); with infinity, only the
     /// gradient determines the weights.
@@ -73,16 +74,16 @@ impl Default for LevellingOptions {
 /// Statistics of the differences at crossovers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CrossoverMerit {
-    /// Root mean square of the differences, nT: the crossing error.
+    /// Root mean square of the differences, in nT: the crossing error.
     pub figure_of_merit_crossings: f64,
-    /// The median absolute difference, nT.
+    /// The median absolute difference, in nT.
     pub median_nt: f64,
     /// The number of crossovers.
     pub n: usize,
 }
 
 impl CrossoverMerit {
-    /// Merit of differences; NaN if there are no crossovers.
+    /// Statistics of some differences; NaN if there are no crossovers.
     pub fn from_differences(differences_nt: &[f64]) -> Self {
         let n = differences_nt.len();
         let squares: f64 = differences_nt.iter().map(|d| d * d).sum();
@@ -109,14 +110,14 @@ pub struct LineCorrection {
 /// Corrections of lines, and crossover statistics before and after them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LevellingResult {
-    /// The correction to subtract from each point's value, nT.
+    /// The correction to subtract from each point's value, in nT.
     pub correction_nt: Vec<f64>,
     /// Correction of each line, in the order of the lines.
     pub lines: Vec<LineCorrection>,
     /// Noise of the differences at crossovers of lines without level errors.
     pub noise: CrossoverNoise,
-    /// Scatter, beyond their standard errors, of the constants of lines, and of ties about their common constant, nT;
-    /// zero if the group is not corrected.
+    /// Scatter, beyond their standard errors, of the constants of lines, and of ties about their common constant, in
+    /// nT; zero if the group is not corrected.
     pub spread_nt: [f64; 2],
     /// Crossover statistics before levelling.
     pub before: CrossoverMerit,

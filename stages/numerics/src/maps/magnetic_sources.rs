@@ -19,9 +19,9 @@ pub type EastNorthUp = [f64; 3];
 /// A magnetic dipole.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dipole {
-    /// Its position, in metres.
+    /// Position, in metres.
     pub at_m: EastNorthUp,
-    /// Its moment, in A m².
+    /// Moment, in A m².
     pub moment_am2: EastNorthUp,
 }
 
@@ -39,11 +39,11 @@ impl Dipole {
 /// A rectangular prism with edges along easting, northing and up, uniformly magnetised.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prism {
-    /// Its western, southern and lower bounds, in metres.
+    /// Western, southern and lower bounds, in metres.
     pub low_m: EastNorthUp,
-    /// Its eastern, northern and upper bounds, in metres, each above the corresponding lower bound.
+    /// Eastern, northern and upper bounds, in metres, each above the corresponding lower bound.
     pub high_m: EastNorthUp,
-    /// Its magnetisation, in A/m.
+    /// Magnetisation, in A/m.
     pub magnetisation_apm: EastNorthUp,
 }
 

@@ -43,7 +43,7 @@ pub enum LevelExtrapolation {
     Clamp,
 }
 
-/// Settings for the interpolation of a stack.
+/// Settings of the interpolation of a stack.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StackOptions {
     /// Interpolation within a level.
@@ -73,9 +73,9 @@ pub enum StackError {
     Heights {
         /// The level, from 0.
         level: usize,
-        /// Height of the previous level, m.
+        /// Height of the previous level, in metres.
         before_m: f64,
-        /// Height of this level, m.
+        /// Height of this level, in metres.
         alt_m: f64,
     },
     /// The nodes of a map differ from those of the first map.
@@ -114,9 +114,9 @@ impl MapStack {
     /// heights of `maps`, in metres, evenly spaced or not.
     ///
     /// # Errors
-    /// Fails for fewer than two levels, if the numbers of maps and heights differ, for heights that are not finite or
-    /// do not ascend, for maps whose nodes differ from the nodes of the first map, and if no node is known at all
-    /// levels.
+    /// Fails for fewer than two levels, for heights that are not finite or do not ascend, or for maps whose nodes
+    /// differ from the nodes of the first map. Also fails if the numbers of maps and heights differ, or if no node is
+    /// known at all levels.
     pub fn new(heights_m: &[f64], maps: &[GeographicGrid], options: StackOptions) -> Result<Self, StackError> {
         let known = known_values(heights_m, maps)?;
         let slopes = natural_slopes(heights_m, &known);
@@ -128,9 +128,9 @@ impl MapStack {
     /// slopes.
     ///
     /// # Errors
-    /// Fails as [`Self::new`], with [`StackError::Count`] if the numbers of derivatives and maps differ, and with
-    /// [`StackError::Derivative`] for a derivative that has another number of nodes than its map or is not finite at a
-    /// known node.
+    /// Returns the errors of [`Self::new`]. Also fails with [`StackError::Count`] if the numbers of derivatives and
+    /// maps differ, or with [`StackError::Derivative`] for a derivative that has another number of nodes than its map
+    /// or is not finite at a known node.
     pub fn with_vertical(
         heights_m: &[f64],
         maps: &[GeographicGrid],
@@ -181,7 +181,8 @@ impl MapStack {
         self.in_cell(self.axes.cell(lat_deg, lon_deg)?, alt_m)
     }
 
-    /// [`Self::at`] for many positions; positions without a value are NaN. Allocates only if `out` has to grow.
+    /// Same as [`Self::at`], for many positions; positions without a value are NaN. Allocates only if `out` has to
+    /// grow.
     ///
     /// # Errors
     /// Fails with [`MapGridError::Places`] for columns of different lengths.
@@ -377,7 +378,7 @@ impl FieldMap {
         }
     }
 
-    /// [`Self::at`] for many positions; positions without a value are NaN.
+    /// Same as [`Self::at`], for many positions; positions without a value are NaN.
     ///
     /// # Errors
     /// Fails with [`MapGridError::Places`] for columns of different lengths.

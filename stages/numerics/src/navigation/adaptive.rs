@@ -1,7 +1,7 @@
 //! Extended Kalman filter that estimates the measurement noise from the innovations, for one or several magnetometers.
 //!
 //! Covariance matching makes the variance of the innovations equal to their predicted variance [Mehra 1970, 1972;
-//! Mohamed & Schwarz 1999; Gnadt 2022, (5.46)-(5.49)]. With v_j the innovations of the last N samples of a magnetometer
+//! Mohamed & Schwarz 1999; Gnadt 2022, (5.46)-(5.49)]. Let v_j be the innovations of a magnetometer at the N samples
 //! before the present one:
 //!
 //! ```text
@@ -16,9 +16,9 @@
 //!
 //! Where H P Hᵀ is small compared with R, the mean of 1/R̂ is N/(N − 2) times 1/R. Elsewhere this mean is larger in
 //! these two forms. With a short window R̂ is occasionally near 0, and the filter then follows its measurements. With
-//! MagNav.jl's window of 10 and wide bounds, the matched form gives R/R̂ of 2.4 on the simulated flights of the tests,
-//! and six times the squared error that the filter predicts. With a window of 50, both are correct within 10 %. A short
-//! window requires tight bounds.
+//! MagNav.jl's window of 10 and wide bounds, the matched form gives a mean R/R̂ of 2.4 on the simulated flights of the
+//! tests. The squared error is six times the error that the filter predicts. With a window of 50, both are correct
+//! within 10 %. A short window requires tight bounds.
 //!
 //! # Position less accurate than the measurement
 //!
@@ -31,10 +31,11 @@
 //! R̂ = (1/N) Σ (ε_j² + H_j P_j⁺ H_jᵀ),     ε = z − h(x⁺) = v R/(H P Hᵀ + R),     H P⁺ Hᵀ = H P Hᵀ R/(H P Hᵀ + R)
 //! ```
 //!
-//! which is never near 0. With a window of 10 the same flights have R/R̂ of 1.27, slightly above N/(N − 2), and 7 %
-//! more squared error than the filter predicts. The mean of the estimate is R if R̂ is R. An innovation changes the
-//! estimate by (R/(H P Hᵀ + R))² of its change in the other forms, so an innovation without information on the noise
-//! does not change it. With H P Hᵀ small compared with R it equals the matched form.
+//! which is never near 0. With a window of 10, the mean of R/R̂ on the same flights is 1.27, slightly above N/(N − 2),
+//! and the squared error is 7 % larger than the filter predicts. The mean of the estimate is R if R̂ is R. An
+//! innovation changes the estimate by (R/(H P Hᵀ + R))² of its change in the other forms, so an innovation without
+//! information on the noise does not change it. If H P Hᵀ is small compared with R, the result equals that of the
+//! matched form.
 //!
 //! Where the assumed noise σ changes along the line ([`AdaptiveParameters::relative`]), each innovation counts in units
 //! of σ, R̂ = σ² (1/N) Σ (v_j² − H_j P_j H_jᵀ)/σ_j². The filter then estimates one factor of σ and keeps its variation.
@@ -57,17 +58,17 @@
 //! ```
 //!
 //! K (H P Hᵀ + R) Kᵀ is the decrease of the covariance by the measurement update, so at most the whole decrease is
-//! returned. The covariance never exceeds the covariance of the unaided INS and cannot diverge. For a correct model, ε
-//! is 0.56/√N on average by chance. This is a weak remedy: an unmodelled drift appears in the innovations only when it
-//! is as large as the noise.
+//! added back. The covariance never exceeds the covariance of the unaided INS and cannot diverge. For a correct model,
+//! chance alone makes ε 0.56/√N on average. This is a weak remedy: an unmodelled drift appears in the innovations only
+//! when it is as large as the noise.
 //!
 //! # Irregularities
 //!
 //! A measurement that is not finite, or whose sigma is not above 0, is skipped and does not change the window of its
 //! magnetometer. A sample without any measurement is missing. If the estimated position is off the map, all
 //! magnetometers are skipped. A gated measurement is not used, but enters the window as the largest accepted
-//! innovation. Noise that has increased therefore reopens the gate, while a single spike changes R̂ little. All else is
-//! as in [`ekf`](crate::navigation::ekf).
+//! innovation. Noise that has increased therefore reopens the gate, while a single spike changes R̂ little. Everything
+//! else is the same as in [`ekf`](crate::navigation::ekf).
 
 use crate::navigation::field::PredictedField;
 use crate::navigation::gaussian::recursion::{self, FilterRecursion};
@@ -236,7 +237,8 @@ pub struct AdaptiveOutput {
     pub navigation: NavigationOutput,
     /// Estimated noise of each magnetometer, in the order of the magnetometers.
     pub magnetometers: Vec<MagnetometerNoise>,
-    /// Share ε of the covariance decrease that is returned as process noise after each sample; 0 if Q is not estimated.
+    /// Share ε of the covariance decrease that is added back as process noise after each sample; 0 if Q is not
+    /// estimated.
     pub given_back: Vec<f64>,
 }
 
@@ -245,10 +247,10 @@ pub struct AdaptiveOutput {
 /// sample.
 ///
 /// # Errors
-/// Fails as [`AdaptiveParameters::check`] and [`NavigationLine::check`]; for bounds of a sigma that are not finite
-/// numbers above 0 in this order; with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of other
-/// lengths than the line; and with [`NavigationError::Diverged`] when a state or variance is not finite or a variance
-/// is negative.
+/// Returns the errors of [`AdaptiveParameters::check`] and [`NavigationLine::check`]. Also fails unless the bounds of
+/// each sigma are finite numbers above 0 in ascending order. Also fails with
+/// [`SeriesError::Length`](crate::navigation::SeriesError) for columns whose length differs from that of the line, or
+/// with [`NavigationError::Diverged`] if a state or variance is not finite or a variance is negative.
 pub fn run(
     parameters: &AdaptiveParameters,
     line: &NavigationLine<'_>,
@@ -282,7 +284,7 @@ struct AdaptiveState<'a> {
     learners: Vec<NoiseEstimator>,
     /// Last values of NIS minus 1.
     excess: SlidingSum,
-    /// Process noise that the next step returns.
+    /// Process noise that the next step adds.
     pending: Option<ProcessNoiseIncrement>,
     navigation: NavigationOutput,
     given_back: Vec<f64>,
@@ -295,7 +297,7 @@ struct AdaptiveEkf<'s, 'a, R> {
     readings: R,
 }
 
-/// Share ε of a covariance decrease to return, from the last values of NIS minus 1. Appends a NIS.
+/// Share ε of a covariance decrease to add back, from the last values of NIS minus 1. Appends a NIS.
 #[inline(always)]
 fn excess_share(excess: &mut SlidingSum, nis: f64) -> f64 {
     excess.push(nis - 1.0);
@@ -384,7 +386,7 @@ impl<'a> AdaptiveState<'a> {
         Innovation { residual_nt, nis }
     }
 
-    /// Records the NIS and the share of the covariance decrease to return.
+    /// Records the NIS and the share of the covariance decrease to add back.
     #[inline(always)]
     fn learn_process_noise(&mut self, at: LinearisedMeasurement, noise_nt2: f64, nis: f64) {
         if self.parameters.adapt == AdaptiveNoise::R {

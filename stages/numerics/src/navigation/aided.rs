@@ -31,18 +31,18 @@ pub use slope_error::likely_slope_error;
 /// Linearisation of a measurement of the field.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Linearisation {
-    /// At the predicted state, as [`ekf`](crate::navigation::ekf).
+    /// Linearises at the predicted state, as in [`ekf`](crate::navigation::ekf).
     #[default]
     Once,
     /// Again at each estimate, as [`iekf`](crate::navigation::iekf).
     Iterated {
         /// Maximum number of linearisations.
         iterations: usize,
-        /// Position change, in m, below which the iteration ends.
+        /// Position change, in metres, below which the iteration ends.
         tolerance_m: f64,
     },
-    /// Over the uncertainty of the position, as [`ukf`](crate::navigation::ukf); only α, β and κ of these parameters
-    /// are used.
+    /// Linearises over the uncertainty of the position, as in [`ukf`](crate::navigation::ukf). Only α, β and κ of these
+    /// parameters are used.
     Unscented(UkfParameters),
 }
 
@@ -77,10 +77,10 @@ pub struct AidedOutput {
     pub nonlinear_sd_nt: Vec<f64>,
     /// Innovations of the further measurements.
     pub aids: AidInnovations,
-    /// Lag of the scalar magnetometer at each sample, and its standard deviation, in s; empty if the lag is not a
+    /// Lag of the scalar magnetometer at each sample, and its standard deviation, in seconds; empty if the lag is not a
     /// state.
     pub latency_s: [Vec<f64>; 2],
-    /// Height bias on the map at each sample, and its standard deviation, in m; empty if the bias is not a state.
+    /// Height bias on the map at each sample, and its standard deviation, in metres; empty if the bias is not a state.
     pub map_height_m: [Vec<f64>; 2],
 }
 
@@ -95,7 +95,7 @@ impl AidedParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails as the parameters of `iekf` and `ukf`.
+    /// Returns the errors of the parameters of `iekf` and `ukf`.
     pub fn check(&self) -> Result<(), ParameterError> {
         match &self.linearisation {
             Linearisation::Once => {}
@@ -114,8 +114,8 @@ impl AidedParameters {
 /// Costs about 10 µs per sample without a vector.
 ///
 /// # Errors
-/// Fails as [`AidedParameters::check`], [`Aids::check`] and [`NavigationLine::check`], and with
-/// [`NavigationError::Diverged`] when a state or variance is not finite or a variance is negative.
+/// Returns the errors of [`AidedParameters::check`], [`Aids::check`] and [`NavigationLine::check`]. Also fails with
+/// [`NavigationError::Diverged`] if a state or variance is not finite or a variance is negative.
 pub fn run(
     line: &NavigationLine<'_>,
     aids: &Aids<'_>,

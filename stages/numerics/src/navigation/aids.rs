@@ -2,9 +2,9 @@
 //! vector, and a height. Also the map error along the track, and samples where the map is too flat.
 //!
 //! The 18 states of [`pinson`](crate::navigation::pinson) are followed by Gauss-Markov states: the slow error of each
-//! further measurement. With the position p = INS + x, the temporal variation S, the tilt ψ, the rotation C of the INS
-//! from body to north-east-down, the baseline r from the second magnetometer to the first (body frame) and the
-//! direction û of the core field
+//! further measurement. Let p = INS + x be the position, S the temporal variation, ψ the tilt, C the rotation of the
+//! INS from body to north-east-down, r the baseline from the second magnetometer to the first (body frame), and û the
+//! direction of the core field. The measurements are
 //!
 //! ```text
 //! scalar       z = (map + core)(p - v τ + b_m) + S + e + ûᵀ C q + c + white noise
@@ -13,21 +13,22 @@
 //! height       h = altitude of p + b_h + white noise
 //! ```
 //!
-//! with the lag τ of the scalar magnetometer at the velocity v, the height b_m of the aircraft above the position p on
-//! the map, the map error e with a correlation length along the track, the change q of the aircraft's permanent field
-//! since its calibration (body frame) with a constant offset c, the biases b, and the part a_c of the crustal field
-//! vector that a scalar map does not determine. f contains the core field if the scalar measurement does.
+//! Here τ is the lag of the scalar magnetometer at the velocity v, and b_m is the bias between the height of the
+//! position p and the height on the map. The map error e has a correlation length along the track. The vector q is the
+//! change of the aircraft's permanent field since its calibration (body frame), c is a constant offset, and b are the
+//! biases. The vector a_c is the part of the crustal field vector that a scalar map does not determine. f contains the
+//! core field if the scalar measurement does.
 //!
 //! Rows of H, predictions and variances of a sample are computed in one place, for the state of any filter. Filters
 //! differ in their linearisation points and in their use of a row.
 //!
-//! **The difference** is free of S and of all other common errors, so it navigates through a magnetic storm. It
-//! measures the map's slope along the baseline, and its row of H is the difference of the map's slopes at both ends.
-//! The map therefore requires a continuous slope ([`MapInterpolation::Cubic`](crate::maps::MapInterpolation::Cubic));
-//! the slope of a bilinear map changes only at the edges of its cells. Over a short baseline r the position error for
-//! one sample is σ_d/(r |∂²f|). The tilt turns the baseline: ∂d/∂ψ = g × C r with the mean g of the slopes at both
-//! ends. Half a degree of yaw along 15 m with a slope of 0.1 nT/m across is 0.013 nT. A difference therefore also
-//! measures the yaw where the map is steep.
+//! **The difference** is free of S and of all other common errors, so it navigates through a magnetic storm. The
+//! difference measures the map's slope along the baseline, and its row of H is the difference of the map's slopes at
+//! both ends. The map therefore requires a continuous slope
+//! ([`MapInterpolation::Cubic`](crate::maps::MapInterpolation::Cubic)); the slope of a bilinear map changes only at the
+//! edges of its cells. Over a short baseline r the position error for one sample is σ_d/(r |∂²f|). The tilt turns the
+//! baseline: ∂d/∂ψ = g × C r with the mean g of the slopes at both ends. Half a degree of yaw along 15 m with a slope
+//! of 0.1 nT/m across is 0.013 nT. A difference therefore also measures the yaw where the map is steep.
 //!
 //! The error of the map's slope enters the difference times the baseline: g_h along its horizontal part a_h, and g_u
 //! along its upward part a_u ([`SlopeError`]). Both are states with a correlation length along the track. A level map
@@ -35,9 +36,9 @@
 //! of height. At 0.1 nT/m this exceeds the noise of such a difference.
 //!
 //! **The vector** measures the attitude, except for the rotation about the field, to (σ_v, b_v)/|B|: 50 nT of 50,000 nT
-//! are 0.06 degrees. Its other part is the scalar field again. The scalar map does not determine the crustal field
-//! across the core field, which is as large as the anomaly. It is the state a_c (north, east, down, with equal standard
-//! deviations and a correlation length).
+//! are 0.06 degrees. The component along the field repeats the scalar measurement. The scalar map does not determine
+//! the crustal field across the core field, which is as large as the anomaly. This part is the state a_c (north, east,
+//! down, with equal standard deviations and a correlation length).
 //!
 //! **A flat map** ([`Aids::flat_over_m`]): where the standard deviation of the measurement's white noise exceeds this
 //! number of metres times the horizontal slope, σ > |∇f| · `flat_over_m`, the sample does not observe the position, and
@@ -71,8 +72,8 @@ pub struct DifferenceAid<'a> {
     pub difference_nt: &'a [f64],
     /// Standard deviation of the white noise of the difference, in nT.
     pub sigma_nt: f64,
-    /// Vector from the second magnetometer to the first along nose, right and down, in m. The middle of this baseline
-    /// is at the INS.
+    /// Vector from the second magnetometer to the first along nose, right and down, in metres. The middle of this
+    /// baseline is at the INS.
     pub baseline_m: [f64; 3],
     /// Error of the map's slope.
     pub slope: SlopeError<'a>,
@@ -92,7 +93,7 @@ pub struct VectorAid<'a> {
     /// Standard deviation, in nT, of each component (north, east, down) of the crustal field that a scalar map does not
     /// determine.
     pub crustal_sigma_nt: f64,
-    /// Correlation length of this field along the track, in m.
+    /// Correlation length of this field along the track, in metres.
     pub crustal_length_m: f64,
     /// Core field.
     pub core: &'a Arc<CoreField>,
@@ -101,17 +102,17 @@ pub struct VectorAid<'a> {
 /// Independent heights, for example of a barometer that does not already aid the INS.
 #[derive(Clone, Copy, Debug)]
 pub struct HeightAid<'a> {
-    /// Height above the ellipsoid at each sample, in m; NaN if missing.
+    /// Height above the ellipsoid at each sample, in metres; NaN if missing.
     pub alt_m: &'a [f64],
-    /// Standard deviation of the white noise, in m.
+    /// Standard deviation of the white noise, in metres.
     pub sigma_m: f64,
-    /// Slow error, in m.
+    /// Slow error, in metres.
     pub bias: GaussMarkov,
 }
 
-/// Change of the aircraft's permanent field since its calibration: three states along nose, right and down. It changes
-/// the scalar measurement by its component along the field. A constant offset of the measurement is a fourth state, so
-/// that S only has to follow the variation in time.
+/// Change of the aircraft's permanent field since its calibration: three states along nose, right and down. The change
+/// affects the scalar measurement by its component along the field. A constant offset of the measurement is a fourth
+/// state, so that S follows only the variation in time.
 #[derive(Clone, Copy, Debug)]
 pub struct PermanentChange<'a> {
     /// Unit vector of the core field along nose, right and down at each sample; see [`field_direction`].
@@ -125,7 +126,7 @@ pub struct PermanentChange<'a> {
 pub struct MapErrorProcess {
     /// Standard deviation, in nT.
     pub sigma_nt: f64,
-    /// Correlation length along the track, in m.
+    /// Correlation length along the track, in metres.
     pub length_m: f64,
 }
 
@@ -142,15 +143,15 @@ pub struct Aids<'a> {
     pub map_error: Option<MapErrorProcess>,
     /// Change of the aircraft's permanent field as states.
     pub permanent: Option<PermanentChange<'a>>,
-    /// Standard deviation of the lag of the scalar magnetometer before the line, in s. The lag is a constant state: a
-    /// sample with time stamp `t` was measured at `t` minus the lag.
+    /// Standard deviation of the lag of the scalar magnetometer before the line, in seconds. The lag is a constant
+    /// state: a sample with time stamp `t` was measured at `t` minus the lag.
     pub latency_sigma_s: Option<f64>,
-    /// Standard deviation before the line of the height of the aircraft above its assumed height on the map, in m. This
-    /// height bias is a constant state. It is the error of the INS's barometer, or that of the map's height with the
-    /// opposite sign, and requires a map that changes with height.
+    /// Prior standard deviation, in metres, of the bias between the height of the aircraft and its assumed height on
+    /// the map. This height bias is a constant state. It is the error of the INS's barometer, or the error of the map's
+    /// height with the opposite sign. It requires a map that changes with height.
     pub map_height_sigma_m: Option<f64>,
-    /// Largest standard deviation of a measurement, divided by the map's slope, in m, for which the map observes the
-    /// position.
+    /// Largest standard deviation of a measurement, divided by the map's slope, in metres, for which the map observes
+    /// the position.
     pub flat_over_m: Option<f64>,
 }
 
@@ -240,8 +241,8 @@ impl Aids<'_> {
     ///
     /// # Errors
     /// Fails for standard deviations of white noise that are not above 0, standard deviations of slow errors below 0,
-    /// lengths and correlation times that are not above 0, a baseline without length, and columns of another length
-    /// than the line.
+    /// lengths and correlation times that are not above 0, a baseline without length, or columns whose length differs
+    /// from that of the line.
     pub fn check(&self, rows: usize) -> Result<(), NavigationError> {
         let require = |name: &str, value: f64, rule: Rule| obeys(&value, name, rule).map_err(ParameterError);
         let length = |column: &'static str, found: usize| match found == rows {

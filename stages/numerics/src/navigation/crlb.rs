@@ -7,13 +7,13 @@
 //! J₀ = P₀⁻¹,     J ← J + Hᵀ H/σ²,     J ← (Φ J⁻¹ Φᵀ + Q)⁻¹
 //! ```
 //!
-//! of [Tichavský, Muravchik & Nehorai 1998, (21)] for the one path that was flown (no expectation over paths). It is
-//! written with P = J⁻¹, as in MagNav.jl's `crlb`. No filter with the same models can have a smaller mean squared error
-//! over the draws of noise, except by the nonlinearity of the map within its own error.
+//! of [Tichavský, Muravchik & Nehorai 1998, (21)] for the single path that was flown, without an expectation over
+//! paths. It is written with P = J⁻¹, as in MagNav.jl's `crlb`. No filter with the same models can have a smaller mean
+//! squared error over the draws of noise, except by the nonlinearity of the map within its own error.
 //!
-//! The INS enters only by the velocity, specific force and attitude in F. Of the measurements, only their presence
-//! matters. A measurement that is NaN, or whose sigma is not above 0, adds no information. The same holds for a sample
-//! where the true position is off the map or in an unknown cell. Both kinds of samples are counted.
+//! The INS affects the bound only through the velocity, specific force and attitude in F. Of the measurements, only
+//! their presence matters. A measurement that is NaN, or whose sigma is not above 0, adds no information. The same
+//! holds for a sample where the true position is off the map or in an unknown cell. Both kinds of samples are counted.
 
 use crate::navigation::aided::filter::AidedFilter;
 use crate::navigation::aided::{AidedOutput, AidedParameters, Aids};
@@ -32,18 +32,18 @@ pub struct TruePath<'a> {
     pub lat_deg: &'a [f64],
     /// Longitude, in degrees.
     pub lon_deg: &'a [f64],
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: &'a [f64],
     /// Velocity north, east and down, in m/s; `None` uses the velocity of the INS.
     pub velocity_ned_mps: Option<[&'a [f64]; 3]>,
 }
 
 impl<'a> TruePath<'a> {
-    /// INS output along the path without position error.
+    /// Output of an INS along the path, without position error.
     ///
     /// # Errors
-    /// Fails for columns of another length than the line's, values that are not finite, and latitudes at or beyond a
-    /// pole. Errors use the column names of a flight table.
+    /// Fails for columns whose length differs from that of the line, values that are not finite, or latitudes at or
+    /// beyond a pole. Errors use the column names of a flight table.
     pub fn along(&self, ins: &InsSeries<'a>) -> Result<InsSeries<'a>, SeriesError> {
         let [vn_mps, ve_mps, vd_mps] = self.velocity_ned_mps.unwrap_or([ins.vn_mps, ins.ve_mps, ins.vd_mps]);
         let position = [("lat", self.lat_deg), ("lon", self.lon_deg), ("alt", self.alt_m)];
@@ -73,8 +73,8 @@ impl<'a> TruePath<'a> {
 /// The offset is the mean residual over the first `offset_window_s` seconds.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`] and [`TruePath::along`], and with [`NavigationError::Diverged`] when a variance
-/// is not finite or is negative.
+/// Returns the errors of [`NavigationLine::check`] and [`TruePath::along`]. Also fails with
+/// [`NavigationError::Diverged`] if a variance is not finite or is negative.
 pub fn run(
     line: &NavigationLine<'_>,
     path: &TruePath<'_>,
@@ -93,13 +93,13 @@ pub fn run(
     Ok(recursion::run_along(bound, &truth, &line.errors, |row| line.fixes_at(row).map(still))?.output)
 }
 
-/// [`run`] with further measurements in addition to the scalar field. The residual of each measurement is measurement
-/// minus truth. The NIS is the square of the residual over the variance of noise and slow error.
+/// Same as [`run`], with further measurements in addition to the scalar field. The residual of each measurement is
+/// measurement minus truth. The NIS is the square of the residual over the variance of noise and slow error.
 ///
 /// The bound uses the exact map, so [`Aids::flat_over_m`] is ignored.
 ///
 /// # Errors
-/// Fails as [`run`] and [`Aids::check`].
+/// Returns the errors of [`run`] and [`Aids::check`].
 pub fn run_aided(
     line: &NavigationLine<'_>,
     path: &TruePath<'_>,

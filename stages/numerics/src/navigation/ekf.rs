@@ -1,9 +1,9 @@
 //! 18-state extended Kalman filter of magnetic navigation.
 //!
 //! The states are errors of the INS (truth - INS; see `pinson`) and the temporal variation S; the measurement is the
-//! compensated scalar field, h(x) = map(position) + core(position) + S at the position INS + x. At each sample the
-//! filter updates, returns the state, and then propagates to the next with the INS of this one. [Gnadt 2022, section
-//! 5.3, with the corrections of H and Q]
+//! compensated scalar field, h(x) = map(position) + core(position) + S at the position INS + x. At each sample, the
+//! filter updates and returns the state. It then propagates the state to the next sample with the INS values of the
+//! present sample. [Gnadt 2022, section 5.3, with the corrections of H and Q]
 //!
 //! Irregularities along the line are counted:
 //!
@@ -44,9 +44,9 @@ pub(crate) use streamed::StreamedEkf;
 /// if, `core` is given. Costs about 3 µs per sample and allocates little except the output.
 ///
 /// # Errors
-/// Fails as [`EkfParameters::check`] and [`InsSeries::check`], with [`SeriesError::Length`] for a measurement of
-/// another length than the INS, and with [`NavigationError::Diverged`] when a state or variance is not finite or a
-/// variance is negative.
+/// Returns the errors of [`EkfParameters::check`] and [`InsSeries::check`]. Also fails with [`SeriesError::Length`] for
+/// a measurement whose length differs from that of the INS, or with [`NavigationError::Diverged`] if a state or
+/// variance is not finite or a variance is negative.
 pub fn run(
     parameters: &EkfParameters,
     ins: &InsSeries<'_>,
@@ -85,7 +85,7 @@ pub struct EkfInput<'a> {
 /// matrices. All results are in memory together.
 ///
 /// # Errors
-/// Each result fails as [`run`].
+/// Each result has the errors of [`run`].
 pub fn run_together(ins: &InsSeries<'_>, points: &[EkfInput<'_>]) -> Vec<Result<NavigationOutput, NavigationError>> {
     let series = ins.check();
     let mut answers: Vec<Option<Result<NavigationOutput, NavigationError>>> = vec![];
@@ -133,8 +133,8 @@ impl EkfInput<'_> {
     }
 }
 
-/// Number of steps that are computed before the filters use them, pack by pack. The covariances of a pack stay in the
-/// innermost cache, and the steps in the next-level cache.
+/// Number of steps that are computed before the filters use them, pack by pack. The covariances of a pack then stay in
+/// the first-level cache, and the steps in the second-level cache.
 const BLOCK: usize = 32;
 
 /// Largest number of filters that run one by one. With few filters, vectorisation along the rows of a matrix is faster

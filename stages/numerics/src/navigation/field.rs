@@ -28,8 +28,8 @@ impl MapSource<'_> {
     }
 }
 
-/// Map and core field of one date. The core field is linearised about a point near the last evaluated position, so each
-/// thread needs a copy. The order of positions changes results by less than 1e-3 nT.
+/// Map, and core field at one date. The core field is linearised about a point near the last evaluated position, so
+/// each thread needs a copy. The order of positions changes results by less than 1e-3 nT.
 #[derive(Clone, Debug)]
 pub struct PredictedField<'a> {
     map: MapSource<'a>,
@@ -80,7 +80,8 @@ impl<'a> PredictedField<'a> {
         })
     }
 
-    /// [`PredictedField::at`] at an error in latitude and longitude (rad) and height (m) from the INS of a row.
+    /// Same as [`PredictedField::at`], at an error in latitude and longitude (rad) and height (m) from the INS of a
+    /// row.
     pub fn at_error(&mut self, ins: &InsSeries<'_>, row: usize, error: [f64; 3]) -> Option<FieldValue> {
         let lat_deg = ins.lat_deg[row] + error[0].to_degrees();
         let lon_deg = ins.lon_deg[row] + error[1].to_degrees();

@@ -10,14 +10,14 @@
 //!   which raises an alarm if |s| > [`ALARM`] [Crosier 1988, Multivariate generalizations of cumulative sum
 //!   quality-control schemes, Technometrics 30(3)]; it has the same power in every direction. It detects changes
 //!   smaller than the noise of a single fix. With fixes of 2 m every second, it detects a drift of 1 m/s after 7 to 12
-//!   s, and one of 0.5 m/s after 12 to 19 s.
+//!   s, and a drift of 0.5 m/s after 12 to 19 s.
 //!
 //! At an alarm, the fixes since the sum was last 0 are also rejected, and the test resumes from the state before them.
 //! It therefore stores the fixes of the last seconds. During the alarm, the INS alone predicts. [`RECOVERY`]
 //! consecutive fixes that agree with it end the alarm.
 //!
 //! The test assumes a large uncertainty of the initial position, velocity and attitude ([`START_POSITION_M`] and
-//! others), because the actual start error may exceed the error that a filter assumes. It needs about 30 s of fixes
+//! others), because the actual initial error may exceed the error that a filter assumes. It needs about 30 s of fixes
 //! before it detects a drift. An offset that is present from the first fix on cannot be detected. Fixes with more noise
 //! than assumed widen both tests by the median of z² over the last [`SCALE_OVER`] fixes.
 
@@ -45,7 +45,7 @@ const AGREES_NIS: f64 = 6.9;
 pub const SCALE_OVER: usize = 50;
 /// Median of the square of a standard normal variable.
 const MEDIAN_SQUARE: f64 = 0.4549;
-/// Smallest initial standard deviation of each coordinate in the test, in m.
+/// Smallest initial standard deviation of each coordinate in the test, in metres.
 pub const START_POSITION_M: f64 = 10_000.0;
 /// Smallest initial standard deviation of each velocity component, in m/s.
 pub const START_VELOCITY_MPS: f64 = 2.0;
@@ -55,7 +55,7 @@ pub const START_ATTITUDE_DEG: [f64; 2] = [0.05, 0.2];
 /// Result for the fixes of a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FixTestResult {
-    /// Accepted fixes; rejected ones are NaN.
+    /// Accepted fixes; rejected fixes are NaN.
     pub accepted: PositionFixes,
     /// Whether a coordinate of the fix of each sample was rejected.
     pub rejected: Vec<bool>,
@@ -66,8 +66,8 @@ pub struct FixTestResult {
 /// Tests the fixes of a line against its INS.
 ///
 /// # Errors
-/// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with
-/// [`NavigationError::Diverged`] when a state or variance is not finite.
+/// Returns the errors of [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`]. Also fails with
+/// [`NavigationError::Diverged`] if a state or variance is not finite.
 pub fn run(
     ins: &InsSeries<'_>,
     errors: &InsErrorModel,
@@ -92,7 +92,7 @@ struct FixTestChannel {
     coordinates: &'static [usize],
     /// Cumulative sum of each coordinate's whitened innovations.
     sum: [f64; 2],
-    /// Sample of the last fix before which the sum was 0, and the estimate before that fix.
+    /// Last fix at which the sum was 0 before the fix was added: its sample, and the estimate before the fix.
     calm: Option<(usize, StateEstimate)>,
     /// Number of consecutive fixes during an alarm that agreed; `None` without an alarm.
     alarm: Option<usize>,

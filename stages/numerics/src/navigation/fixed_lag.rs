@@ -25,18 +25,19 @@
 //! The first windows begin at the line's start. The prior of a later window is the marginal at its first node given
 //! only the dropped measurements, linearised about the last solution. It contains the whole covariance of INS states
 //! and coefficients, and no measurement is used twice. Between the ends of windows a filter continues from the end of
-//! the last window, linearised at its predictions. The innovations are those of this filter, so they are real-time
-//! innovations at any lag.
+//! the last window, linearised at its predictions. The innovations come from this filter, so they are real-time
+//! innovations for any lag.
 //!
 //! Aiding positions ([`NavigationLine::fixes`]) are measurements of the states of their node, with the full weight of
 //! least squares for any loss.
 //!
 //! # Measurements used for the estimate of a sample
 //!
-//! At `lag_s` = 0 the estimate is the estimate of the filter, which uses measurements up to the sample, or to the end
-//! of its `measurement_interval_s`. At a larger lag the estimate is the smoothed state of the last window that contains
-//! the sample and ends at most `lag_s` after it; without such a window, it is the estimate of the filter. If lag and
-//! window are as long as the line, the whole line is smoothed. The standard deviations refer to the returned estimate.
+//! For `lag_s` = 0, the filter gives the estimate. It uses measurements up to the sample, or up to the end of the
+//! sample's `measurement_interval_s`. For a larger lag, the estimate is the smoothed state of the last window that
+//! contains the sample and ends at most `lag_s` after it. Without such a window, the filter gives the estimate. If lag
+//! and window are as long as the line, the whole line is smoothed. The standard deviations refer to the returned
+//! estimate.
 //!
 //! # Irregularities
 //!
@@ -90,8 +91,8 @@ pub struct FixedLagMagnetometer<'a> {
     pub sigma_nt: &'a [f64],
     /// Aircraft field.
     pub coefficients: AircraftCoefficients<'a>,
-    /// Slow error in addition: standard deviation in nT, time constant in s. A standard deviation of 0 means no such
-    /// error.
+    /// Additional slow error: standard deviation in nT, and time constant in seconds. A standard deviation of 0 means
+    /// no such error.
     pub error: GaussMarkov,
 }
 
@@ -148,7 +149,7 @@ pub struct FixedLagOutput {
     pub navigation: NavigationOutput,
     /// Outcome of each sample.
     pub usage: Vec<FixedLagUsage>,
-    /// Aircraft field A β by the estimate of each sample, in nT, row-major: one row per sample, one column per
+    /// Aircraft field A β from the estimate at each sample, in nT. Row-major: one row per sample, one column per
     /// magnetometer.
     pub aircraft_nt: Vec<f64>,
     /// Coefficients at the end of the line, in the order of the magnetometers.
@@ -213,9 +214,9 @@ pub enum FixedLagError {
 /// `offset_window_s` is subtracted from each magnetometer.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`] and `FixedLagParameters::check`, with [`FixedLagError::Size`] and
-/// [`FixedLagError::Prior`] for an invalid magnetometer, and with [`NavigationError::Diverged`] when a state or
-/// variance is not finite or a variance is negative.
+/// Returns the errors of [`NavigationLine::check`] and `FixedLagParameters::check`. Also fails with
+/// [`FixedLagError::Size`] and [`FixedLagError::Prior`] for an invalid magnetometer, or with
+/// [`NavigationError::Diverged`] if a state or variance is not finite or a variance is negative.
 pub fn run(
     parameters: &FixedLagParameters,
     line: &NavigationLine<'_>,
@@ -225,12 +226,13 @@ pub fn run(
     run_aided(parameters, line, magnetometers, &Aids::default(), keep)
 }
 
-/// [`run`] with further measurements. The further measurements are averaged over an interval like the magnetometers, as
-/// measurements of their node's states. For any loss, these measurements have the full weight of least squares, like
-/// aiding positions. A magnetometer is skipped where the map is too flat at the prediction of the filter.
+/// Same as [`run`], with further measurements. The further measurements are averaged over an interval like the
+/// magnetometers, as measurements of their node's states. For any loss, these measurements have the full weight of
+/// least squares, like aiding positions. A magnetometer is skipped where the map is too flat at the prediction of the
+/// filter.
 ///
 /// # Errors
-/// Fails as [`run`] and [`Aids::check`].
+/// Returns the errors of [`run`] and [`Aids::check`].
 pub fn run_aided(
     parameters: &FixedLagParameters,
     line: &NavigationLine<'_>,

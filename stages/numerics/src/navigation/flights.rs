@@ -20,7 +20,7 @@ use crate::navigation::ukf::{self, UkfOutput, UkfParameters};
 use crate::random::NormalGenerator;
 use nalgebra::{Matrix2, Vector2};
 
-/// Osborne map, and the core field of the flights over the map.
+/// Osborne map, and core field of the flights over this map.
 pub(crate) struct OsborneWorld {
     pub(crate) map: FieldMap,
     pub(crate) core: Arc<CoreField>,
@@ -84,8 +84,8 @@ impl OsborneFlight {
         self.field_nt.iter().map(|field| field + sigma_nt * normals.draw()).collect()
     }
 
-    /// Readings of a magnetometer whose samples were measured `delay_s` before their time stamps, with white noise of
-    /// this standard deviation.
+    /// Readings of a magnetometer with white noise of this standard deviation. Each sample was measured `delay_s`
+    /// before its time stamp.
     pub(crate) fn late_nt(&self, delay_s: f64, seed: u64, sigma_nt: f64) -> Vec<f64> {
         let (OsborneWorld { map, core }, columns) = (world(), &self.truth.columns);
         let mut normals = NormalGenerator::new(seed);
@@ -99,8 +99,8 @@ impl OsborneFlight {
         (0..columns[0].len()).map(|row| of(row) + sigma_nt * normals.draw()).collect()
     }
 
-    /// The flight with an INS whose height is `below_m` too low, and readings over the map of [`levels`] with white noise
-    /// of this standard deviation.
+    /// The flight with an INS whose height is `below_m` too low. The readings are from the map of [`levels`], with
+    /// white noise of this standard deviation.
     pub(crate) fn below(mut self, below_m: f64, seed: u64, sigma_nt: f64) -> (Self, Vec<f64>) {
         self.ins.columns[3].iter_mut().for_each(|alt_m| *alt_m -= below_m);
         let mut normals = NormalGenerator::new(seed);
@@ -141,7 +141,7 @@ impl OsborneFlight {
         TruePath { lat_deg, lon_deg, alt_m, velocity_ned_mps: Some([vn, ve, vd]) }
     }
 
-    /// Error of a filter's position, north and east, in m.
+    /// Error of a filter's position, north and east, in metres.
     pub(crate) fn error_m(&self, output: &NavigationOutput, row: usize) -> [f64; 2] {
         let (lat_deg, alt_m) = (self.truth.columns[1][row], self.truth.columns[3][row]);
         let (north, east) = EarthModel::Wgs84.north_east_m_per_rad(lat_deg.to_radians(), alt_m);
@@ -149,7 +149,7 @@ impl OsborneFlight {
         [north * missed(lat_deg, output.lat_deg[row]), east * missed(self.truth.columns[2][row], output.lon_deg[row])]
     }
 
-    /// NEES of the position: a chi-square of 2 degrees.
+    /// NEES of the position: chi-square with 2 degrees of freedom.
     pub(crate) fn nees(&self, output: &NavigationOutput, row: usize) -> f64 {
         let error = Vector2::from(self.error_m(output, row));
         let (north, east, both) = (output.sd_n_m[row], output.sd_e_m[row], output.cov_ne_m2[row]);
@@ -165,7 +165,7 @@ impl OsborneFlight {
     }
 }
 
-/// Mean square of the horizontal error from a row on according to the filter's covariance, in m².
+/// Mean square of the horizontal error from a row on, in m², as predicted by the filter's covariance.
 pub(crate) fn claimed_m2(output: &NavigationOutput, from: usize) -> f64 {
     let variance = |row: usize| output.sd_n_m[row].powi(2) + output.sd_e_m[row].powi(2);
     (from..output.sd_n_m.len()).map(variance).sum::<f64>() / (output.sd_n_m.len() - from) as f64

@@ -42,7 +42,7 @@ use crate::navigation::transition::add_scaled;
 pub struct IekfParameters {
     /// Maximum number of linearisations of the map per measurement, at least 1.
     pub iterations: usize,
-    /// Position change, in m, below which the iteration ends.
+    /// Position change, in metres, below which the iteration ends.
     pub tolerance_m: f64,
     /// Largest NIS of a measurement; measurements with larger NIS are rejected and counted. `None` uses every
     /// measurement.
@@ -63,7 +63,7 @@ impl IekfParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for no iteration, and for a tolerance or gate that is not a finite number above 0.
+    /// Fails for no iteration, or for a tolerance or gate that is not a finite number above 0.
     pub fn check(&self) -> Result<(), ParameterError> {
         obeys(&self.iterations, "iterations", Rule::Positive).map_err(ParameterError)?;
         obeys(&self.tolerance_m, "tolerance_m", Rule::Positive).map_err(ParameterError)?;
@@ -78,8 +78,8 @@ pub struct IekfReport {
     pub linearisations: usize,
     /// Number of halved steps.
     pub halved: usize,
-    /// Updates whose last step was not below the tolerance: the iterations were exhausted, or no step lowered J. Always
-    /// 0 with one iteration.
+    /// Updates whose last step was not below the tolerance: the iterations were exhausted, or no step lowered J. The
+    /// number is always 0 with one iteration.
     pub unconverged: usize,
 }
 
@@ -95,9 +95,9 @@ pub struct IekfOutput {
 /// Filters one line.
 ///
 /// # Errors
-/// Fails as [`IekfParameters::check`] and [`NavigationLine::check`], for an `offset_window_s` that is not a finite
-/// number of at least 0, and with [`NavigationError::Diverged`] when a state or variance is not finite or a variance is
-/// negative.
+/// Returns the errors of [`IekfParameters::check`] and [`NavigationLine::check`]. Also fails for an `offset_window_s`
+/// that is not a finite number of at least 0. Also fails with [`NavigationError::Diverged`] if a state or variance is
+/// not finite or a variance is negative.
 pub fn run(line: &NavigationLine<'_>, parameters: &IekfParameters) -> Result<IekfOutput, NavigationError> {
     parameters.check()?;
     line.check()?;

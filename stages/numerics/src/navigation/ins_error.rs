@@ -73,7 +73,7 @@ pub struct InsErrorModel {
     pub sources: InsErrors,
     /// Standard deviation of the temporal variation, in nT.
     pub fogm_sigma_nt: f64,
-    /// Time constant of the temporal variation, in s.
+    /// Time constant of the temporal variation, in seconds.
     pub fogm_tau_s: f64,
     /// Earth model for conversions between metres and radians.
     pub earth: EarthModel,
@@ -213,7 +213,7 @@ pub(super) fn require(name: &'static str, value: f64, rule: Rule) -> Result<(), 
 /// [`NoiseDiscretisation::Trapezoidal`]. `normal` returns standard normals: 18 for the first sample, 36 per step.
 ///
 /// # Errors
-/// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
+/// Returns the errors of [`InsErrorModel::check`] and [`InsSeries::check`].
 pub fn simulate_ins_error(
     truth: &InsSeries<'_>,
     model: &InsErrorModel,

@@ -11,8 +11,8 @@ use crate::navigation::position_fixes::{NO_FIX, PositionFixes};
 /// `fixes`, aiding positions correct the INS at every sample that has a position.
 ///
 /// # Errors
-/// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with
-/// [`NavigationError::Diverged`] when a state or variance is not finite.
+/// Returns the errors of [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`]. Also fails with
+/// [`NavigationError::Diverged`] if a state or variance is not finite.
 pub fn run(
     ins: &InsSeries<'_>,
     errors: &InsErrorModel,

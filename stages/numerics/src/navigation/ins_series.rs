@@ -6,13 +6,13 @@ use thiserror::Error;
 /// INS output along one line, one value per sample in every column.
 #[derive(Clone, Copy, Debug)]
 pub struct InsSeries<'a> {
-    /// Time, in s, strictly ascending; steps may be uneven.
+    /// Time, in seconds, strictly ascending; steps may be uneven.
     pub tt_s: &'a [f64],
     /// Geodetic latitude, in degrees.
     pub lat_deg: &'a [f64],
     /// Longitude, in degrees.
     pub lon_deg: &'a [f64],
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: &'a [f64],
     /// Velocity north, in m/s.
     pub vn_mps: &'a [f64],
@@ -68,7 +68,7 @@ pub enum SeriesError {
         /// Number of samples needed.
         needed: usize,
     },
-    /// A column has another length than the time column.
+    /// A column differs in length from the time column.
     #[error("column `{column}` has {rows} rows, but `tt` has {expected}")]
     Length {
         /// Column name.
@@ -179,7 +179,7 @@ impl<'a> InsSeries<'a> {
     }
 }
 
-/// Rejects a column of another length than expected or with a value that is not finite.
+/// Rejects a column whose length is unexpected or that has a value that is not finite.
 pub(super) fn check_column(column: &'static str, values: &[f64], expected: usize) -> Result<(), SeriesError> {
     if values.len() != expected {
         return Err(SeriesError::Length { column, rows: values.len(), expected });

@@ -19,8 +19,8 @@
 //! likelihood by more than a threshold, they are used, with the most likely standard deviation and time constant.
 //!
 //! A magnetometer with late time stamps measures the field of earlier positions. Its lag becomes a state if that
-//! increases the likelihood by more than a threshold. So does a constant error of the height on a map that changes with
-//! height.
+//! increases the likelihood by more than a threshold. Likewise, a constant error of the height on the map becomes a
+//! state if the map changes with height.
 //!
 //! For an uncompensated magnetometer, the coefficients of the aircraft field are states of the filter, with their prior.
 
@@ -54,19 +54,21 @@ pub struct LineNoise {
     pub sigma_nt: IntervalEstimate,
     /// Standard deviation of the Gauss-Markov process, in nT.
     pub fogm_sigma_nt: IntervalEstimate,
-    /// Time constant of the Gauss-Markov process, in s.
+    /// Time constant of the Gauss-Markov process, in seconds.
     pub fogm_tau_s: IntervalEstimate,
     /// Change of the permanent field, if it is given or detected: standard deviation of each component, in nT, and time
-    /// constant, in s, reduced so that the process noise increases by the same factor.
+    /// constant, in seconds, reduced so that the process noise increases by the same factor.
     pub permanent: Option<[IntervalEstimate; 2]>,
-    /// Prior standard deviation of the lag of the magnetometer, in s, if it is given or detected.
+    /// Prior standard deviation of the lag of the magnetometer, in seconds, if it is given or detected.
     pub latency_sigma_s: Option<f64>,
-    /// Prior standard deviation of the height bias on the map, in m, if it is given or detected.
+    /// Prior standard deviation of the bias between the height of the INS and the height on the map, in metres, if it
+    /// is given or detected.
     pub map_height_sigma_m: Option<f64>,
     /// Factor on the variance of the map's own error at each sample, increased for the correlation of the innovations;
     /// 0 if no map error is given or detected.
     pub map_factor: f64,
-    /// Factor by which `sigma_nt` was increased, and its square is in `map_factor`; 1 for white innovations.
+    /// Factor by which `sigma_nt` was increased; 1 for white innovations. `map_factor` contains the square of this
+    /// factor.
     pub inflation: f64,
     /// Logarithm of the likelihood, with the prior and without its constant.
     pub log_likelihood: f64,
@@ -87,7 +89,7 @@ pub struct IntervalEstimate {
 }
 
 impl IntervalEstimate {
-    /// The estimate and its interval, times a factor.
+    /// Returns the estimate and its interval, multiplied by a factor.
     fn scaled(self, by: f64) -> Self {
         Self { value: by * self.value, low: by * self.low, high: by * self.high }
     }
@@ -110,14 +112,15 @@ pub struct NoiseSearch<'a> {
     pub direction: Option<&'a [[f64; 3]]>,
     /// Aircraft field of an uncompensated magnetometer. It cannot be combined with `direction`.
     pub aircraft: Option<AircraftStates<'a>>,
-    /// Prior standard deviation of the lag of the magnetometer, in s; 0 for none, `None` to search for a lag. An
+    /// Prior standard deviation of the lag of the magnetometer, in seconds; 0 for none, `None` to search for a lag. An
     /// `aircraft` field has no lag.
     pub latency_sigma_s: Option<f64>,
-    /// Prior standard deviation of the height bias on the map, in m; 0 for none, `None` to search for a bias on a map
-    /// that changes with height. An `aircraft` field has no such bias.
+    /// Prior standard deviation of the bias between the height of the INS and the height on the map, in metres. 0 for
+    /// no bias; `None` to search for a bias, which requires a map that changes with height. An `aircraft` field has no
+    /// such bias.
     pub map_height_sigma_m: Option<f64>,
     /// Given parameters: white noise in nT, standard deviation of the process in nT, its time constant in s, standard
-    /// deviation of the change of the permanent field in nT (0 for none), and its time constant in s.
+    /// deviation of the change of the permanent field in nT (0 for none), and its time constant in seconds.
     pub given: NoiseParameters,
 }
 
@@ -127,7 +130,7 @@ pub type NoiseParameters = [Option<f64>; PARAMETERS];
 /// Number of parameters.
 pub const PARAMETERS: usize = 5;
 
-/// Range of each parameter.
+/// Permitted range of each parameter.
 const RANGES: [[f64; 2]; PARAMETERS] = [[0.5, 300.0], [0.1, 3000.0], [10.0, 3e5], [0.5, 1000.0], [300.0, 1e6]];
 /// Coarse grid of the white noise and the process.
 const GRID: [&[f64]; 3] = [
@@ -146,8 +149,8 @@ const STEPS: [f64; 2] = [2.0, 1.12];
 const STARTS: usize = 3;
 /// Maximum number of concurrent filters, which limits the memory.
 const TOGETHER: usize = 64;
-/// Smallest number of predicted measurements for which likelihoods are compared, as a fraction of the number of the
-/// other filter. A filter that has left the map predicts few.
+/// Smallest ratio of the numbers of predicted measurements of two filters for which their likelihoods are compared. A
+/// filter that has left the map predicts few measurements.
 pub const LEAST_USED: f64 = 0.98;
 /// Smallest number of measurements for a search.
 pub const FEWEST: usize = 60;
@@ -158,13 +161,13 @@ type NoisePoint = [f64; PARAMETERS];
 
 /// Indices of the parameters of the permanent field.
 const PERMANENT: [usize; 2] = [3, 4];
-/// Indices of time constants. They have the least influence, so the steps in them are wider.
+/// Indices of time constants. They have the smallest influence, so their steps are wider.
 const TIMES: [usize; 2] = [2, 4];
 
 /// Maximum-likelihood noise of a line; `None` if fewer than [`FEWEST`] measurements are usable.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`].
+/// Returns the errors of [`NavigationLine::check`].
 pub fn search(search: &NoiseSearch<'_>) -> Result<Option<LineNoise>, NavigationError> {
     search.line.check()?;
     let thinned = ThinnedLine::new(search.line, search.rows);
@@ -262,9 +265,9 @@ struct NoiseLikelihood<'a> {
     /// Terms of the aircraft field at the thinned samples.
     terms: &'a [f64],
     map_factor: f64,
-    /// Prior standard deviation of the lag, in s; `None` without a state for it.
+    /// Prior standard deviation of the lag, in seconds; `None` without a state for it.
     latency_sigma_s: Option<f64>,
-    /// Prior standard deviation of the height bias, in m; `None` without a state for it.
+    /// Prior standard deviation of the height bias, in metres; `None` without a state for it.
     map_height_sigma_m: Option<f64>,
 }
 

@@ -30,7 +30,7 @@ pub struct NavigationLine<'a> {
     pub core: Option<&'a Arc<CoreField>>,
     /// Error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
-    /// Length, in s, of the window whose mean of measurement minus prediction is subtracted; 0 subtracts nothing.
+    /// Length, in seconds, of the window whose mean of measurement minus prediction is subtracted; 0 subtracts nothing.
     pub offset_window_s: f64,
     /// Aiding positions, each used before the measurement of its sample.
     pub fixes: Option<&'a PositionFixes>,
@@ -41,7 +41,7 @@ pub struct NavigationLine<'a> {
 /// Step of the 18 states: x ← Φ x + w, w ~ N(0, Q).
 #[derive(Clone, Debug)]
 pub struct LineStep {
-    /// Length, in s.
+    /// Length, in seconds.
     pub dt_s: f64,
     /// Mean ground speed, in m/s; the speed at the beginning for a step between two samples.
     pub speed_mps: f64,
@@ -55,9 +55,9 @@ impl<'a> NavigationLine<'a> {
     /// Rejects invalid lines.
     ///
     /// # Errors
-    /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`], and with
-    /// [`SeriesError::Length`](crate::navigation::SeriesError) for columns of different lengths, and as
-    /// [`PositionFixes::check`].
+    /// Returns the errors of [`InsErrorModel::check`] and [`InsSeries::check`]. Also fails with
+    /// [`SeriesError::Length`](crate::navigation::SeriesError) for columns of different lengths. Also returns the
+    /// errors of [`PositionFixes::check`].
     pub fn check(&self) -> Result<(), NavigationError> {
         self.errors.check()?;
         self.ins.check()?;

@@ -11,8 +11,8 @@
 //! the measurement noise [compare Bar-Shalom, Li & Kirubarajan 2001, section 10.3]. It is also tolerated where ε is
 //! below λ/3: the first updates are then overconfident, but the slope has the correct sign, and later updates correct
 //! the position. The range is the standard deviation of the position at which ε is the larger of σ and λ/3, with the
-//! shape of P. λ² and ε² are medians over the next 60 s of a straight path, because the map may be flat or steep at a
-//! single position.
+//! shape of P. λ² and ε² are medians over the next 60 s of a straight path, because the map may be unusually flat or
+//! steep at a single position.
 //!
 //! The mean over e is a Gauss-Laguerre rule of three nodes in |e|²/2, times eight directions [Abramowitz & Stegun 1964,
 //! 25.4.45]. It is exact for a field of second and third degree.
@@ -22,7 +22,7 @@ use crate::navigation::field::PredictedField;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::pinson::{LAT, LON};
 
-/// Squared radii over 2 in standard deviations, and weights.
+/// Half of the squared radii, in standard deviations, and the weights.
 const RADII: [(f64, f64); 3] = [
     (0.415_774_556_783_479_1, 0.711_093_009_929_173),
     (2.294_280_360_279_042, 0.278_517_733_569_240_9),
@@ -30,11 +30,11 @@ const RADII: [(f64, f64); 3] = [
 ];
 /// Number of directions.
 const DIRECTIONS: u32 = 8;
-/// Times of the positions along the path, in s: interval and number.
+/// Times of the positions along the path, in seconds: interval and number.
 const PATH: (f64, u32) = (5.0, 13);
 /// Largest tolerated linearisation error, as a fraction of the linear change.
 const LARGEST_SHARE: f64 = 1.0 / 3.0;
-/// Smallest and largest range, in m.
+/// Smallest and largest range, in metres.
 const RANGE_M: [f64; 2] = [0.1, 1e5];
 /// Number of bisections of the logarithm of the range; the relative error is 1e-5.
 const BISECTIONS: usize = 20;
@@ -42,15 +42,16 @@ const BISECTIONS: usize = 20;
 /// Position uncertainty, and the largest one over which the field is linear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinearRange {
-    /// Standard deviation of the position along the longer axis of its error ellipse, in m.
+    /// Standard deviation of the position along the longer axis of its error ellipse, in metres.
     pub sigma_m: f64,
-    /// Largest `sigma_m` for which the linearisation error is below the noise or a third of the linear change, in m; at
-    /// most the extent of the map, and 100 km. NaN without a value of the map on the path, or without a measurement.
+    /// Largest `sigma_m` for which the linearisation error is below the noise or a third of the linear change, in
+    /// metres; at most the extent of the map, and 100 km. NaN without a value of the map on the path, or without a
+    /// measurement.
     pub limit_m: f64,
 }
 
 impl LinearRange {
-    /// Whether the uncertainty exceeds the range. False for an unknown range.
+    /// Whether the uncertainty exceeds the range; false for an unknown range.
     pub fn is_exceeded(&self) -> bool {
         self.sigma_m > self.limit_m
     }
@@ -116,7 +117,7 @@ impl<'a> LinearityTest<'a> {
     }
 
     /// Whether the linearisation error over a covariance of latitude and longitude (in rad²: variance of latitude,
-    /// covariance, variance of longitude) is below the noise. False without a value of the map.
+    /// covariance, variance of longitude) is below the noise; false without a value of the map.
     pub(crate) fn is_linear(&mut self, at: &PathStart, covariance: [f64; 3], sigma_nt: f64) -> bool {
         self.changes(at, cholesky(covariance)).is_some_and(|changes| changes.error_nt <= sigma_nt)
     }

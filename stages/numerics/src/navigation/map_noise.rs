@@ -1,9 +1,9 @@
 //! Error of the nodes of a map as noise of the measurements along a line.
 //!
-//! The relevant error is that at the position of the aircraft, which is unknown. Between survey lines the map error
-//! changes within some hundred metres, while the error of an INS is kilometres after an hour. The map error is
-//! therefore evaluated at the position that an extended Kalman filter predicts for each sample. That filter uses the
-//! scalar field, with the map error as part of its measurement noise.
+//! The relevant error is the error of the map at the position of the aircraft, which is unknown. Between survey lines
+//! the map error changes within some hundred metres, while the error of an INS is kilometres after an hour. The map
+//! error is therefore evaluated at the position that an extended Kalman filter predicts for each sample. That filter
+//! uses the scalar field, with the map error as part of its measurement noise.
 
 use crate::maps::map_stack::FieldMap;
 use crate::navigation::field::PredictedField;
@@ -17,8 +17,8 @@ use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 /// measurements is added in the filter.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when a state or variance is not finite or
-/// a variance is negative.
+/// Returns the errors of [`NavigationLine::check`]. Also fails with [`NavigationError::Diverged`] if a state or
+/// variance is not finite or a variance is negative.
 pub fn along(line: &NavigationLine<'_>, error_nt: &FieldMap, factor: f64) -> Result<Vec<f64>, NavigationError> {
     line.check()?;
     let mut field = line.predicted();

@@ -13,10 +13,10 @@ pub(crate) struct Measurements<'a> {
 }
 
 impl Measurements<'_> {
-    /// Rejects columns of another length than the line's.
+    /// Rejects columns whose length differs from that of the line.
     ///
     /// # Errors
-    /// [`SeriesError::Length`] with the column's name.
+    /// Fails with [`SeriesError::Length`] with the column's name.
     pub(crate) fn check(&self, expected: usize) -> Result<(), SeriesError> {
         for (column, rows) in [("measurement", self.measurement_nt.len()), ("measurement sigma", self.sigma_nt.len())] {
             if rows != expected {

@@ -80,7 +80,7 @@ pub struct NavigationState {
     pub lat_rad: f64,
     /// Longitude, in rad.
     pub lon_rad: f64,
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: f64,
     /// Velocity north, east, down, in m/s.
     pub vel_ned_mps: Vector3<f64>,
@@ -96,7 +96,7 @@ pub fn quaternion(matrix: &Matrix3<f64>) -> UnitQuaternion<f64> {
 /// Reading of the inertial sensors over a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ImuReading {
-    /// Length of the step, in s.
+    /// Length of the step, in seconds.
     pub dt_s: f64,
     /// Integral of the body's angular rate relative to inertial space, in rad.
     pub angle_rad: Vector3<f64>,

@@ -1,11 +1,11 @@
 //! Marginalised particle filter: particles for the position, a Kalman filter for the other states.
 //!
 //! A map is strongly nonlinear in position; the rest of the model is nearly linear. Given the position, the 16 other
-//! states of `pinson` are linear and Gaussian. Each particle therefore holds an error of latitude and longitude with
-//! the conditional mean of the others, and all share one covariance P [Schön, Gustafsson & Nordlund 2005; Gnadt 2022,
-//! section 5.3 for the states]. Use this filter for a position error of kilometres, or if two positions can explain the
-//! measurements: [`MpfOutput::modes`] contains the probability of each. In other cases its results agree with the
-//! extended Kalman filter, and it takes seventy times as long.
+//! states of `pinson` are linear and Gaussian. Each particle therefore holds an error of latitude and longitude, with
+//! the conditional mean of the other states. All particles share one covariance P [Schön, Gustafsson & Nordlund 2005;
+//! Gnadt 2022, section 5.3 for the states]. Use this filter for a position error of kilometres, or if two positions can
+//! explain the measurements: [`MpfOutput::modes`] contains the probability of each. In other cases, its results agree
+//! with those of the extended Kalman filter, but it takes seventy times as long.
 //!
 //! # A sample
 //!
@@ -72,7 +72,7 @@
 //!
 //! # Number of particles
 //!
-//! 1000 particles are sufficient for an INS position error of hundreds of metres. For an error of kilometres, some
+//! For an INS position error of hundreds of metres, 1000 particles are sufficient. For an error of kilometres, some
 //! particles of the first cloud must be within the width of an anomaly of the truth, even if the truth is at its edge.
 //! With [`MpfParameters::adapt`] the number follows from the k squares of side `smooth_over_m` that the cloud occupies,
 //! at the start and at each resampling: the Kullback-Leibler distance of the particles from the density is then below
@@ -135,13 +135,13 @@ const WITH_ALL: usize = WITH_VECTOR + 2;
 /// Filters one line.
 ///
 /// Each row of the output is the weighted mean of the particles after the sample's measurements and before any
-/// resampling. For missing measurements (NaN, infinite, or with a sigma that is not above 0) and rejected ones, the
-/// filter only predicts. Uneven time and a single sample are valid. Takes about 0.2 ms per sample for 1000 particles on
-/// one core, and uses several threads from 8192 particles on.
+/// resampling. If a measurement is missing (NaN, infinite, or with a sigma that is not above 0) or rejected, the filter
+/// only predicts. Uneven time and a single sample are valid. Takes about 0.2 ms per sample for 1000 particles on one
+/// core, and uses several threads from 8192 particles on.
 ///
 /// # Errors
-/// Fails as [`MpfParameters::check`], [`Aids::check`] and [`NavigationLine::check`], and with
-/// [`NavigationError::Diverged`] when a state or variance is not finite or a variance is negative.
+/// Returns the errors of [`MpfParameters::check`], [`Aids::check`] and [`NavigationLine::check`]. Also fails with
+/// [`NavigationError::Diverged`] if a state or variance is not finite or a variance is negative.
 pub fn run(
     parameters: &MpfParameters,
     line: &NavigationLine<'_>,

@@ -11,7 +11,7 @@
 //! MagNav.jl scales R by 1 + m, with a swish output that may make R negative; here the output is the logarithm of the
 //! factor, within ±2 ln `limit`. The inputs ([`FILTER_INPUTS`]) include the innovation of the sample before, never that
 //! of the sample itself. s is then known before the measurement, so the product of the densities N(v; 0, s) is the
-//! likelihood of the line. A network that sees the present innovation could increase this product without bound. If the
+//! likelihood of the line. A network that uses the present innovation could increase this product without bound. If the
 //! output is 0, the filter is bit-identical to `ekf`.
 //!
 //! # Training
@@ -27,14 +27,14 @@
 //! step: ∂/∂ln q = q Q_SS P̄_SS,            x̄ ← Φᵀ x̄                P̄ ← Φᵀ P̄ Φ
 //! ```
 //!
-//! Four dependencies are neglected: of the network's inputs, of H, and of the curvature of the map on the estimate, and
-//! of anything on the samples before the window. On a map of constant slope and with fixed inputs the derivatives are
-//! exact.
+//! Four dependencies are neglected: the dependence of the network's inputs, of H and of the map's curvature on the
+//! estimate, and all dependence on samples before the window. On a map of constant slope and with fixed inputs the
+//! derivatives are exact.
 //!
 //! # Irregularities
 //!
-//! As in [`ekf`](crate::navigation::ekf). A further input that is not finite is an error with its row. A map slope in an
-//! unknown cell has its mean.
+//! Irregularities are treated as in [`ekf`](crate::navigation::ekf). A further input that is not finite is an error,
+//! which names the row. The map slope in an unknown cell is replaced by the mean slope.
 
 mod course;
 mod inputs;
@@ -81,8 +81,9 @@ pub struct NekfOutput {
 /// Filters one line. `further` are further inputs of the network, row-major, one row per sample.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`], [`NoiseNetwork::check`] and [`ekf::run`](crate::navigation::ekf::run), and with
-/// [`NavigationError::Parameter`] for further inputs whose number differs from the network's or that are not finite.
+/// Returns the errors of [`NavigationLine::check`], [`NoiseNetwork::check`] and
+/// [`ekf::run`](crate::navigation::ekf::run). Also fails with [`NavigationError::Parameter`] for further inputs whose
+/// number differs from the network's or that are not finite.
 pub fn run(
     line: &NavigationLine<'_>,
     network: &NoiseNetwork,
@@ -148,13 +149,13 @@ struct NetworkSource<'a> {
     network: &'a NoiseNetwork,
     inputs: InputSource<'a>,
     cell: CellState,
-    /// Variance of the measurement of the sample before that the filter used, in nT².
+    /// Variance that the filter used for the measurement of the previous sample, in nT².
     used_nt2: f64,
     output: NekfOutput,
 }
 
 impl NetworkSource<'_> {
-    /// The sample before a row.
+    /// Quantities of the sample before a row.
     fn before(&self, row: usize, output: &NavigationOutput) -> SampleBefore {
         let Some(last) = row.checked_sub(1) else { return SampleBefore::NONE };
         let ins = self.line.ins;

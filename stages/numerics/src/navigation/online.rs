@@ -15,8 +15,8 @@
 //! have a diagonal transition, so a step of 18 + 18 + 3 states takes about 6 µs.
 //!
 //! Differences from the source: Gnadt 2022 (5.39) replaces three states by the vector's reading, with an infinite decay
-//! rate. Here the error of the reading is the state, and it may be slow; its derivatives are those of the complete term
-//! A(b) β. MagNav.jl's derivatives omit the altitude, keep |B| constant and divide by B_x.
+//! rate. Here, the error of the reading is the state, which may vary slowly. The derivatives are those of the complete
+//! term A(b) β. MagNav.jl's derivatives omit the altitude, keep |B| constant and divide by B_x.
 //!
 //! # Observability
 //!
@@ -27,8 +27,8 @@
 //! undetermined.
 //!
 //! The random walk should not exceed the expected changes. Permanent terms with a random walk of 20 nT in a second
-//! absorb the whole signal of the map between the manoeuvres. With 1 to 4 nT, a jump of 100 nT is estimated within
-//! minutes.
+//! absorb the whole signal of the map between the manoeuvres. With a random walk of 1 to 4 nT, a jump of 100 nT is
+//! estimated within minutes.
 //!
 //! # Irregularities
 //!
@@ -146,10 +146,10 @@ pub fn check_sources<S: AsRef<str>>(sources: &[S]) -> Result<(), ParameterError>
 /// Filters one line.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`](crate::navigation::NavigationLine::check) for the line with each magnetometer.
-/// Fails with [`NavigationError::Parameter`] for terms, priors and densities of different sizes or out of their range,
-/// and for terms that differ from those of the `fluxgate`. Fails with [`NavigationError::Diverged`] when a state or
-/// variance is not finite or a variance is negative.
+/// Returns the errors of [`NavigationLine::check`](crate::navigation::NavigationLine::check) for the line with each
+/// magnetometer. Fails with [`NavigationError::Parameter`] for terms, priors and densities of different sizes or out of
+/// their range. Also fails for terms that differ from those of the `fluxgate`. Fails with [`NavigationError::Diverged`]
+/// if a state or variance is not finite or a variance is negative.
 pub fn run(
     line: &LineModel<'_>,
     magnetometers: &[OnlineMagnetometer<'_>],

@@ -59,9 +59,9 @@ pub struct NetworkOutput {
 /// row-major, one row per sample.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`] and [`Aids::check`]. Fails with [`NavigationError::Parameter`] for features,
-/// weights, covariances and densities whose size differs from the network or that are out of their valid range. Fails
-/// with [`NavigationError::Diverged`] when a state or variance is not finite or a variance is negative.
+/// Returns the errors of [`NavigationLine::check`] and [`Aids::check`]. Fails with [`NavigationError::Parameter`] for
+/// features, weights, covariances and densities whose size differs from the network or that are out of their valid
+/// range. Fails with [`NavigationError::Diverged`] if a state or variance is not finite or a variance is negative.
 pub fn run(
     line: &NavigationLine<'_>,
     network: &OnlineNetwork,

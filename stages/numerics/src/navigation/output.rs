@@ -39,7 +39,7 @@ pub struct NavigationOutput {
     pub lat_deg: Vec<f64>,
     /// Estimated longitude, in degrees.
     pub lon_deg: Vec<f64>,
-    /// Estimated height above the ellipsoid, in m.
+    /// Estimated height above the ellipsoid, in metres.
     pub alt_m: Vec<f64>,
     /// Estimated velocity north, in m/s.
     pub vn_mps: Vec<f64>,
@@ -47,9 +47,9 @@ pub struct NavigationOutput {
     pub ve_mps: Vec<f64>,
     /// Estimated velocity down, in m/s.
     pub vd_mps: Vec<f64>,
-    /// Standard deviation of the position north, in m.
+    /// Standard deviation of the position north, in metres.
     pub sd_n_m: Vec<f64>,
-    /// Standard deviation of the position east, in m.
+    /// Standard deviation of the position east, in metres.
     pub sd_e_m: Vec<f64>,
     /// Covariance of north with east, in m².
     pub cov_ne_m2: Vec<f64>,

@@ -16,38 +16,38 @@ pub type StateMatrix = [[f64; STATES]; STATES];
 /// Vector over the states.
 pub type StateVector = [f64; STATES];
 
-/// Latitude error, rad.
+/// Latitude error, in rad.
 pub const LAT: usize = 0;
-/// Longitude error, rad.
+/// Longitude error, in rad.
 pub const LON: usize = 1;
-/// Altitude error, m.
+/// Altitude error, in metres.
 pub const ALT: usize = 2;
-/// North velocity error, m/s; east and down follow.
+/// North velocity error, in m/s; east and down follow.
 pub const VN: usize = 3;
-/// East velocity error, m/s.
+/// East velocity error, in m/s.
 pub const VE: usize = 4;
-/// Down velocity error, m/s.
+/// Down velocity error, in m/s.
 pub const VD: usize = 5;
-/// Tilt about north, rad; east and down follow.
+/// Tilt about north, in rad; east and down follow.
 pub const TILT_N: usize = 6;
-/// Tilt about east, rad.
+/// Tilt about east, in rad.
 pub const TILT_E: usize = 7;
-/// Tilt about down, rad.
+/// Tilt about down, in rad.
 pub const TILT_D: usize = 8;
-/// Bias of the x accelerometer, m/s²; y and z follow.
+/// Bias of the x accelerometer, in m/s²; y and z follow.
 pub const ACC: usize = 9;
-/// Bias of the x gyroscope, rad/s; y and z follow.
+/// Bias of the x gyroscope, in rad/s; y and z follow.
 pub const GYRO: usize = 12;
-/// Barometer-aiding altitude error, m.
+/// Barometer-aiding altitude error, in metres.
 pub const HA: usize = 15;
-/// Barometer-aiding vertical acceleration error, m/s².
+/// Barometer-aiding vertical acceleration error, in m/s².
 pub const A_HAT: usize = 16;
-/// Temporal variation of the field, nT.
+/// Temporal variation of the field, in nT.
 pub const S: usize = 17;
 
 /// States with off-diagonal entries in F: all except the Gauss-Markov states.
 pub(crate) const COUPLED: [usize; 10] = [LAT, LON, ALT, VN, VE, VD, TILT_N, TILT_E, TILT_D, A_HAT];
-/// Gauss-Markov states, which depend only on their own past.
+/// Gauss-Markov states, each of which depends only on its own past.
 pub(crate) const GAUSS_MARKOV: [usize; 8] = [ACC, ACC + 1, ACC + 2, GYRO, GYRO + 1, GYRO + 2, HA, S];
 
 /// Index of each of these states in MagNav.jl, which has the two barometer states before the biases.
@@ -106,7 +106,7 @@ pub enum PinsonForm {
     #[default]
     Thesis,
     /// Form of MagNav.jl up to 1.3.3 and its MATLAB reference data, in which the effect of altitude on the north tilt
-    /// is -ve²/R² instead of -ve/R². For comparison with MagNav.jl.
+    /// is -ve²/R² instead of -ve/R². Use this form for comparison with MagNav.jl.
     Compatible,
 }
 

@@ -16,11 +16,11 @@ pub struct PositionFixes {
     pub lat_deg: Vec<f64>,
     /// Longitude, in degrees.
     pub lon_deg: Vec<f64>,
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: Vec<f64>,
-    /// Standard deviation of the position in each of north and east, in m.
+    /// Standard deviation of the position in each of north and east, in metres.
     pub horizontal_sigma_m: f64,
-    /// Standard deviation of the height, in m.
+    /// Standard deviation of the height, in metres.
     pub vertical_sigma_m: f64,
 }
 
@@ -40,7 +40,8 @@ impl PositionFixes {
     /// Rejects invalid fixes.
     ///
     /// # Errors
-    /// Fails for standard deviations that are not finite and above 0, and for columns of another length than the line.
+    /// Fails for standard deviations that are not finite and above 0, or for columns whose length differs from that of
+    /// the line.
     pub fn check(&self, rows: usize) -> Result<(), NavigationError> {
         require("horizontal_sigma_m", self.horizontal_sigma_m, Rule::Positive)?;
         require("vertical_sigma_m", self.vertical_sigma_m, Rule::Positive)?;
@@ -82,16 +83,16 @@ pub struct PositionFix {
     pub lat_deg: f64,
     /// Longitude, in degrees.
     pub lon_deg: f64,
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: f64,
-    /// Standard deviation of the position in each of north and east, in m.
+    /// Standard deviation of the position in each of north and east, in metres.
     pub horizontal_sigma_m: f64,
-    /// Standard deviation of the height, in m.
+    /// Standard deviation of the height, in metres.
     pub vertical_sigma_m: f64,
 }
 
 impl PositionFix {
-    /// Rejects standard deviations that are not finite and above 0.
+    /// Rejects standard deviations unless they are finite and above 0.
     ///
     /// # Errors
     /// Fails with the name of the standard deviation.

@@ -13,8 +13,8 @@
 //! problem with variances σ²/w(r). The weights w(r) = ρ'(r)/r come from the last trajectory (iteratively reweighted
 //! least squares [Holland & Welsch 1977]). In the first pass, r is the innovation over its standard deviation. If J of
 //! the first trajectory exceeds 1 per measurement, three alternatives are computed: without weights, with one
-//! linearisation, and with ten times the noise. The iteration continues from the one with the lowest J. If a step from
-//! x̄ to the solution x̂ would raise J, it is halved until it does not.
+//! linearisation, and with ten times the noise. The iteration continues from the trajectory with the lowest J. If a
+//! step from x̄ to the solution x̂ would raise J, it is halved until it does not.
 //!
 //! # The backward pass
 //!
@@ -82,7 +82,7 @@ const STARTS: [FirstPass; 4] = [
     FirstPass { iterations: 1, robust: true, sigma_factor: 1.0 },
     FirstPass { iterations: 5, robust: false, sigma_factor: 10.0 },
 ];
-/// J per measurement above which a start is poor; normally distributed residuals give 0.5.
+/// J per measurement above which a first trajectory is poor; normally distributed residuals give 0.5.
 const POOR_COST: f64 = 1.0;
 /// Decrease of J that is negligible: it changes the probability of the trajectory by 1 %.
 const SMALL_FALL: f64 = 0.01;
@@ -94,7 +94,7 @@ const SMALL_STEP_SIGMAS: f64 = 0.5;
 pub struct RtsParameters {
     /// Maximum number of passes over the line, at least 1. One pass is the extended Kalman smoother.
     pub iterations: usize,
-    /// Largest position change, in m, below which the iteration ends.
+    /// Largest position change, in metres, below which the iteration ends.
     pub tolerance_m: f64,
     /// Loss of a residual.
     pub loss: TrajectoryLoss,
@@ -124,7 +124,7 @@ impl RtsParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for `iterations` of 0, and for a tolerance or scale that is not a finite number above 0.
+    /// Fails for `iterations` of 0, or for a tolerance or scale that is not a finite number above 0.
     pub fn check(&self) -> Result<(), ParameterError> {
         obeys(&self.iterations, "iterations", Rule::Positive).map_err(ParameterError)?;
         obeys(&self.tolerance_m, "tolerance_m", Rule::Positive).map_err(ParameterError)?;
@@ -144,8 +144,8 @@ pub struct RtsReport {
     /// 0.01. The second case is common on a bilinear map: its slope jumps between the nodes, and J has an edge at the
     /// minimum.
     pub converged: bool,
-    /// Largest change of a position of the line in the last full step, in m; infinite after a single pass, which has no
-    /// step. Without convergence, it estimates the distance of the trajectory from the most probable trajectory.
+    /// Largest change of a position of the line in the last full step, in metres; infinite after a single pass, which
+    /// has no step. Without convergence, it estimates the distance of the trajectory from the most probable trajectory.
     pub last_step_m: f64,
     /// Last full step in standard deviations: no state of the line, and no combination of states, changes by more than
     /// this number of its own standard deviations. It is the square root of twice the decrease of J predicted by the
@@ -172,9 +172,9 @@ pub struct RtsOutput {
 /// Smooths one line.
 ///
 /// # Errors
-/// Fails as [`RtsParameters::check`] and [`NavigationLine::check`], for an `offset_window_s` that is not a finite
-/// number of at least 0, and with [`NavigationError::Diverged`] when a state or variance is not finite or a variance is
-/// negative.
+/// Returns the errors of [`RtsParameters::check`] and [`NavigationLine::check`]. Also fails for an `offset_window_s`
+/// that is not a finite number of at least 0. Also fails with [`NavigationError::Diverged`] if a state or variance is
+/// not finite or a variance is negative.
 pub fn run(line: &NavigationLine<'_>, parameters: &RtsParameters) -> Result<RtsOutput, NavigationError> {
     parameters.check()?;
     line.check()?;
@@ -345,7 +345,7 @@ impl<'a> RtsSmoother<'a> {
         RtsCandidate { trajectory, rise }
     }
 
-    /// Largest change of a position from the trajectory to another, in m.
+    /// Largest change of a position from the trajectory to another, in metres.
     fn step_m(&self, to: &[StateVector]) -> f64 {
         let (ins, earth) = (self.line.ins, self.line.errors.earth);
         let mut largest_m2 = 0.0_f64;

@@ -107,7 +107,7 @@ impl AnalyticScene {
     }
 }
 
-/// Positions 30 m north and 50 m west of an INS at every seventh sample from the third on, every second position has no
+/// Positions 30 m north and 50 m west of an INS at every seventh sample from the third on. Every second position has no
 /// height. Standard deviations are 20 and 30 m.
 pub(crate) fn positions(columns: &[Vec<f64>; 13]) -> PositionFixes {
     let (north, east) = m_per_deg();

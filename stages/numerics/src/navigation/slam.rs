@@ -28,9 +28,9 @@
 //! x ← Φ x + F w,      P ← C − F Fᵀ
 //! ```
 //!
-//! Setting the sources of the biases, of the barometer and of S to zero gives the nine states of Lee 2019 (30); setting
-//! the sources of the barometer and of S to zero gives its fifteen states (67). (The barometer aiding, K1 to K3,
-//! remains, because the height would diverge without it.)
+//! Without error sources of the biases, of the barometer and of S, these are the nine states of Lee 2019 (30). Without
+//! error sources of the barometer and of S, they are its fifteen states (67). (The barometer aiding, K1 to K3, remains,
+//! because the height would diverge without it.)
 //!
 //! The map of a particle consists of its path and the measurements, which all particles share. At each step the weight
 //! is the likelihood of the measurement z given the earlier ones,
@@ -41,7 +41,7 @@
 //! ```
 //!
 //! with the covariance k of [`CovarianceFunction`]. The mean ẑ and the variance V are conditioned on the 12 nearest
-//! earlier samples of the particle's path and on the 4 most recent ones. The product of these weights is Vecchia's
+//! earlier samples of the particle's path and on the 4 most recent samples. The product of these weights is Vecchia's
 //! approximation of the likelihood of the path, p(z₁…z_n | path). Compared with independent weights at crossings [Lee
 //! 2019, (76)], it has three advantages. Map errors that two neighbouring measurements share are counted once, because
 //! of the conditioning on the most recent measurements. The temporal variation between two visits is part of the
@@ -115,15 +115,15 @@ pub use smoother::{SlamSmootherParameters, SlamSmootherReport};
 
 /// Filters one line.
 ///
-/// With [`SlamParameters::smoother`], track and path are the smoothed ones if [`SlamReport::smoother`] is present;
-/// innovations are the innovations of the filter.
+/// With [`SlamParameters::smoother`], track and path are smoothed if [`SlamReport::smoother`] is present. The
+/// innovations are those of the filter.
 ///
 /// Results are bit-identical for any number of threads. Takes about 6 µs of one core per particle and step with a
 /// revisit.
 ///
 /// # Errors
-/// Fails as [`SlamParameters::check`] and [`SlamLine::check`], and with [`NavigationError::Diverged`] when a state or
-/// variance is not finite or a variance is negative.
+/// Returns the errors of [`SlamParameters::check`] and [`SlamLine::check`]. Also fails with
+/// [`NavigationError::Diverged`] if a state or variance is not finite or a variance is negative.
 pub fn run(parameters: &SlamParameters, line: &SlamLine<'_>) -> Result<SlamOutput, NavigationError> {
     parameters.check(&line.errors)?;
     line.check()?;
@@ -134,8 +134,8 @@ pub fn run(parameters: &SlamParameters, line: &SlamLine<'_>) -> Result<SlamOutpu
     filter.finish()
 }
 
-/// [`SlamReport::largest_correction`] above which a track is implausible; the probability for a consistent filter is
-/// 1e-6.
+/// Value of [`SlamReport::largest_correction`] above which a track is implausible; the probability for a consistent
+/// filter is 1e-6.
 pub const IMPLAUSIBLE: f64 = 27.6;
 
 /// Smallest total weight of revisiting particles for which all particles are weighted. With less, any unexpected
@@ -156,7 +156,7 @@ struct SlamFilter<'a> {
     map: ParticleMap,
     /// Variance that resampling has removed from the covariance.
     lost: LostVariance,
-    /// Displacement of each particle at the mean time of the step's measurements, in m.
+    /// Displacement of each particle at the mean time of the step's measurements, in metres.
     now_m: Vec<[f64; 2]>,
     moments: SlamMoments,
     /// Moments of the Kalman filter, used with aiding positions until the next weighting by the field. These moments

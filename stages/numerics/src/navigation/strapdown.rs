@@ -19,7 +19,7 @@ pub type StrapdownColumns = [Vec<f64>; 3];
 /// Derivative of evenly or unevenly sampled values: [`slopes`] of checked values and times.
 ///
 /// # Errors
-/// Fails for columns of different lengths, fewer than two samples, and times that do not increase.
+/// Fails for columns of different lengths, fewer than two samples, or times that do not increase.
 pub fn derivative(tt_s: &[f64], values: &[f64]) -> Result<Vec<f64>, SeriesError> {
     check_length("value", values, tt_s)?;
     if tt_s.len() < 2 {
@@ -53,7 +53,8 @@ pub fn slopes(tt_s: &[f64], values: &[f64]) -> Vec<f64> {
 /// ellipsoid's radii at each sample. A longitude may cross ±180°.
 ///
 /// # Errors
-/// Fails as [`derivative`], for positions that are not finite, and for latitudes at or beyond a pole.
+/// Returns the errors of [`derivative`]. Also fails for positions that are not finite, or for latitudes at or beyond a
+/// pole.
 pub fn velocity_ned_mps(
     tt_s: &[f64],
     lat_deg: &[f64],
@@ -82,7 +83,7 @@ pub fn velocity_ned_mps(
 /// MagNav.jl omits the Coriolis and transport terms and uses 9.80665 m/s² for gravity.
 ///
 /// # Errors
-/// Fails as [`velocity_ned_mps`].
+/// Returns the errors of [`velocity_ned_mps`].
 pub fn specific_force_ned_mps2(
     tt_s: &[f64],
     [lat_deg, alt_m]: [&[f64]; 2],

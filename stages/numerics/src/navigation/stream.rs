@@ -123,9 +123,9 @@ pub struct StreamSetup {
     /// Adds the variance from the curvature of the map over the position uncertainty to the measurement noise.
     /// Default: false.
     pub second_order: bool,
-    /// Offset window of the filter of a whole line, in s. It must be 0, the default.
+    /// Offset window of the filter of a whole line, in seconds. It must be 0, the default.
     pub offset_window_s: f64,
-    /// Longest step between two samples, in s; infinite for any. Default: 10 s.
+    /// Longest permitted step between two samples, in seconds; infinity permits any step. Default: 10 s.
     pub max_gap_s: f64,
 }
 
@@ -190,7 +190,7 @@ impl StreamKind {
     }
 }
 
-/// Filter that takes one sample after the other.
+/// Filter that takes one sample at a time.
 #[derive(Clone)]
 pub struct FilterStream {
     kind: StreamKind,
@@ -211,7 +211,7 @@ impl FilterStream {
     /// is rejected and counted; `None` uses every measurement.
     ///
     /// # Errors
-    /// Fails for invalid errors, an offset window, a gap that is not above 0, and a gate that is not above 0.
+    /// Fails for invalid errors, an offset window, a gap that is not above 0, or a gate that is not above 0.
     pub fn ekf(setup: &StreamSetup, gate_nis: Option<f64>) -> Result<Self, ParameterError> {
         setup.check()?;
         let (errors, second_order) = (setup.errors, setup.second_order);
@@ -227,8 +227,8 @@ impl FilterStream {
     /// `keep_states` and `keep_covariance` have no effect.
     ///
     /// # Errors
-    /// Fails as [`FilterStream::ekf`], as [`AdaptiveParameters::check`], without magnetometer, and for bounds that are
-    /// not finite numbers above 0 in ascending order.
+    /// Returns the errors of [`FilterStream::ekf`] and [`AdaptiveParameters::check`]. Also fails without a
+    /// magnetometer, or for bounds that are not finite numbers above 0 in ascending order.
     pub fn adaptive(
         setup: &StreamSetup,
         parameters: &AdaptiveParameters,
@@ -247,7 +247,8 @@ impl FilterStream {
     /// begin with `keep_` have no effect.
     ///
     /// # Errors
-    /// Fails as [`FilterStream::ekf`], without magnetometer, and for invalid priors and densities.
+    /// Returns the errors of [`FilterStream::ekf`]. Also fails without a magnetometer, or for invalid priors and
+    /// densities.
     pub fn online(
         setup: &StreamSetup,
         magnetometers: &[StreamMagnetometer<'_>],
@@ -279,7 +280,7 @@ impl FilterStream {
     /// Filters a sample and returns the estimate after its measurements.
     ///
     /// # Errors
-    /// Fails as the [table of samples](self#samples) states.
+    /// Fails in the cases of the [table of samples](self#samples).
     pub fn push(&mut self, sample: &StreamSample<'_>) -> Result<StreamEstimate, StreamError> {
         if self.is_stopped {
             return Err(StreamError::Stopped);
@@ -339,18 +340,18 @@ impl FilterStream {
         StreamEstimate::from_output(self.output(), self.window[0][1])
     }
 
-    /// Error states after the last sample, in the order of [`pinson`](crate::navigation::pinson); `None` as
-    /// [`FilterStream::estimate`].
+    /// Error states after the last sample, in the order of [`pinson`](crate::navigation::pinson); `None` in the cases
+    /// of [`FilterStream::estimate`].
     pub fn states(&self) -> Option<&StateVector> {
         self.output().x.first()
     }
 
-    /// Covariance of the error states after the last sample; `None` as [`FilterStream::estimate`].
+    /// Covariance of the error states after the last sample; `None` in the cases of [`FilterStream::estimate`].
     pub fn covariance(&self) -> Option<&StateMatrix> {
         self.output().p.first()
     }
 
-    /// Quantities of a magnetometer at the last sample; `None` for `ekf`, another number than the filter has, and as
+    /// Quantities of a magnetometer at the last sample; `None` for `ekf`, for an invalid index, and in the cases of
     /// [`FilterStream::estimate`].
     pub fn magnetometer(&self, place: usize) -> Option<MagnetometerEstimate> {
         self.kind.filter().magnetometer(place)
@@ -375,11 +376,12 @@ impl FilterStream {
         writer.finish()
     }
 
-    /// Resumes from a state of [`FilterStream::save`]. The next sample gives the same bits as without the interruption.
+    /// Resumes from a state of [`FilterStream::save`]. The result of the next sample is then bit-identical to that
+    /// without an interruption.
     ///
     /// # Errors
-    /// Fails for bytes that are damaged or have another version, for another filter or other parameters, and for
-    /// another map or core field, which is recognised by the field at the last position. The filter is then unchanged.
+    /// Fails for bytes that are damaged or have another version, for another filter or other parameters, or for another
+    /// map or core field, which is recognised by the field at the last position. The filter is then unchanged.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError> {
         let mut reader = StateReader::new(bytes, self.kind.number(), self.fingerprint)?;
         let mut resumed = self.clone();

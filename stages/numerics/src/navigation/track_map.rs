@@ -60,11 +60,11 @@ const MOST_KNOTS: usize = 500;
 /// Measurement of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackSample {
-    /// Position east and north on the plane of the map, in m.
+    /// Position east and north on the plane of the map, in metres.
     pub at_m: [f64; 2],
-    /// Height, in m.
+    /// Height, in metres.
     pub alt_m: f64,
-    /// Time, in s.
+    /// Time, in seconds.
     pub tt_s: f64,
     /// Anomaly, in nT.
     pub value_nt: f64,
@@ -109,11 +109,11 @@ pub enum TrackMapError {
          {functions} basis functions omit {lacking:.3} of the variance"
     )]
     TooLarge {
-        /// Extent from west to east, in m.
+        /// Extent from west to east, in metres.
         east_m: f64,
-        /// Extent from south to north, in m.
+        /// Extent from south to north, in metres.
         north_m: f64,
-        /// Length of the kernel, in m.
+        /// Length of the kernel, in metres.
         length_m: f64,
         /// Maximum number of functions.
         functions: usize,
@@ -139,7 +139,7 @@ pub struct TrackMapReport {
     pub functions: usize,
     /// Fraction of the variance that the functions omit.
     pub lacking: f64,
-    /// Mean height of the measurements, in m.
+    /// Mean height of the measurements, in metres.
     pub alt_m: f64,
     /// Root mean square residual over the square root of the measurements' noise variance; at most 1.
     pub misfit: f64,
@@ -167,11 +167,11 @@ pub struct TrackMapNode {
 }
 
 impl TrackMap {
-    /// Map from finite measurements. The samples of a line are contiguous and in time order. Results are bit-identical
-    /// for any number of threads.
+    /// Computes a map from finite measurements. The samples of a line are contiguous and in time order. Results are
+    /// bit-identical for any number of threads.
     ///
     /// # Errors
-    /// See [`TrackMapError`].
+    /// Fails in the cases that [`TrackMapError`] lists.
     pub fn new(parameters: &TrackMapParameters, samples: &[TrackSample]) -> Result<Self, TrackMapError> {
         Self::with_kernel(parameters, kernel_of(parameters, samples)?, samples)
     }
@@ -179,7 +179,7 @@ impl TrackMap {
     /// Map with a kernel that [`kernel_of`] fitted to more measurements.
     ///
     /// # Errors
-    /// See [`TrackMapError`].
+    /// Fails in the cases that [`TrackMapError`] lists.
     pub fn with_kernel(
         parameters: &TrackMapParameters,
         fitted: Option<AnomalyKernel>,
@@ -338,7 +338,7 @@ fn moved([east, north]: [f64; 2], [ee, nn, en]: [f64; 3]) -> f64 {
     (east * east * ee + north * north * nn + 2.0 * east * north * en).max(0.0)
 }
 
-/// Mean distance between neighbouring samples of a line, in m; 0 if no line has two samples.
+/// Mean distance between neighbouring samples of a line, in metres; 0 if no line has two samples.
 fn spacing(lines: &[&[TrackSample]]) -> f64 {
     let step = |pair: &[TrackSample]| (pair[1].at_m[0] - pair[0].at_m[0]).hypot(pair[1].at_m[1] - pair[0].at_m[1]);
     let path_m: f64 = lines.iter().flat_map(|line| line.windows(2)).map(step).sum();

@@ -53,8 +53,8 @@ const DRIVEN: [(usize, &[usize]); 8] = [
     (A_HAT, &[HA]),
 ];
 
-/// Scales that make the coupling between different states comparable: metres of position, metres per 30 s of velocity,
-/// and so on along the chain gyroscope, tilt, velocity, position.
+/// Scales that make the coupling between different states comparable: positions in metres, velocities in metres per 30
+/// s, and so on along the chain of gyroscope, tilt, velocity and position.
 const SCALE: StateVector = {
     const RADIUS: f64 = 6.4e6;
     const T: f64 = 30.0;

@@ -17,16 +17,16 @@
 //! ```
 //!
 //! which is the statistical linear regression of the field over the position's own uncertainty [Lefebvre, Bruyninckx &
-//! De Schutter 2002]: a measurement of H = [a, 0 … 0, 1] whose noise is σ² + ω. The correction is therefore the
-//! correction of the EKF in Joseph's form. The covariance stays positive for every ω ≥ 0, which is the case for β ≥ −α²
-//! κ/3. The form with differences also keeps its digits for a small α.
+//! De Schutter 2002]: a measurement of H = [a, 0 … 0, 1] whose noise is σ² + ω. The correction is therefore that of the
+//! EKF, in Joseph's form. The covariance stays positive for every ω ≥ 0, which is the case for β ≥ −α² κ/3. The form
+//! with differences also keeps its digits for a small α.
 //!
 //! Irregularities along the line are counted:
 //!
 //! - a measurement that is NaN or infinite, or whose sigma is not above 0: no update, `residual` and `nis` are NaN;
 //! - an estimated position off the map or in an unknown cell: as above, counted as off the map;
-//! - an estimated position on the map with one of the six other points off it: the map is linearised at the estimated
-//!   position as by the EKF, and the remainder is NaN;
+//! - an estimated position on the map with one or more of the six other points off the map: the map is linearised at
+//!   the estimated position as in the EKF, and the nonlinear part is NaN;
 //! - a position that is exactly known in some direction: no points in that direction;
 //! - an INS value that is not finite, time that does not ascend, or states or a variance that are not finite: an error
 //!   with the row.
@@ -86,7 +86,7 @@ impl UkfParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for an α or a gate that is not a finite number above 0, a κ that is not a finite number above −3, and a β
+    /// Fails for an α or a gate that is not a finite number above 0, a κ that is not a finite number above −3, or a β
     /// below −α² κ/3.
     pub fn check(&self) -> Result<(), ParameterError> {
         obeys(&self.alpha, "alpha", Rule::Positive).map_err(ParameterError)?;
@@ -127,8 +127,8 @@ pub struct UkfOutput {
 /// allocates little except the output.
 ///
 /// # Errors
-/// Fails as [`UkfParameters::check`] and [`NavigationLine::check`], and with [`NavigationError::Diverged`] when a state
-/// or variance is not finite or a variance is negative.
+/// Returns the errors of [`UkfParameters::check`] and [`NavigationLine::check`]. Also fails with
+/// [`NavigationError::Diverged`] if a state or variance is not finite or a variance is negative.
 pub fn run(parameters: &UkfParameters, line: &NavigationLine<'_>) -> Result<UkfOutput, NavigationError> {
     parameters.check()?;
     line.check()?;

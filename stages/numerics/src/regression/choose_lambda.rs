@@ -114,8 +114,8 @@ pub fn by_l_curve(points: &[LambdaPoint]) -> Option<usize> {
 /// descend, the choice within one standard error is the strongest ridge.
 ///
 /// # Errors
-/// Fails with [`LeastSquaresError::Setting`] for a lambda that is not a finite number above 0, and as
-/// [`leave_line_out`] and [`fits`].
+/// Fails with [`LeastSquaresError::Setting`] for a lambda that is not a finite number above 0. Also returns the errors
+/// of [`leave_line_out`] and [`fits`].
 pub fn by_lines(
     lines: &[RegressionMoments],
     target: usize,
@@ -132,7 +132,7 @@ pub fn by_lines(
 /// The ridge fits of one target for lambdas above 0, from one decomposition.
 ///
 /// # Errors
-/// Fails for an unknown target, or when the decomposition does not converge.
+/// Fails for an unknown target. Also fails if the decomposition does not converge.
 pub fn fits(prepared: &ScaledFactor, target: usize, lambdas: &[f64]) -> Result<Vec<LinearFit>, LeastSquaresError> {
     prepared.along(target)?;
     let singular = prepared.singular()?;
@@ -197,7 +197,7 @@ mod tests {
 
     #[test]
     fn law_generalised_cross_validation_finds_the_prediction_error() {
-        // Over 200 draws of the noise, the mean score at each lambda equals the mean error at new noise, within the
+        // Over 200 draws of the noise, the mean score at each lambda equals the mean error on new noise, within the
         // scatter of the score.
         let (rows, p) = (60, 12);
         let mut normals = NormalGenerator::new(3);

@@ -16,7 +16,7 @@ const LEAST: usize = 10;
 /// constant or fewer than ten samples. Values that are not finite are excluded, and their neighbours are treated as
 /// adjacent. [Geyer 1992, section 3.3]
 ///
-/// The result is too large for a series of only a few correlation times.
+/// For a series of only a few correlation times, the result is too large.
 pub fn effective_samples(x: &[f64]) -> f64 {
     let known: Vec<f64> = x.iter().copied().filter(|x| x.is_finite()).collect();
     let n = known.len();
@@ -115,8 +115,8 @@ pub fn whiteness(x: &[f64], lags: usize) -> SampleStatistic {
 }
 
 /// Regularised lower incomplete gamma function P(a, x) for a above 0: the distribution of chi-square with 2a degrees of
-/// freedom at 2x. Computed by its series for x below a + 1, and by its continued fraction above. [Abramowitz & Stegun
-/// 1964, 6.5.29 and 6.5.31]
+/// freedom at 2x. It is computed by its series for x below a + 1, and by its continued fraction above. [Abramowitz &
+/// Stegun 1964, 6.5.29 and 6.5.31]
 fn gamma_p(a: f64, x: f64) -> f64 {
     if a.is_nan() || x.is_nan() || a <= 0.0 {
         return f64::NAN;

@@ -28,7 +28,7 @@ use realfft::{RealFftPlanner, num_complex::Complex};
 
 /// Number of bands per octave.
 const BANDS: f64 = 8.0;
-/// Lower edge of the lowest band, Hz; slower waves form one band.
+/// Lower edge of the lowest band, in Hz; slower waves form one band.
 const LOWEST_HZ: f64 = 1e-3;
 /// Minimum degrees of freedom of a band after the fit.
 const LEAST_FREEDOM: f64 = 16.0;
@@ -300,7 +300,7 @@ impl CrossSpectra {
         Some(product(&product(gain, &middle, p), gain, p))
     }
 
-    /// Bands, from the slowest, of the columns without change or minus their means.
+    /// Bands of the columns, from the slowest. The columns are unchanged or minus their means.
     fn about_means(&self, centred: bool) -> impl Iterator<Item = SpectralBand> + '_ {
         let off = move |(number, band): (&i32, &SpectralBand)| {
             let mut band = band.clone();

@@ -119,8 +119,8 @@ impl ElasticNetOptions {
     ///
     /// # Errors
     ///
-    /// Fails for a setting out of its valid range, without rows, for an unknown target, or when the maximum number of
-    /// sweeps is reached.
+    /// Fails for a setting out of its valid range, without rows, or for an unknown target. Also fails if the maximum
+    /// number of sweeps is reached.
     pub fn path(
         &self,
         moments: &RegressionMoments,
@@ -141,7 +141,7 @@ impl ElasticNetOptions {
     /// Paths of several targets in parallel (rayon), one target per task.
     ///
     /// # Errors
-    /// Fails as [`Self::path`] for any target.
+    /// Returns the errors of [`Self::path`] for any target.
     pub fn paths(
         &self,
         moments: &RegressionMoments,
@@ -182,7 +182,7 @@ impl ElasticNetOptions {
     /// choice within one standard error is the simplest model.
     ///
     /// # Errors
-    /// Fails as [`Self::path`] and [`leave_line_out`].
+    /// Returns the errors of [`Self::path`] and [`leave_line_out`].
     pub fn choose(
         &self,
         lines: &[RegressionMoments],

@@ -23,7 +23,7 @@ mod tests {
 
     #[test]
     fn law_a_circle_has_the_curvature_of_its_radius() {
-        // A quarter circle of radius 0.2 in logarithms, traversed evenly, below and left of its centre.
+        // A quarter circle of radius 0.2 in logarithms, below and left of its centre, traversed evenly.
         let at = |angle: f64| ((2.0 - 0.2 * angle.cos()).exp(), (3.0 - 0.2 * angle.sin()).exp());
         let points = [0.799, 0.8, 0.801].map(at);
         let curvature = log_curvature(points.map(|p| p.0), points.map(|p| p.1));

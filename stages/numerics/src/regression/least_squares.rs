@@ -161,7 +161,7 @@ impl QrAccumulator {
     /// threads, but differs in the last bits from the result of a single [`push`](Self::push).
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::Shape`] unless matrix and targets have the same whole number of rows, and with
+    /// Fails with [`LeastSquaresError::Shape`] unless matrix and targets have the same whole number of rows, or with
     /// [`LeastSquaresError::NotFinite`] for a value that is not finite.
     pub fn from_matrix(a: &[f64], terms: usize, targets: &[&[f64]]) -> Result<Self, LeastSquaresError> {
         let mut whole = Self::new(terms, targets.len());
@@ -189,8 +189,8 @@ impl QrAccumulator {
     /// Pushing in blocks and pushing all rows together give bit-identical results. On an error the factor is unchanged.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::Shape`] for another number of targets, or unless matrix and targets have the
-    /// same whole number of rows, and with [`LeastSquaresError::NotFinite`] for a value that is not finite.
+    /// Fails with [`LeastSquaresError::Shape`] for another number of targets. Also fails unless matrix and targets have
+    /// the same whole number of rows. Also fails with [`LeastSquaresError::NotFinite`] for a value that is not finite.
     pub fn push(&mut self, a: &[f64], targets: &[&[f64]]) -> Result<(), LeastSquaresError> {
         let rows = self.check_finite(a, targets)?;
         for i in 0..rows {
@@ -205,8 +205,9 @@ impl QrAccumulator {
     /// means are then also weighted, including the means of a fit with an intercept.
     ///
     /// # Errors
-    /// Fails as [`push`](Self::push), with [`LeastSquaresError::Shape`] if the numbers of weights and rows differ, and
-    /// with [`LeastSquaresError::Setting`] for a weight that is not a finite number of at least 0.
+    /// Returns the errors of [`push`](Self::push). Also fails with [`LeastSquaresError::Shape`] if the numbers of
+    /// weights and rows differ, or with [`LeastSquaresError::Setting`] for a weight that is not a finite number of at
+    /// least 0.
     pub fn push_weighted(&mut self, a: &[f64], targets: &[&[f64]], weights: &[f64]) -> Result<(), LeastSquaresError> {
         let rows = self.check_finite(a, targets)?;
         expect("the list of weights", weights.len(), rows)?;
@@ -232,7 +233,7 @@ impl QrAccumulator {
         }
     }
 
-    /// Folds in the rows of another factor, after the present ones. The last bits of the result depend on the order of
+    /// Folds in the rows of another factor, after the present rows. The last bits of the result depend on the order of
     /// merging: merge in the order of the lines.
     ///
     /// # Errors
@@ -279,7 +280,7 @@ impl QrAccumulator {
     /// Fails with [`LeastSquaresError::Shape`] if the numbers of names and terms differ, with
     /// [`LeastSquaresError::Lambda`] for a lambda that is not a finite number of at least 0, with
     /// [`LeastSquaresError::NoRows`], with [`LeastSquaresError::RankDeficient`] for a lambda of 0 with dependent terms,
-    /// and with [`LeastSquaresError::NoConvergence`].
+    /// or with [`LeastSquaresError::NoConvergence`].
     pub fn solve<S: AsRef<str>>(&self, lambdas: &[f64], names: &[S]) -> Result<RidgePath, LeastSquaresError> {
         self.path(lambdas, names, false)
     }
@@ -288,7 +289,7 @@ impl QrAccumulator {
     /// intercept.
     ///
     /// # Errors
-    /// Fails as [`solve`](Self::solve).
+    /// Returns the errors of [`solve`](Self::solve).
     pub fn solve_centred<S: AsRef<str>>(&self, lambdas: &[f64], names: &[S]) -> Result<RidgePath, LeastSquaresError> {
         self.path(lambdas, names, true)
     }

@@ -102,8 +102,8 @@ pub fn fit(
 /// components is scored instead.
 ///
 /// # Errors
-/// Fails with [`LeastSquaresError::NoSuch`] if `target` is not an element of `targets`, and as [`fit`] and
-/// [`leave_line_out`].
+/// Fails with [`LeastSquaresError::NoSuch`] if `target` is not an element of `targets`. Also returns the errors of
+/// [`fit`] and [`leave_line_out`].
 pub fn choose_components(
     lines: &[RegressionMoments],
     targets: &[usize],

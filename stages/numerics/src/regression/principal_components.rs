@@ -32,7 +32,7 @@ impl PrincipalComponents {
     ///
     /// # Errors
     ///
-    /// Fails without rows, if no component would be kept, or without convergence.
+    /// Fails without rows, or without convergence. Also fails if no component would be kept.
     pub fn from_moments(
         moments: &RegressionMoments,
         scaling: ColumnScaling,

@@ -1,9 +1,9 @@
 //! Robust regression: M-estimates by iteratively reweighted least squares.
 //!
 //! Each pass over the rows weights every row by its residual r over the scale σ, and solves a weighted least-squares
-//! problem on the triangular factor. Huber: weight 1 up to the threshold ε, and ε σ/|r| beyond [Huber 1981, "Robust
-//! Statistics"]. Student-t with ν degrees of freedom: weight (ν + 1)/(ν + r²/σ²) [Lange, Little & Taylor 1989], so the
-//! influence of outliers decreases with their distance.
+//! problem on the triangular factor. With Huber's loss, the weight is 1 up to the threshold ε, and ε σ/|r| beyond
+//! [Huber 1981, "Robust Statistics"]. With Student's t and ν degrees of freedom, the weight is (ν + 1)/(ν + r²/σ²)
+//! [Lange, Little & Taylor 1989], so the influence of outliers decreases with their distance.
 
 use rayon::prelude::*;
 
@@ -101,7 +101,7 @@ impl RobustOptions {
     ///
     /// # Errors
     ///
-    /// Fails for settings out of range, for rows that are not finite (numbered within their line), and for dependent
+    /// Fails for settings out of range, for rows that are not finite (numbered within their line), or for dependent
     /// terms without a ridge.
     pub fn fit<S: AsRef<str>>(&self, lines: &[LineRows<'_>], names: &[S]) -> Result<RobustFit, LeastSquaresError> {
         self.check()?;

@@ -24,7 +24,7 @@ pub struct TruncatedSvdFit {
 ///
 /// # Errors
 ///
-/// Fails for an unknown target, or when the decomposition does not converge.
+/// Fails for an unknown target. Also fails if the decomposition does not converge.
 pub fn path(prepared: &ScaledFactor, target: usize) -> Result<Vec<TruncatedSvdFit>, LeastSquaresError> {
     prepared.along(target)?;
     let singular = prepared.singular()?;
@@ -46,7 +46,7 @@ pub fn path(prepared: &ScaledFactor, target: usize) -> Result<Vec<TruncatedSvdFi
 /// The leave-one-line-out scores of 1 to `components` components.
 ///
 /// # Errors
-/// Fails as [`path`] and [`leave_line_out`].
+/// Returns the errors of [`path`] and [`leave_line_out`].
 pub fn choose_components(
     lines: &[RegressionMoments],
     target: usize,

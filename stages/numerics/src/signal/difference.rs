@@ -34,8 +34,8 @@ impl DifferenceScheme {
 
 /// The differences of `x` per sample, in the unit of `x`.
 ///
-/// `None` when `x` has fewer samples than [`DifferenceScheme::least_rows`]: there MagNav.jl returns zeros, which look
-/// like a quiet signal.
+/// `None` if `x` has fewer samples than [`DifferenceScheme::least_rows`]. In this case, MagNav.jl returns zeros, which
+/// look like a quiet signal.
 pub fn difference(x: &[f64], scheme: DifferenceScheme) -> Option<Vec<f64>> {
     let n = x.len();
     if n < scheme.least_rows() {

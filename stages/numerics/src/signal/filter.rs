@@ -25,7 +25,7 @@ pub enum FilterError {
     /// The sample rate is not a positive number.
     #[error("the sample rate must be above 0 Hz, but is {rate_hz} Hz")]
     Rate {
-        /// The given rate, Hz.
+        /// The given rate, in Hz.
         rate_hz: f64,
     },
     /// The order is outside 1 to 12.
@@ -40,7 +40,7 @@ pub enum FilterError {
          omit the corner for a filter without that edge"
     )]
     CornerNotPositive {
-        /// The given corner, Hz.
+        /// The given corner, in Hz.
         corner_hz: f64,
     },
     /// A corner is at or above the Nyquist frequency.
@@ -49,19 +49,19 @@ pub enum FilterError {
          rate of {rate_hz} Hz"
     )]
     CornerAboveNyquist {
-        /// The given corner, Hz.
+        /// The given corner, in Hz.
         corner_hz: f64,
-        /// The Nyquist frequency: half of the sample rate, Hz.
+        /// The Nyquist frequency: half of the sample rate, in Hz.
         nyquist_hz: f64,
-        /// The sample rate, Hz.
+        /// The sample rate, in Hz.
         rate_hz: f64,
     },
     /// The lower corner is not below the upper one.
     #[error("the lower corner of {low_hz} Hz is not below the upper corner of {high_hz} Hz")]
     CornersCrossed {
-        /// The lower corner, Hz.
+        /// The lower corner, in Hz.
         low_hz: f64,
-        /// The upper corner, Hz.
+        /// The upper corner, in Hz.
         high_hz: f64,
     },
     /// Both the lower and the upper corner are missing.
@@ -77,7 +77,7 @@ pub enum FilterError {
         order: usize,
         /// The band, as text.
         band: String,
-        /// The sample rate, Hz.
+        /// The sample rate, in Hz.
         rate_hz: f64,
     },
     /// The series is not longer than the padding.
@@ -142,7 +142,7 @@ impl ZeroPhaseFilter {
     ///
     /// # Errors
     /// Fails for a sample rate that is not a finite number above 0, an order outside 1 to 12, a corner that is not
-    /// above 0 Hz and below the Nyquist frequency, and a lower corner that is not below the upper one. Fails with
+    /// above 0 Hz and below the Nyquist frequency, or a lower corner that is not below the upper one. Fails with
     /// [`FilterError::Unstable`] for corners whose filter cannot be represented in double precision.
     pub fn new(band: FilterBand, rate_hz: f64, order: usize) -> Result<Self, FilterError> {
         let (gain, sections) = butterworth::design(band, rate_hz, order)?;
@@ -173,7 +173,7 @@ impl ZeroPhaseFilter {
     /// Filters one evenly sampled series; the result has the same unit and length.
     ///
     /// # Errors
-    /// Fails with [`FilterError::TooShort`] for fewer samples than [`Self::least_rows`], and with
+    /// Fails with [`FilterError::TooShort`] for fewer samples than [`Self::least_rows`], or with
     /// [`FilterError::NotFinite`] for a sample that is not finite.
     pub fn apply(&self, x: &[f64]) -> Result<Vec<f64>, FilterError> {
         let mut out = x.to_vec();
@@ -184,7 +184,7 @@ impl ZeroPhaseFilter {
     /// Filters several series of the same length; the results have the same units and lengths.
     ///
     /// # Errors
-    /// Fails with [`FilterError::Shape`] for series of different lengths, and as [`Self::apply`].
+    /// Fails with [`FilterError::Shape`] for series of different lengths. Also returns the errors of [`Self::apply`].
     pub fn apply_columns(&self, columns: &[&[f64]]) -> Result<Vec<Vec<f64>>, FilterError> {
         let (width, rows) = (columns.len(), columns.first().map_or(0, |x| x.len()));
         if let Some(odd) = columns.iter().find(|column| column.len() != rows) {
@@ -209,7 +209,7 @@ impl ZeroPhaseFilter {
     ///
     /// # Errors
     /// Fails with [`FilterError::Shape`] for no columns or values that are not a whole number of rows, with
-    /// [`FilterError::TooShort`] for fewer rows than [`Self::least_rows`], and with [`FilterError::NotFinite`] for a
+    /// [`FilterError::TooShort`] for fewer rows than [`Self::least_rows`], or with [`FilterError::NotFinite`] for a
     /// value that is not finite.
     pub fn apply_matrix(
         &self,
@@ -248,7 +248,7 @@ impl ZeroPhaseFilter {
 /// result has the same unit. [Gustafsson 1996, sec. 3]
 ///
 /// # Errors
-/// Fails as [`ZeroPhaseFilter::new`] and [`ZeroPhaseFilter::apply`].
+/// Returns the errors of [`ZeroPhaseFilter::new`] and [`ZeroPhaseFilter::apply`].
 pub fn band_pass(x: &[f64], rate_hz: f64, low_hz: f64, high_hz: f64, order: usize) -> Result<Vec<f64>, FilterError> {
     ZeroPhaseFilter::new(FilterBand::Band { low_hz, high_hz }, rate_hz, order)?.apply(x)
 }

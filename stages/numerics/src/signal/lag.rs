@@ -17,9 +17,9 @@ pub enum LagError {
     /// The sample rate or the range of lags is not a number above 0.
     #[error("the sample rate ({rate_hz} Hz) and the largest lag ({most_s} s) must be above 0")]
     Range {
-        /// The sample rate, Hz.
+        /// The sample rate, in Hz.
         rate_hz: f64,
-        /// The largest lag, s.
+        /// The largest lag, in seconds.
         most_s: f64,
     },
     /// Too few pairs of samples overlap.
@@ -34,17 +34,17 @@ pub enum LagError {
     /// The correlation is greatest at the end of the range.
     #[error("the correlation has no peak within the range of lags; it is largest at the end, {lag_s} s")]
     AtEnd {
-        /// The lag at that end, s.
+        /// The lag at that end, in seconds.
         lag_s: f64,
     },
 }
 
-/// Lag between two signals, and the uncertainty of the lag.
+/// Lag between two signals, and its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SignalLag {
-    /// Lag of the signal relative to the reference, s: signal(t) = reference(t - `lag_s`).
+    /// Lag of the signal relative to the reference, in seconds: signal(t) = reference(t - `lag_s`).
     pub lag_s: f64,
-    /// Standard error, s, if the part not common to both signals is white noise; a lower bound if that part is
+    /// Standard error, in seconds, if the part not common to both signals is white noise; a lower bound if that part is
     /// correlated.
     pub sd_s: f64,
     /// The coefficient of correlation at the peak, -1 to 1.
@@ -67,7 +67,7 @@ pub struct SignalLag {
 ///
 /// # Errors
 /// Fails for signals of different lengths, for a rate or range that is not above 0, for fewer than [`LEAST_PAIRS`]
-/// pairs at some lag, for a constant signal, and if r is greatest at an end of the range.
+/// pairs at some lag, or for a constant signal. Also fails if r is greatest at an end of the range.
 pub fn lag_of(
     reference: &[f64],
     signal: &[f64],
@@ -194,7 +194,7 @@ mod tests {
 
     const RATE_HZ: f64 = 10.0;
 
-    /// Waves of up to 1 Hz at any time, s.
+    /// Waves of up to 1 Hz at any time, in seconds.
     fn waves(t: f64) -> f64 {
         let one = |(k, hz): (usize, f64)| (5.0 - k as f64) * (TAU * hz * t + 1.3 * k as f64).sin();
         [0.043, 0.127, 0.31, 0.57, 0.93].into_iter().enumerate().map(one).sum()

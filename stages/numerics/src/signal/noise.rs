@@ -2,8 +2,9 @@
 //!
 //! The noise is estimated from its Allan variance: half the mean square of the difference between the means over two
 //! neighbouring intervals. It is independent of a constant offset, and gaps only end a run. The two returned parts are
-//! the smallest whose Allan variance is nowhere below that of the line, within the uncertainty of its estimate. Two
-//! parts cannot represent noise with more time scales, which is therefore overestimated and never underestimated.
+//! the smallest parts whose Allan variance is nowhere below that of the line, within the uncertainty of the line's
+//! Allan variance. Two parts cannot represent noise with more time scales, which is therefore overestimated and never
+//! underestimated.
 //!
 //! [Allan 1966, Proc. IEEE 54(2); IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8; Langel, García Crespillo
 //! & Joerger 2021, NAVIGATION 68(2), on models that bound a process of unknown correlation]
@@ -17,13 +18,14 @@ mod fit;
 
 pub use fit::{NoiseFitError, NoiseFitStatistic, fit};
 
-/// Approximate length of the blocks that are averaged, s. Faster noise is estimated from the steps between samples.
+/// Approximate length of the blocks that are averaged, in seconds. Faster noise is estimated from the steps between
+/// samples.
 const BLOCK_S: f64 = 1.0;
 /// Minimum number of independent differences for the Allan variance of an interval.
 const LEAST_PAIRS: f64 = 3.0;
 /// Number of trial correlation times.
 const TAUS: usize = 60;
-/// Lower limit of the noise of a magnetometer, nT.
+/// Lower limit of the noise of a magnetometer, in nT.
 const FLOOR_NT: f64 = 0.01;
 
 /// Noise of a measurement at the sample rate of the line from which it was estimated.
@@ -44,9 +46,9 @@ pub enum NoiseError {
         "the noise estimate requires a run of at least {least_s} s without a gap, but the longest is {longest_s:.1} s"
     )]
     TooShort {
-        /// The required length, s.
+        /// The required length, in seconds.
         least_s: f64,
-        /// The longest run, s.
+        /// The longest run, in seconds.
         longest_s: f64,
     },
 }
@@ -55,13 +57,13 @@ pub enum NoiseError {
 /// samples.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BlockMeans {
-    /// The length of a block, s.
+    /// The length of a block, in seconds.
     pub block_s: f64,
-    /// The time between samples, s.
+    /// The time between samples, in seconds.
     pub step_s: f64,
-    /// The means over the blocks of each run, nT.
+    /// The means over the blocks of each run, in nT.
     pub runs: Vec<Vec<f64>>,
-    /// Differences of neighbouring samples, nT; empty if a block is one sample.
+    /// Differences of neighbouring samples, in nT; empty if a block is one sample.
     pub steps: Vec<f64>,
 }
 
@@ -96,9 +98,9 @@ impl BlockMeans {
 /// The Allan variance for one interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AllanPoint {
-    /// Length of the interval over which means are taken, s.
+    /// Length of the interval over which means are taken, in seconds.
     pub span_s: f64,
-    /// The variance, nT².
+    /// The variance, in nT².
     pub variance_nt2: f64,
     /// The number of independent differences.
     pub pairs: f64,
@@ -123,7 +125,8 @@ pub fn allan_variance(lines: &[BlockMeans]) -> Vec<AllanPoint> {
         let (mut sum, mut terms, mut pairs) = (0.0, 0.0, 0.0);
         for run in lines.iter().flat_map(|l| &l.runs).filter(|run| run.len() >= 2 * m) {
             let mean = |at: usize| run[at..at + m].iter().sum::<f64>() / m as f64;
-            // Intervals overlap, but with at most thirty-two starts per interval length: more add no information.
+            // Intervals overlap, with at most thirty-two starts per interval length, because more starts add no
+            // information.
             let stride = m.div_ceil(32);
             for at in (0..=run.len() - 2 * m).step_by(stride) {
                 sum += 0.5 * (mean(at + m) - mean(at)).powi(2);

@@ -2,9 +2,9 @@
 //!
 //! Grid times are whole multiples of the step (`k / rate_hz`), from the first such time at or after the first sample to
 //! the last one at or before the last sample. They are identical for every sensor and flight, so that tables can be
-//! joined on them. The grid holds NaN in gaps between samples that exceed `max_gap_s`; a NaN sample counts as missing
-//! for its column only. Nothing is extrapolated. At a grid time within a millionth of a step of a sample, that sample
-//! is unchanged; a series that is already on the grid is therefore bit-identical.
+//! joined on them. Between samples that are more than `max_gap_s` apart, the grid holds NaN. A NaN sample counts as
+//! missing for its column only. Nothing is extrapolated. At a grid time within a millionth of a step of a sample, that
+//! sample is unchanged; a series that is already on the grid is therefore bit-identical.
 //!
 //! Interpolation to a lower rate aliases all components above half of the new rate to lower frequencies. It is the
 //! conventional resampling and the default; [`anti_alias()`] removes these components beforehand.
@@ -47,13 +47,13 @@ pub enum ResampleError {
     /// The rate is not a positive number.
     #[error("the new sample rate must be above 0 Hz, but is {rate_hz} Hz")]
     Rate {
-        /// The given rate, Hz.
+        /// The given rate, in Hz.
         rate_hz: f64,
     },
     /// The longest gap is negative or not a number.
     #[error("the longest gap to interpolate must be at least 0 s, but is {max_gap_s} s")]
     Gap {
-        /// The given gap, s.
+        /// The given gap, in seconds.
         max_gap_s: f64,
     },
     /// Times are not finite or do not increase.
@@ -65,11 +65,11 @@ pub enum ResampleError {
          {MOST_ROWS}; check that the time is in seconds and has no outliers"
     )]
     TooLong {
-        /// The first time, s.
+        /// The first time, in seconds.
         first_s: f64,
-        /// The last time, s.
+        /// The last time, in seconds.
         last_s: f64,
-        /// The rate, Hz.
+        /// The rate, in Hz.
         rate_hz: f64,
         /// The number of rows it would have.
         rows: f64,
@@ -80,9 +80,9 @@ pub enum ResampleError {
          from midnight"
     )]
     TooCoarse {
-        /// The largest time, s.
+        /// The largest time, in seconds.
         tt: f64,
-        /// The rate, Hz.
+        /// The rate, in Hz.
         rate_hz: f64,
     },
     /// A column and the time column have different lengths.
@@ -122,7 +122,7 @@ impl<'a> ResamplePlan<'a> {
     ///
     /// # Errors
     /// Fails for a rate that is not a finite number above 0, a gap limit that is negative or NaN, times that are not
-    /// finite or do not increase, times too large to be distinguished at the rate, and more than [`MOST_ROWS`] rows.
+    /// finite or do not increase, times too large to be distinguished at the rate, or more than [`MOST_ROWS`] rows.
     pub fn new(tt: &'a [f64], rate_hz: f64, max_gap_s: f64) -> Result<Self, ResampleError> {
         check(rate_hz, max_gap_s)?;
         check_increasing(tt)?;
@@ -138,7 +138,7 @@ impl<'a> ResamplePlan<'a> {
     /// the first sample and after the last have NaN, as in a gap.
     ///
     /// # Errors
-    /// Fails as [`ResamplePlan::new`].
+    /// Returns the errors of [`ResamplePlan::new`].
     pub fn onto(tt: &'a [f64], grid: Vec<f64>, rate_hz: f64, max_gap_s: f64) -> Result<Self, ResampleError> {
         check(rate_hz, max_gap_s)?;
         check_increasing(tt)?;
@@ -150,13 +150,13 @@ impl<'a> ResamplePlan<'a> {
     fn placed(tt: &'a [f64], grid: Vec<f64>, rate_hz: f64, max_gap_s: f64) -> Self {
         let rounding = rounding(largest(tt));
         let snap_s = (SNAP / rate_hz).max(rounding);
-        // A gap equal to the longest allowed one is interpolated despite the rounding of its times.
+        // A gap of exactly the maximum length is interpolated despite the rounding of its times.
         let max_gap_s = max_gap_s + 2.0 * rounding;
         let places = places(tt, &grid, max_gap_s, snap_s);
         Self { tt, grid, places, max_gap_s, snap_s }
     }
 
-    /// The times of the grid, s.
+    /// The times of the grid, in seconds.
     pub fn grid(&self) -> &[f64] {
         &self.grid
     }
@@ -246,12 +246,13 @@ fn largest(tt: &[f64]) -> f64 {
     tt.iter().fold(0.0f64, |largest, tt| largest.max(tt.abs()))
 }
 
-/// Bound of the rounding error of times up to `largest`, s.
+/// Bound of the rounding error of times up to `largest`, in seconds.
 fn rounding(largest: f64) -> f64 {
     4.0 * f64::EPSILON * largest
 }
 
-/// Bound of the rounding error of times up to `largest`, s. Fails if this error is not small compared with the step.
+/// Bound of the rounding error of times up to `largest`, in seconds. Fails if this error is not small compared with the
+/// step.
 fn resolution(largest: f64, rate_hz: f64) -> Result<f64, ResampleError> {
     let rounding = rounding(largest);
     if rounding * rate_hz > 1e-3 {
@@ -264,7 +265,7 @@ fn resolution(largest: f64, rate_hz: f64) -> Result<f64, ResampleError> {
 ///
 /// # Errors
 /// Fails for a rate that is not a finite number above 0, times that are not finite or too large to be distinguished at
-/// the rate, and more than [`MOST_ROWS`] rows.
+/// the rate, or more than [`MOST_ROWS`] rows.
 pub fn even_grid(first_s: f64, last_s: f64, rate_hz: f64) -> Result<Vec<f64>, ResampleError> {
     check(rate_hz, 0.0)?;
     if let Some(row) = [first_s, last_s].iter().position(|tt| !tt.is_finite()) {

@@ -46,7 +46,7 @@ impl SavitzkyGolay {
     /// of degree `degree` through `window` samples.
     ///
     /// # Errors
-    /// Fails for a window that is even or not 3 to [`MOST_WINDOW`] samples, and for a degree that is above 8, not below
+    /// Fails for a window that is even or not 3 to [`MOST_WINDOW`] samples, or for a degree that is above 8, not below
     /// the number of samples, or below the derivative.
     pub fn new(window: usize, degree: usize, derivative: usize) -> Result<Self, SavitzkyGolayError> {
         if window.is_multiple_of(2) || !(3..=MOST_WINDOW).contains(&window) {
@@ -92,7 +92,7 @@ impl SavitzkyGolay {
         let one = |i: usize| {
             let first = i.saturating_sub(self.half).min(last);
             let weights = self.weights.get(i - first)?;
-            // Relative to the sample itself, to preserve small changes of a large value.
+            // Values are relative to the sample itself, to preserve small changes of a large value.
             let sum: f64 = weights.iter().zip(&x[first..first + window]).map(|(w, other)| w * (other - x[i])).sum();
             Some(if self.derivative == 0 { x[i] + sum } else { sum })
         };

@@ -28,9 +28,9 @@ pub enum TimeError {
     NotIncreasing {
         /// The row, from 0.
         row: usize,
-        /// Its time, s.
+        /// Time, in seconds.
         tt: f64,
-        /// Time of the previous row, s.
+        /// Time of the previous row, in seconds.
         before: f64,
     },
     /// A step differs from the median step but is not a gap.
@@ -41,11 +41,11 @@ pub enum TimeError {
     Uneven {
         /// The row, from 0.
         row: usize,
-        /// Its time, s.
+        /// Time, in seconds.
         tt: f64,
-        /// Time since the previous row, s.
+        /// Time since the previous row, in seconds.
         step_s: f64,
-        /// The median step, s.
+        /// The median step, in seconds.
         usual_s: f64,
     },
     /// A column and the time column have different lengths.
@@ -88,8 +88,8 @@ pub fn check_increasing(tt: &[f64]) -> Result<(), TimeError> {
 /// resampling first. The rounding of the times themselves (16 units in the last place) is always allowed.
 ///
 /// # Errors
-/// Fails as [`check_increasing`], with [`TimeError::TooShort`] for fewer than two samples, and with
-/// [`TimeError::Uneven`] for a step off the median by more than the tolerance that is not a gap.
+/// Returns the errors of [`check_increasing`]. Also fails with [`TimeError::TooShort`] for fewer than two samples, or
+/// with [`TimeError::Uneven`] for a step off the median by more than the tolerance that is not a gap.
 pub fn sample_rate(tt: &[f64], tolerance: f64) -> Result<f64, TimeError> {
     check_increasing(tt)?;
     let mut steps: Vec<f64> = tt.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -184,11 +184,11 @@ impl RowMask {
 pub struct GapFilterReport {
     /// The number of runs that were filtered.
     pub runs: usize,
-    /// The number of rows in them.
+    /// The number of rows in the filtered runs.
     pub rows: usize,
     /// The number of runs that were too short for the filter and became NaN.
     pub short_runs: usize,
-    /// The number of rows in those.
+    /// The number of rows in these runs.
     pub short_rows: usize,
     /// The number of rows outside all runs: not finite, or not selected.
     pub missing_rows: usize,
@@ -234,10 +234,10 @@ pub fn filter_column(
 }
 
 /// Filters each run of a row-major matrix separately, in place. Whole rows are NaN outside the runs and in runs that
-/// are too short. `runs` as for [`filter_column`].
+/// are too short. `runs` is as in [`filter_column`].
 ///
 /// # Errors
-/// Fails with [`FilterError::Shape`] for no columns or values that are not a whole number of rows, and with
+/// Fails with [`FilterError::Shape`] for no columns or values that are not a whole number of rows, or with
 /// [`FilterError::NotFinite`] for a value that is not finite in a filtered run.
 pub fn filter_matrix(
     filter: &ZeroPhaseFilter,

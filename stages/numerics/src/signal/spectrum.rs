@@ -31,7 +31,7 @@ pub enum SpectrumError {
     /// The sample rate is not a positive number.
     #[error("the sample rate must be above 0 Hz, but is {rate_hz} Hz")]
     Rate {
-        /// The given rate, Hz.
+        /// The given rate, in Hz.
         rate_hz: f64,
     },
     /// A segment of fewer than two samples.
@@ -53,7 +53,7 @@ pub enum SpectrumError {
 /// A one-sided power spectral density.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PowerSpectrum {
-    /// Frequencies from 0 to half of the sample rate, Hz.
+    /// Frequencies from 0 to half of the sample rate, in Hz.
     pub frequency_hz: Vec<f64>,
     /// Power density at each frequency, in the squared unit of the samples per Hz.
     pub density: Vec<f64>,
@@ -73,7 +73,7 @@ pub struct PowerSpectrum {
 ///
 /// # Errors
 /// Fails with [`SpectrumError::Rate`] for a rate that is not a finite number above 0, with [`SpectrumError::Segment`]
-/// for segments of fewer than two samples, and with [`SpectrumError::TooShort`] if no segment is completely finite.
+/// for segments of fewer than two samples, or with [`SpectrumError::TooShort`] if no segment is completely finite.
 pub fn welch(x: &[f64], rate_hz: f64, segment: usize, window: SpectralTaper) -> Result<PowerSpectrum, SpectrumError> {
     if !(rate_hz > 0.0 && rate_hz.is_finite()) {
         return Err(SpectrumError::Rate { rate_hz });

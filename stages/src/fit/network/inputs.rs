@@ -29,8 +29,8 @@ impl NetworkInputs {
     /// Inputs of a network, with the scales of its warm start if it has one.
     ///
     /// # Errors
-    /// If the keys select no input, every input is constant, `whiten` requests too many components, or the
-    /// warm start has other inputs.
+    /// Fails if the keys select no input, every input is constant, `whiten` requests too many components, or the warm
+    /// start has other inputs.
     pub fn from_samples(
         model: &NetworkModel<'_>,
         samples: &FitSamples,
@@ -61,7 +61,7 @@ impl NetworkInputs {
 /// item holds the rows from which the scaling is computed (row-major).
 ///
 /// # Errors
-/// If every input is constant, or `whiten` requests too many components.
+/// Fails if every input is constant, or `whiten` requests too many components.
 pub fn scaling(
     samples: &FitSamples,
     lines: &[usize],

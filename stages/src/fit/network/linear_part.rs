@@ -39,7 +39,7 @@ impl LinearPart {
     /// Positions of the terms.
     ///
     /// # Errors
-    /// If an entry is missing, or no term remains.
+    /// Fails if an entry is missing, or no term remains.
     pub fn places(&self, samples: &FitSamples, all: bool) -> Result<Vec<usize>, Fault> {
         if self.linear.is_some() || all {
             return samples.places(self.linear.as_ref()).map_err(|f| f.of_param("linear"));
@@ -65,7 +65,7 @@ impl LinearPart {
     /// Coefficients of the terms at `places`, fitted to `lines`.
     ///
     /// # Errors
-    /// If no run is long enough for the filter, or the data do not determine the coefficients.
+    /// Fails if no run is long enough for the filter, or the data do not determine the coefficients.
     pub fn fit(&self, samples: &FitSamples, lines: &[usize], places: &[usize]) -> Result<Vec<f64>, Fault> {
         let (width, terms) = (samples.names.len(), places.len());
         let mut moments = vec![];

@@ -44,7 +44,7 @@ impl<'a> NetworkModel<'a> {
         }
     }
 
-    /// A model 3: network with the vector form of Tolles-Lawson.
+    /// Model `m3...`: a network combined with the vector form of Tolles-Lawson.
     pub fn vector(keys: &'a NetworkKeys, form: NetworkForm, part: &'a LinearPart, vector: &'a VectorModelKeys) -> Self {
         Self { linear: Some(part), vector: Some(vector), ..Self::new(keys, form) }
     }

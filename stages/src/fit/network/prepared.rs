@@ -99,7 +99,7 @@ pub struct TrainingSetup<'a> {
     inputs: &'a NetworkInputs,
     terms: TermScaling,
     linear_at: Vec<usize>,
-    /// Mean and scale of the target, nT.
+    /// Mean and scale of the target, in nT.
     target: (f64, f64),
     /// Warning about inputs that are far from the training data of the warm start.
     far: String,
@@ -107,7 +107,7 @@ pub struct TrainingSetup<'a> {
 
 impl<'a> TrainingSetup<'a> {
     /// # Errors
-    /// If the data do not determine the network, or the warm start does not match.
+    /// Fails if the data do not determine the network, or the warm start does not match.
     pub fn new(ready: &'a TrainingInputs<'a>, samples: &FitSamples) -> Result<Self, Fault> {
         let TrainingInputs { task, warm, inputs } = ready;
         let TrainingTask { model, settings, .. } = task;
@@ -184,7 +184,7 @@ impl<'a> TrainingSetup<'a> {
         self.task.model.vector.map(|_| self.terms.clone())
     }
 
-    /// Scale of the target, nT.
+    /// Scale of the target, in nT.
     pub fn scale_nt(&self) -> f64 {
         self.target.1
     }
@@ -192,7 +192,8 @@ impl<'a> TrainingSetup<'a> {
     /// Model after the training of its members.
     ///
     /// # Errors
-    /// If the parameters of the network do not match its shape, or the samples of a network over a window have no rate.
+    /// Fails if the parameters of the network do not match its shape, or the samples of a network over a window have no
+    /// rate.
     pub fn learnt(self, samples: &FitSamples, trained: &[TrainingResult]) -> Result<LearningResult, Fault> {
         let names = |at: &[usize]| at.iter().map(|&i| samples.names[i].clone()).collect::<Vec<_>>();
         let parameters = trained.iter().map(|t| self.core.original(&self.terms, &t.parameters)).collect();

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::fit::{model::LearningResult, samples::FitSamples};
 
-/// Time between two saved states, s.
+/// Time between two saved states, in seconds.
 const KEPT_EVERY_S: f64 = 1.0;
 
 /// Trains networks. They share passes over the samples where possible, with the same results as if trained separately.
@@ -35,7 +35,7 @@ pub fn learn_together(tasks: &[TrainingTask<'_>], samples: &FitSamples) -> Vec<R
     networks.into_iter().map(|network| network.and_then(learnt)).collect()
 }
 
-/// Network whose members are trained one after the other.
+/// Network whose members are trained one at a time.
 struct EnsembleTraining<'a> {
     prepared: TrainingSetup<'a>,
     /// States of members saved by an earlier run.

@@ -23,11 +23,11 @@ params! {
     curriculum_sigma: f64, unit "1", default 1.0, rule Rule::Positive;
 }
 
-/// Magnitudes of the earth's field, with a margin for the aircraft's field, nT.
+/// Magnitudes of the earth's field, with a margin for the aircraft's field, in nT.
 const PLAUSIBLE_NT: std::ops::Range<f64> = 15_000.0..90_000.0;
 
 impl VectorModelKeys {
-    /// Frame for a scale of the target, nT.
+    /// Frame for a target scale in nT.
     pub fn frame(&self, target_scale_nt: f64) -> VectorFrame {
         VectorFrame { coupling: self.coupling, bt_scale_nt: self.bt_scale_nt, target_scale_nt }
     }
@@ -41,7 +41,7 @@ impl VectorModelKeys {
     /// Checks the magnitude of the field that the terms give.
     ///
     /// # Errors
-    /// Error if it is not a magnitude of the earth's field.
+    /// Fails if the magnitude is outside the range of the earth's field.
     pub fn check(&self, terms: &[f64], width: usize) -> Result<(), Fault> {
         let field_nt = self.frame(1.0).mean_field_nt(terms, width);
         if self.coupling == FieldCoupling::Projection || PLAUSIBLE_NT.contains(&field_nt) {
@@ -60,7 +60,7 @@ impl LinearPart {
     /// Positions of the terms of the vector form, in the order of [`VECTOR_TERMS`].
     ///
     /// # Errors
-    /// If terms are missing, belong to several vector magnetometers, or are not terms of the vector form.
+    /// Fails if terms are missing, belong to several vector magnetometers, or are not terms of the vector form.
     pub fn vector_places(&self, samples: &FitSamples) -> Result<Vec<usize>, Fault> {
         let wrong = |what: String| Err(Fault::data(what).of_param("linear"));
         let term = |i: &usize| samples.names.get(*i).and_then(|name| vector_term(name));

@@ -29,7 +29,7 @@ impl<'a> WarmStart<'a> {
     /// Warm start from a model, for a network of a form.
     ///
     /// # Errors
-    /// If the model is not a network, or has another form.
+    /// Fails if the model is not a network, or has another form.
     pub fn from_model(model: &'a LearnedModel, form: NetworkForm) -> Result<Self, Fault> {
         let none = || {
             let fault = Fault::data("the model of `warm_start` is not a network").of_param("warm_start");
@@ -45,7 +45,7 @@ impl<'a> WarmStart<'a> {
     /// Checks that the vector form of the initial network is that of this fit.
     ///
     /// # Errors
-    /// If the coupling, or the scale of the terms, differs.
+    /// Fails if the coupling, or the scale of the terms, differs.
     pub fn check_frame(&self, keys: Option<&VectorModelKeys>) -> Result<(), Fault> {
         let (Some(own), Some(keys)) = (self.parts.frame, keys) else { return Ok(()) };
         let here = keys.frame(own.target_scale_nt);
@@ -73,7 +73,7 @@ impl<'a> WarmStart<'a> {
         self.head().hidden.clone()
     }
 
-    /// Scale of the initial network's target, nT.
+    /// Scale of the initial network's target, in nT.
     pub fn scale_nt(&self) -> f64 {
         self.parts.scale_nt
     }
@@ -81,7 +81,7 @@ impl<'a> WarmStart<'a> {
     /// Scaling of the initial network's inputs. Sorts `at` into the order of these inputs.
     ///
     /// # Errors
-    /// If the initial network has other inputs, or another number of principal components than `whiten` requests.
+    /// Fails if the initial network has other inputs, or another number of principal components than `whiten` requests.
     pub fn scaling(
         &self,
         samples: &FitSamples,
@@ -109,7 +109,7 @@ impl<'a> WarmStart<'a> {
     /// Sorts the positions of the linear terms into the order of the initial network's terms.
     ///
     /// # Errors
-    /// If the initial network has other terms.
+    /// Fails if the initial network has other terms.
     pub fn order_terms(&self, samples: &FitSamples, at: &mut Vec<usize>) -> Result<(), Fault> {
         self.order("linear", self.parts.linear, samples, at)
     }

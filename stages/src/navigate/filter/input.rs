@@ -27,7 +27,7 @@ pub struct FilterInput<'a> {
     /// Measured field in nT at each sample, minus the diurnal variation if `remove_diurnal` is set; NaN if missing. It
     /// contains the core field if and only if `core` is given. With several magnetometers, the value is their mean.
     pub measured_nt: Vec<f64>,
-    /// Standard deviation of the white noise of each element of `measured_nt`, nT.
+    /// Standard deviation of the white noise of each element of `measured_nt`, in nT.
     pub sigma_nt: Vec<f64>,
     /// Each magnetometer, for a filter that processes them separately ([`NavigationFilter::each_magnetometer`]); else
     /// empty.
@@ -49,7 +49,7 @@ pub struct FilterInput<'a> {
     pub models: &'a [CalibrationPrior],
     /// The vector magnetometer `vector`, nT along nose, right and down.
     pub field_nt: Option<[&'a [f64]; 3]>,
-    /// The cosine of the angle between the scalar sensor's axis and that field; NaN if unknown.
+    /// Cosine of the angle between the axis of the scalar sensor and the field; NaN if unknown.
     pub cosines: Option<Vec<f64>>,
     /// Factor on the standard deviation of each measurement for the attitude; NaN makes the measurement missing.
     pub noise_factors: Option<Vec<f64>>,
@@ -62,11 +62,11 @@ pub struct FilterInput<'a> {
     /// Change of the aircraft's permanent field, for a filter that estimates it
     /// ([`NavigationFilter::takes_scalar_states`]).
     pub permanent: Option<PermanentStates>,
-    /// Prior standard deviation of the lag of the magnetometer, in s, for a filter that estimates the lag. `None`
+    /// Prior standard deviation of the lag of the magnetometer, in seconds, for a filter that estimates the lag. `None`
     /// without a state for the lag.
     pub latency_sigma_s: Option<f64>,
-    /// Prior standard deviation of the height bias on the map, in m, for a filter that estimates the bias. `None` without
-    /// a state for the bias.
+    /// Prior standard deviation of the bias between the height of the INS and the height on the map, in metres, for a
+    /// filter that estimates the bias. `None` without a state for the bias.
     pub map_height_sigma_m: Option<f64>,
     /// Whether the track has the columns of the lag, and those of the height bias.
     pub(in crate::navigate) has_constants: [bool; 2],
@@ -127,7 +127,7 @@ impl FilterInput<'_> {
     /// Line as input of the filters in `numerics`.
     ///
     /// # Errors
-    /// Without a map.
+    /// Fails without a map.
     pub fn line(&self) -> Result<NavigationLine<'_>, Fault> {
         Ok(NavigationLine {
             ins: &self.ins,
@@ -142,10 +142,10 @@ impl FilterInput<'_> {
         })
     }
 
-    /// [`FilterInput::line`] with a discretisation of the process noise.
+    /// Same as [`FilterInput::line`], with a given discretisation of the process noise.
     ///
     /// # Errors
-    /// Without a map.
+    /// Fails without a map.
     pub fn line_with(&self, noise: NoiseDiscretisation) -> Result<NavigationLine<'_>, Fault> {
         Ok(NavigationLine { errors: InsErrorModel { noise, ..self.errors }, ..self.line()? })
     }
@@ -181,7 +181,7 @@ impl FilterInput<'_> {
     /// The map.
     ///
     /// # Errors
-    /// If the input has no map.
+    /// Fails if the input has no map.
     pub fn needed_map(&self) -> Result<&FieldMap, Fault> {
         self.map.ok_or_else(|| Fault::bug("a filter without a map needs one"))
     }

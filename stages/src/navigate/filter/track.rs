@@ -35,7 +35,7 @@ pub struct FilterTrack {
     pub lat_deg: Vec<f64>,
     /// Longitude, in degrees.
     pub lon_deg: Vec<f64>,
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: Vec<f64>,
     /// Velocity north, in m/s.
     pub vn_mps: Vec<f64>,
@@ -43,9 +43,9 @@ pub struct FilterTrack {
     pub ve_mps: Vec<f64>,
     /// Velocity down, in m/s.
     pub vd_mps: Vec<f64>,
-    /// Standard deviation of the position north, in m.
+    /// Standard deviation of the position north, in metres.
     pub sd_n_m: Vec<f64>,
-    /// Standard deviation of the position east, in m.
+    /// Standard deviation of the position east, in metres.
     pub sd_e_m: Vec<f64>,
     /// Covariance of the position errors north and east, in m².
     pub cov_ne_m2: Vec<f64>,
@@ -63,7 +63,7 @@ impl FilterTrack {
     /// Track from a filter's output, without the states, which the filter adds. `gate_nis` is its innovation gate.
     ///
     /// # Errors
-    /// When no measurement was used, or the offset is unknown.
+    /// Fails if no measurement was used, or the offset is unknown.
     pub fn from_output(
         flown: &FilterInput,
         out: NavigationOutput,
@@ -73,7 +73,7 @@ impl FilterTrack {
         Ok(Self::with_any(flown, out, gate_nis))
     }
 
-    /// [`FilterTrack::from_output`] that also accepts a line without a usable measurement.
+    /// Same as [`FilterTrack::from_output`], but also accepts a line without a usable measurement.
     pub fn with_any(flown: &FilterInput, out: NavigationOutput, gate_nis: Option<f64>) -> FilterTrack {
         let update = |(residual, (nis, measured)): (&f64, (&f64, &f64))| match gate_nis {
             _ if !measured.is_finite() => UpdateOutcome::Missing,
@@ -141,7 +141,7 @@ pub fn state_columns() -> Vec<Column> {
 /// Arrays of [`state_columns`], taken from a filter's output.
 ///
 /// # Errors
-/// If the values do not make a list column.
+/// Fails if the values do not make a list column.
 pub fn state_arrays(out: &mut NavigationOutput) -> Result<Vec<ArrayRef>, Fault> {
     // Moved out of the filter output, because the covariances of a long flight occupy half a gigabyte.
     let (x, p) = (std::mem::take(&mut out.x), std::mem::take(&mut out.p));

@@ -1,4 +1,4 @@
-//! Recognition of the time column, its origin, and the epoch of a log.
+//! Recognises the time column, its origin, and the epoch of a log.
 
 use datasets::formats::name_of_head;
 use numerics::regression::statistics::median;
@@ -15,7 +15,7 @@ pub struct ClockGuess {
     pub why: String,
     /// The column.
     pub column: String,
-    /// Its unit.
+    /// Unit.
     unit: &'static str,
     /// Whether it counts from the start of the log.
     boot: bool,

@@ -1,4 +1,4 @@
-//! Recognition of columns by their names, units and values.
+//! Recognises columns by their names, units and values.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -176,7 +176,7 @@ fn can_be(column: &ColumnSample, ours: &str, unit: &str) -> bool {
     limits.holds(low * factor) && limits.holds(high * factor)
 }
 
-/// Magnitudes of an analogue fluxgate in the earth's field, V.
+/// Magnitudes of an analogue fluxgate in the earth's field, in V.
 const VOLTS: (f64, f64) = (0.15, 12.0);
 /// Usual sensitivities of analogue fluxgates: 10 V at 70, 100, 250, 500 and 1000 uT, in nT per V.
 const SENSITIVITIES: [f64; 5] = [7_000.0, 10_000.0, 25_000.0, 50_000.0, 100_000.0];

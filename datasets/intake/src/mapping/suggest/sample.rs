@@ -12,25 +12,25 @@ const ROWS: usize = 200_000;
 /// Column of a file with a sample of its values.
 #[derive(Clone, Debug)]
 pub struct ColumnSample {
-    /// Its name in the file.
+    /// Name in the file.
     pub name: String,
     /// The unit that the file gives; empty if the file gives no unit.
     pub unit: String,
     /// The first value of a text column.
     pub text: Option<String>,
-    /// Its numbers; empty for a column of text.
+    /// Numbers; empty for a column of text.
     pub values: Vec<f64>,
     /// Whether the numbers are whole.
     pub whole: bool,
 }
 
 impl ColumnSample {
-    /// Its finite values.
+    /// Finite values.
     pub fn known(&self) -> impl Iterator<Item = f64> + '_ {
         self.values.iter().copied().filter(|x| x.is_finite())
     }
 
-    /// The least and the largest value.
+    /// The smallest and the largest value.
     pub fn range(&self) -> Option<(f64, f64)> {
         let ends = self.known().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
         (ends.0 <= ends.1).then_some(ends)

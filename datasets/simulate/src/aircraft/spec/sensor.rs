@@ -20,7 +20,8 @@ pub struct ScalarMagnetometer {
     pub name: String,
     /// The aircraft's field at the sensor.
     pub source: AircraftFieldSpec,
-    /// Position relative to the INS along nose, right and down, in m, for the earth's field; `None` means at the INS.
+    /// Position relative to the INS along nose, right and down, in metres, for the earth's field; `None` means at the
+    /// INS.
     pub arm_m: Option<Vector3<f64>>,
     /// White noise, in nT.
     pub noise_nt: f64,

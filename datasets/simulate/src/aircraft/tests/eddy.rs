@@ -141,7 +141,7 @@ fn law_a_circle_in_the_core_field_has_the_rate_of_a_steady_turn() {
 }
 
 /// Root mean square of the residual of Tolles-Lawson's eddy terms, computed from central differences, and of the eddy
-/// field, nT.
+/// field, in nT.
 fn left_nt(rate_hz: f64) -> (f64, f64) {
     let sensors = "[[vector_magnetometers]]\nname = 'flux_a'\n[[magnetometers]]\nname = 'mag_1_c'\n\
                    [[magnetometers]]\nname = 'mag_2_uc'\neddy = [[1e-4, 2e-5, 0.0], [0.0, 2e-4, 5e-5], [3e-5, 0.0, 1e-4]]\n";

@@ -43,7 +43,7 @@ fn header(flags: u8) -> Vec<u8> {
 /// Byte order of numbers: the least significant byte first.
 const LITTLE: u8 = 1;
 
-/// A point at a longitude and latitude, degrees.
+/// A point at a longitude and latitude, in degrees.
 pub fn point(place: [f64; 2]) -> Vec<u8> {
     let mut bytes = header(LITTLE);
     bytes.push(LITTLE);
@@ -52,7 +52,7 @@ pub fn point(place: [f64; 2]) -> Vec<u8> {
     bytes
 }
 
-/// A track through longitudes and latitudes, degrees, with the rectangle around it.
+/// A track through longitudes and latitudes, in degrees, with the rectangle around it.
 pub fn track(places: &[[f64; 2]]) -> Vec<u8> {
     let mut extent = Extent::default();
     places.iter().for_each(|place| extent.add(*place));

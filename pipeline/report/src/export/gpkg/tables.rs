@@ -104,7 +104,7 @@ impl FeatureColumn {
 pub struct FeatureTable {
     name: String,
     geometry: &'static str,
-    /// Its columns in addition to `fid` and `geom`.
+    /// Columns in addition to `fid` and `geom`.
     pub columns: Vec<FeatureColumn>,
     /// Names of the columns in the file.
     names: Vec<String>,

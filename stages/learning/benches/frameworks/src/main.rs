@@ -86,7 +86,7 @@ fn all(mut bench: Command) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Wall-clock time and processor time of magline for `m1` with one hidden layer of 8 units, ms.
+/// Wall-clock time and processor time of magline for `m1` with one hidden layer of 8 units, in milliseconds.
 fn magline(printed: &str, threads: usize) -> Result<[f64; 2], Failure> {
     let row = format!("m1 [8], {threads} threads: ");
     let found = printed.lines().find_map(|line| line.strip_prefix(&row)).and_then(|times| {
@@ -181,7 +181,7 @@ impl Draws {
     }
 }
 
-/// Processor time of all threads, s; NaN if the system does not report it.
+/// Processor time of all threads, in seconds; NaN if the system does not report it.
 fn processors() -> f64 {
     let of = |task: std::fs::DirEntry| -> Option<f64> {
         let schedstat = std::fs::read_to_string(task.path().join("schedstat")).ok()?;

@@ -31,11 +31,11 @@ pub enum TermFamily {
 /// One group of terms that can be requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TermGroup {
-    /// Its name.
+    /// Name.
     pub name: &'static str,
     /// Aliases, most of which are the names in MagNav.jl.
     pub aliases: &'static [&'static str],
-    /// Its family.
+    /// Family.
     pub family: TermFamily,
     columns: &'static [usize],
 }
@@ -91,7 +91,7 @@ impl TermSelection {
     ///
     /// # Errors
     /// Fails with [`AMatrixError::Unknown`] for an unknown name, with [`AMatrixError::SameFamily`] for two groups of
-    /// the same family, and with [`AMatrixError::Empty`] without names.
+    /// the same family, or with [`AMatrixError::Empty`] without names.
     pub fn new<S: AsRef<str>>(names: &[S]) -> Result<Self, AMatrixError> {
         let mut groups: Vec<&'static TermGroup> = Vec::new();
         for name in names {

@@ -51,7 +51,7 @@ impl CoreFieldTrack {
     /// length. If a coordinate or date is not finite, the result is NaN.
     ///
     /// # Errors
-    /// Fails for a date outside the model's range and for an invalid position: a latitude beyond a pole, a longitude
+    /// Fails for a date outside the model's range, or for an invalid position: a latitude beyond a pole, a longitude
     /// outside -180 to 360 degrees, or a height outside -10 to 2,000 km.
     pub fn field(
         &self,
@@ -66,7 +66,7 @@ impl CoreFieldTrack {
     /// Annual change of the field (north, east, down; nT/year); see [`CoreFieldTrack::field`].
     ///
     /// # Errors
-    /// Fails as [`CoreFieldTrack::field`].
+    /// Returns the errors of [`CoreFieldTrack::field`].
     pub fn secular_variation(
         &self,
         lat_deg: &[f64],

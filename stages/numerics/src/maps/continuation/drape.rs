@@ -59,8 +59,9 @@ impl Default for DrapeOptions {
 /// Gnadt 2022, section 2.3]. A node more than `down_max_m` below the level is NaN.
 ///
 /// # Errors
-/// Fails as [`MapSpectrum::new`], and with [`ContinuationError::DrapeHeights`], [`ContinuationError::TooManyLevels`],
-/// [`ContinuationError::Height`] for a level, a step or a limit out of range, or [`ContinuationError::Alpha`].
+/// Returns the errors of [`MapSpectrum::new`]. Also fails with [`ContinuationError::DrapeHeights`],
+/// [`ContinuationError::TooManyLevels`], [`ContinuationError::Height`] for a level, a step or a limit out of range, or
+/// [`ContinuationError::Alpha`].
 pub fn level_to_drape(
     grid: &PlaneGrid,
     level_m: f64,
@@ -82,7 +83,7 @@ pub fn level_to_drape(
 /// by the same method. A node whose height is more than `down_max_m` above the level is NaN.
 ///
 /// # Errors
-/// Fails as [`level_to_drape`].
+/// Returns the errors of [`level_to_drape`].
 pub fn drape_to_level(
     grid: &PlaneGrid,
     drape_m: &[f64],

@@ -30,19 +30,20 @@ pub struct EdgeError {
 
 /// Estimates the edge error of a continuation by `up_m` with these settings.
 ///
-/// Two parts are added in quadrature. The map is cropped and continued again. The map contains the true field past the
-/// edges of the crop. The difference of both results is therefore the error of the extension at that distance from an
-/// edge. Each edge of the crop represents the adjacent edge of the map, scaled by the variation of the continued field
-/// along both edges. The crop removes five continuation distances, but at most a quarter of a side. The level of the
-/// distant field is the same for crop and map. It is estimated from a second continuation with the opposite assumption:
-/// a field that falls to zero instead of the mean along the edge, or the reverse.
+/// Two parts are added in quadrature. First, the map is cropped and continued again. The map contains the true field
+/// past the edges of the crop. The difference of both results is therefore the error of the extension at that distance
+/// from an edge. Each edge of the crop represents the adjacent edge of the map, scaled by the variation of the
+/// continued field along both edges. The crop removes five continuation distances, but at most a quarter of a side.
+/// Second, the effect of the level of the distant field is estimated, which the crop does not show. A second
+/// continuation uses the opposite assumption: the field falls to zero instead of the mean along the edge, or the
+/// reverse.
 ///
 /// On fields of dipoles and prisms in and around a map, the rms of the estimate agrees with the rms error within a
 /// factor of three. With all sources well inside, where the error is some thousandths of the field, it is up to ten
 /// times too large. It does not include errors of the map's own values.
 ///
 /// # Errors
-/// Fails as [`super::continued`], and with [`ContinuationError::TooSmallToMeasure`].
+/// Returns the errors of [`super::continued`]. Also fails with [`ContinuationError::TooSmallToMeasure`].
 pub fn edge_error(
     grid: &PlaneGrid,
     up_m: f64,

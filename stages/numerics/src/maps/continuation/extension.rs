@@ -24,7 +24,7 @@ pub enum EdgeExtension {
     /// A straight line from the last value of each row, and then of each column, around to the first value, as in
     /// MagNav.jl's `map_expand`.
     WrapAround,
-    /// The trend alone: with [`TrendRemoval::None`] zeros, as the default of `xrft.pad`.
+    /// The trend alone. With [`TrendRemoval::None`], the padding is zero, as by default in `xrft.pad`.
     Zero,
 }
 
@@ -39,7 +39,7 @@ pub enum TrendRemoval {
     EdgePlane,
 }
 
-/// Width of the padding on each side. The padded sides are products of 2, 3, 5 and 7.
+/// Width of the padding on each side. The lengths of the padded sides are products of 2, 3, 5 and 7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PaddingWidth {
     /// Width of at least ten times the continuation distance and a tenth of the side, at most [`MOST_PADDING`] nodes.
@@ -102,7 +102,7 @@ impl Padding {
     /// Layout of a map in its padded grid for a continuation by `distance_m`.
     ///
     /// # Errors
-    /// Fails with [`ContinuationError::TooLarge`] when the padded map has more than `most_nodes` nodes.
+    /// Fails with [`ContinuationError::TooLarge`] if the padded map has more than `most_nodes` nodes.
     pub fn layout(&self, grid: &PlaneGrid, distance_m: f64) -> Result<PaddedLayout, ContinuationError> {
         let sides = [(grid.rows(), grid.north_m.step), (grid.columns(), grid.east_m.step)];
         let wanted = match self.width {
@@ -267,8 +267,8 @@ fn reflected(distance: usize, last: usize) -> usize {
 /// map in it.
 ///
 /// # Errors
-/// Fails as [`super::check`] for an invalid map, and with [`ContinuationError::TooLarge`] for a padding that is too
-/// wide.
+/// Returns the errors of [`super::check`] for an invalid map. Also fails with [`ContinuationError::TooLarge`] for a
+/// padding that is too wide.
 pub fn expand(grid: &PlaneGrid, pad: usize) -> Result<(PlaneGrid, PaddedLayout), ContinuationError> {
     super::check(grid)?;
     let padding = Padding {

@@ -36,7 +36,7 @@ impl RadialPower {
     /// the known nodes.
     ///
     /// # Errors
-    /// Fails as [`MapSpectrum::new`].
+    /// Returns the errors of [`MapSpectrum::new`].
     pub fn from_map(map: &PlaneGrid) -> Result<Self, ContinuationError> {
         let mut map = middle(map);
         let known: Vec<f64> = map.values.iter().copied().filter(|x| x.is_finite()).collect();

@@ -31,8 +31,8 @@ impl MapSpectrum {
     /// Transforms a map, with padding for results up to `distance_m` above or below it.
     ///
     /// # Errors
-    /// Fails as [`super::check`] and [`Padding::layout`], and with [`ContinuationError::Height`] for a distance that is
-    /// not finite.
+    /// Returns the errors of [`super::check`] and [`Padding::layout`]. Also fails with [`ContinuationError::Height`]
+    /// for a distance that is not finite.
     pub fn new(grid: &PlaneGrid, distance_m: f64, padding: &Padding) -> Result<Self, ContinuationError> {
         let (transform, trend) = prepared(grid, distance_m, padding)?;
         let values = transform.spectrum(grid, &trend);
@@ -54,8 +54,8 @@ impl MapSpectrum {
         self.answer(WavenumberFactor::General(&factor), &trend)
     }
 
-    /// The same as the function above, for a real factor that depends only on the magnitude of the wavenumber, in half
-    /// the time.
+    /// Does the same as the function above in half the time, for a real factor that depends only on the magnitude of
+    /// the wavenumber.
     pub fn filtered_radially(&self, factor: impl Fn(f64) -> f64 + Sync) -> PlaneGrid {
         let trend = self.trend.times(factor(0.0));
         self.answer(WavenumberFactor::Radial(&factor), &trend)

@@ -265,7 +265,7 @@ impl<'a> ColumnBlock<'a> {
         });
     }
 
-    /// Runs over the columns with their index and a scratch for transforms.
+    /// Calls the closure for each column, with its index and a scratch buffer for transforms.
     fn work(&mut self, run: impl Fn(usize, &mut [Complex64], &mut [Complex64]) + Sync) {
         let transform = self.transform;
         let lengths = [&transform.column_forward, &transform.column_inverse].map(|fft| fft.get_inplace_scratch_len());

@@ -13,7 +13,7 @@ use super::{ContinuationError, finite_height, rms, usable_alpha};
 /// `alpha_m2` damps downward continuation and has no effect upward; MagNav.jl uses [`super::MAGNAV_ALPHA_M2`].
 ///
 /// # Errors
-/// Fails as [`MapSpectrum::new`], and with [`ContinuationError::Alpha`].
+/// Returns the errors of [`MapSpectrum::new`]. Also fails with [`ContinuationError::Alpha`].
 pub fn continued(
     grid: &PlaneGrid,
     up_m: f64,
@@ -27,7 +27,7 @@ pub fn continued(
 /// The map continued upward by `up_m` metres, at least 0.
 ///
 /// # Errors
-/// Fails as [`MapSpectrum::new`], and with [`ContinuationError::Height`] for a distance below 0.
+/// Returns the errors of [`MapSpectrum::new`]. Also fails with [`ContinuationError::Height`] for a distance below 0.
 pub fn upward(grid: &PlaneGrid, up_m: f64, padding: &Padding) -> Result<PlaneGrid, ContinuationError> {
     not_negative("the distance upward", up_m)?;
     continued(grid, up_m, 0.0, padding)
@@ -64,7 +64,7 @@ pub struct DownwardContinuation {
 /// and requires a map for each α. Here the whole curve is computed from the power of the spectrum.
 ///
 /// # Errors
-/// Fails as [`MapSpectrum::new`], and with [`ContinuationError::Height`] for a distance below 0 or
+/// Returns the errors of [`MapSpectrum::new`]. Also fails with [`ContinuationError::Height`] for a distance below 0 or
 /// [`ContinuationError::Alpha`].
 pub fn downward(
     grid: &PlaneGrid,
@@ -89,7 +89,7 @@ pub fn downward(
 /// Maps continued by each of the heights in metres, which may be negative, from a single transform.
 ///
 /// # Errors
-/// Fails as [`MapSpectrum::new`], and with [`ContinuationError::Alpha`].
+/// Returns the errors of [`MapSpectrum::new`]. Also fails with [`ContinuationError::Alpha`].
 pub fn stack(
     grid: &PlaneGrid,
     up_m: &[f64],

@@ -67,7 +67,7 @@ fn within(axis: &EvenAxis, (least, greatest): (f64, f64)) -> Range<usize> {
     if least.is_nan() || greatest.is_nan() {
         return 0..0;
     }
-    // A cast clamps infinite and negative limits to the axis.
+    // The cast clamps infinite and negative limits to the axis.
     let start = (axis.node(least) - ROUNDING).ceil() as usize;
     let last = (axis.node(greatest) + ROUNDING).floor();
     start..if last < 0.0 { 0 } else { (last as usize).saturating_add(1).min(axis.len) }

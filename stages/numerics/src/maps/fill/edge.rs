@@ -8,10 +8,11 @@ use rayon::prelude::*;
 ///
 /// Consider a known node whose eight neighbours are all known. At least three of them are nearer to any unknown node
 /// than the node itself. If the unknown node is c columns and r rows away, the three are one step nearer in columns, in
-/// rows, and in both. If r = 0 (so that c is at least 2), they are the three of the next column, provided that one step
-/// of a row is shorter than √3 of a column. Such a node is therefore not among the nearest three. In general, every
-/// node of the chain that leads straight from a known node to an unknown one is strictly nearer to the unknown node
-/// than the previous one. Fewer than `neighbours` nodes of the chain are therefore known.
+/// rows, and in both. If r = 0 (so that c is at least 2), they are the three nodes of the next column, provided that
+/// the step between rows is shorter than √3 times the step between columns. Such a node is therefore not among the
+/// nearest three. In general, every node of the chain that leads straight from a known node to an unknown one is
+/// strictly nearer to the unknown node than the previous one. Fewer than `neighbours` nodes of the chain are therefore
+/// known.
 fn reach(neighbours: usize, east_m: f64, north_m: f64) -> usize {
     let near_square = east_m < 1.7 * north_m && north_m < 1.7 * east_m;
     if neighbours <= 3 && near_square { 1 } else { neighbours }

@@ -1,9 +1,9 @@
 //! The Laplace operator on the unknown nodes of a grid, and its approximate inverse by multigrid.
 //!
 //! Five-point differences: a node is coupled to its neighbours east, west, north and south. Known neighbours are fixed
-//! values, and the border of the map has zero flux. Each coarser level merges two by two nodes into one. Its operator
-//! is half the Galerkin product with piecewise constants, which is the five-point operator of the doubled step. [Braess
-//! 1995, Computing 55]
+//! values, and the border of the map has zero flux. Each coarser level merges blocks of two by two nodes into one node.
+//! Its operator is half the Galerkin product with piecewise constants, which is the five-point operator of the doubled
+//! step. [Braess 1995, Computing 55]
 
 use rayon::prelude::*;
 

@@ -63,7 +63,8 @@ pub fn block_m(spacing_m: f64) -> f64 {
 /// The shallowest layer is two blocks deep, which keeps the detail along a line. Each further layer is twice as deep,
 /// up to a quarter of the survey's extent. Sources are 0.7 depths apart: the field of a finer arrangement would be
 /// attenuated by 99 % at the measurements. A layer shallower than the distance between lines extends one depth beyond
-/// the measurements, so that deeper layers fill the gap between lines. The other layers extend two depths.
+/// the measurements, so that deeper layers fill the gap between lines. The other layers extend two depths beyond the
+/// measurements.
 pub fn layers(block_m: f64, spacing_m: f64, extent_m: f64) -> Vec<SourceLayer> {
     let shallowest = (2.0 * block_m).max(1.0);
     let depths = (0..24).map(|k| shallowest * f64::from(1 << k));

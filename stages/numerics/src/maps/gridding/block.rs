@@ -16,13 +16,13 @@ pub enum BlockReduction {
 /// Points that represent blocks of a survey, by column.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SurveyBlocks {
-    /// Easting, metres.
+    /// Easting, in metres.
     pub easting_m: Vec<f64>,
-    /// Northing, metres.
+    /// Northing, in metres.
     pub northing_m: Vec<f64>,
-    /// Height, metres.
+    /// Height, in metres.
     pub height_m: Vec<f64>,
-    /// Value, nT.
+    /// Value, in nT.
     pub value_nt: Vec<f64>,
     /// The number of points in each block.
     pub points: Vec<usize>,

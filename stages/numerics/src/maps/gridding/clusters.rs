@@ -8,7 +8,7 @@ pub(super) const UPWARD: usize = 2;
 /// Chebyshev points of a box.
 pub(super) const PROXIES: usize = ACROSS * ACROSS * UPWARD;
 
-/// Coordinates of points, one column per axis, metres.
+/// Coordinates of points, one column per axis, in metres.
 #[derive(Clone, Debug, Default)]
 pub(super) struct PointPositions {
     pub east: Vec<f64>,

@@ -54,7 +54,7 @@ impl DifferenceStatistics {
 /// Predictions at the points of omitted lines.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CrossValidation {
-    /// Measured minus predicted at every point, nT; NaN for points of other lines or without a prediction.
+    /// Measured minus predicted at every point, in nT; NaN for points of other lines or without a prediction.
     pub difference_nt: Vec<f64>,
     /// Statistics of the errors.
     pub spread: DifferenceStatistics,
@@ -66,7 +66,8 @@ pub struct CrossValidation {
 /// larger than the errors of the map from all lines.
 ///
 /// # Errors
-/// Fails as [`fit`] and [`FittedSurface::at_points`](super::FittedSurface::at_points) for one of the folds.
+/// Returns the errors of [`fit`] and [`FittedSurface::at_points`](super::FittedSurface::at_points) for one of the
+/// folds.
 pub fn cross_validate(
     points: SurveyPoints,
     options: &GriddingOptions,

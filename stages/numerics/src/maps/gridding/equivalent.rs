@@ -18,13 +18,15 @@ use super::windows::SchwarzPreconditioner;
 use super::{GriddingError, GriddingProgress, check_columns};
 use rayon::prelude::*;
 
-/// Number of nearest measurements around a source; the source lies beneath the lowest of these measurements.
+/// Number of nearest measurements that determine the depth of a source. The source lies beneath the lowest of them.
 const AROUND: usize = 8;
 
-/// Search radius, in depths, for the nearest measurement in each quadrant; a source also lies beneath these.
+/// Search radius, in depths, for the nearest measurement in each quadrant. A source also lies beneath these
+/// measurements.
 const BESIDE: f64 = 8.0;
 
-/// Minimum height above a source, as a fraction of its depth. Below it, that source dominates and the field is invalid.
+/// Minimum height above a source, as a fraction of its depth. At smaller heights, a single source dominates and the
+/// field is invalid.
 const CLEAR: f64 = 0.5;
 
 /// Opening criterion for the summation of distant boxes in predictions. The error is below 0.01 nT at Osborne, whose
@@ -37,13 +39,13 @@ const THIN: f64 = 0.25;
 /// Field values in nT and their derivatives in nT/m at positions.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FieldGradients {
-    /// The field, nT.
+    /// The field, in nT.
     pub value_nt: Vec<f64>,
-    /// Derivative of the field towards east, nT/m.
+    /// Derivative of the field towards east, in nT/m.
     pub by_east: Vec<f64>,
-    /// Derivative of the field towards north, nT/m.
+    /// Derivative of the field towards north, in nT/m.
     pub by_north: Vec<f64>,
-    /// Derivative of the field upward, nT/m.
+    /// Derivative of the field upward, in nT/m.
     pub by_up: Vec<f64>,
 }
 
@@ -59,7 +61,7 @@ impl EquivalentSources {
     ///
     /// # Errors
     ///
-    /// Fails without points, for columns of different lengths, and for values that are not finite.
+    /// Fails without points, for columns of different lengths, or for values that are not finite.
     pub fn fit(
         at_m: [&[f64]; 3],
         value_nt: &[f64],
@@ -72,11 +74,11 @@ impl EquivalentSources {
     }
 
     /// Places sources beneath `value_nt` measured at eastings, northings and heights in metres, for a fit by
-    /// [`Self::solve`]. Before the fit, the field of the sources is only the plane of the values.
+    /// [`Self::solve`]. Before the fit, the predicted field is only the plane fitted to the values.
     ///
     /// # Errors
     ///
-    /// Fails without points, for columns of different lengths, and for values that are not finite.
+    /// Fails without points, for columns of different lengths, or for values that are not finite.
     pub fn place(at_m: [&[f64]; 3], value_nt: &[f64], layers: &[SourceLayer]) -> Result<Self, GriddingError> {
         check_columns(&[at_m[0], at_m[1], at_m[2], value_nt])?;
         if value_nt.is_empty() {
@@ -96,7 +98,7 @@ impl EquivalentSources {
     ///
     /// # Errors
     ///
-    /// Fails for columns of different lengths and for values that are not finite.
+    /// Fails for columns of different lengths, or for values that are not finite.
     pub fn solve(
         &mut self,
         at_m: [&[f64]; 3],
@@ -145,8 +147,8 @@ impl EquivalentSources {
     /// The field in nT at eastings, northings and heights in metres.
     ///
     /// # Errors
-    /// Fails if a position is not above the sources near it, where the field is undefined, for columns of different
-    /// lengths, and for values that are not finite.
+    /// Fails if a position is not above the sources near it, where the field is undefined. Also fails for columns of
+    /// different lengths, or for values that are not finite.
     pub fn predict(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GriddingError> {
         let targets = self.targets(at_m)?;
         let mut sum = vec![0.0; targets.points.len()];
@@ -163,7 +165,7 @@ impl EquivalentSources {
     /// Field in nT as in [`Self::predict`], with NaN at positions that are not above the sources near them.
     ///
     /// # Errors
-    /// Fails for columns of different lengths and for values that are not finite.
+    /// Fails for columns of different lengths, or for values that are not finite.
     pub fn predict_above(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GriddingError> {
         check_columns(&at_m)?;
         let points = relative(at_m, self.origin_m);
@@ -183,7 +185,7 @@ impl EquivalentSources {
     ///
     /// # Errors
     ///
-    /// Fails as [`Self::predict`].
+    /// Returns the errors of [`Self::predict`].
     pub fn predict_gradients(&self, at_m: [&[f64]; 3]) -> Result<FieldGradients, GriddingError> {
         let targets = self.targets(at_m)?;
         let points = &targets.points;
@@ -203,7 +205,7 @@ impl EquivalentSources {
         self.layers.iter().map(|layer| layer.strength.len()).sum()
     }
 
-    /// The height of the highest source, metres.
+    /// The height of the highest source, in metres.
     pub fn top_m(&self) -> f64 {
         let tops = self.layers.iter().map(|layer| range(&layer.clusters.points.up)[1]);
         tops.fold(f64::NEG_INFINITY, f64::max)

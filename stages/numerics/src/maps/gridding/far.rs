@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Minimum reach of a survey, metres; otherwise the reach is the range of the middle 80 % of the coordinates.
+/// Minimum reach of a survey, in metres; otherwise the reach is the range of the middle 80 % of the coordinates.
 const LEAST_REACH_M: f64 = 1000.0;
 
 /// Column and row of a square cell of the plane.

@@ -1,4 +1,4 @@
-//! Sums over all sources at all targets with far fewer kernel evaluations than pairs.
+//! Sums over all sources at all targets, with far fewer kernel evaluations than there are pairs of source and target.
 //!
 //! Boxes whose distance is large compared with their size interact through Chebyshev points. The sources are projected
 //! onto the Chebyshev points of their box, and the kernel is evaluated between the points of the two boxes. The sum is

@@ -12,11 +12,11 @@ pub(super) const FIT_FAR: f64 = 0.6;
 /// A layer of equivalent sources.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SourceLayer {
-    /// The depth of the sources beneath the measurements, metres.
+    /// The depth of the sources beneath the measurements, in metres.
     pub depth_m: f64,
-    /// The distance between sources, metres.
+    /// The distance between sources, in metres.
     pub spacing_m: f64,
-    /// Maximum horizontal distance from a source to its nearest measurement, metres.
+    /// Maximum horizontal distance from a source to its nearest measurement, in metres.
     pub reach_m: f64,
 }
 
@@ -51,7 +51,7 @@ pub struct SourceLayerReport {
     pub sources: usize,
     /// Number of iterations.
     pub iterations: usize,
-    /// The root mean square of the residual after the layer's fit, nT.
+    /// The root mean square of the residual after the layer's fit, in nT.
     pub rms_nt: f64,
 }
 

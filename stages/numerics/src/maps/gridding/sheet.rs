@@ -10,7 +10,7 @@ use rayon::prelude::*;
 pub struct RelaxationOptions {
     /// Tension: 0 is minimum curvature, 1 is Laplace's equation.
     pub tension: f64,
-    /// Convergence limit of a grid: the maximum expected change of a node in all further passes together, nT.
+    /// Convergence limit of a grid, in nT: the maximum expected change of a node in all further passes together.
     pub tolerance_nt: f64,
     /// The maximum number of passes over a grid.
     pub passes: usize,
@@ -21,8 +21,8 @@ pub struct RelaxationOptions {
 pub struct RelaxationReport {
     /// Passes over the grid.
     pub passes: usize,
-    /// Expected change of a node in all further passes, nT, from the convergence rate. The change exceeds the tolerance
-    /// if the maximum number of passes was reached.
+    /// Expected change of a node in all further passes, in nT, from the convergence rate. The change exceeds the
+    /// tolerance if the maximum number of passes was reached.
     pub left_nt: f64,
 }
 
@@ -211,7 +211,7 @@ impl RelaxationGrid {
         }
     }
 
-    /// Value two steps outward that makes the curvatures one step inward and one step outward of an edge equal.
+    /// Value two steps outside an edge. It makes the curvature one step outside equal to the curvature one step inside.
     fn no_shear(&self, at: impl Fn(i64, i64) -> (usize, usize)) -> f64 {
         let get = |along: i64, across: i64| {
             let (c, r) = at(along, across);

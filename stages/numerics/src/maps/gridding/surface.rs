@@ -34,9 +34,9 @@ pub struct FittedSurface {
     pub surface: SurveySurface,
     /// The axes of its grid, east and north.
     pub axes: [EvenAxis; 2],
-    /// The median distance between lines, metres.
+    /// The median distance between lines, in metres.
     pub line_spacing_m: f64,
-    /// The side of the blocks, metres.
+    /// The side of the blocks, in metres.
     pub block_m: f64,
     /// The blocks.
     pub blocks: SurveyBlocks,
@@ -49,9 +49,9 @@ pub struct FittedSurface {
 /// Fits a surface to the points of a survey, all of them finite: see `clean`.
 ///
 /// # Errors
-/// Fails without points, as [`check`], for columns of different lengths or values that are not finite, with
-/// [`GriddingError::TooLarge`] for a grid without nodes or with too many, and with [`GriddingError::BelowSources`] if
-/// the level or a block is not above the equivalent sources near it.
+/// Fails without points, or for columns of different lengths or values that are not finite. Also returns the errors of
+/// [`check`]. Also fails with [`GriddingError::TooLarge`] for a grid without nodes or with too many, or with
+/// [`GriddingError::BelowSources`] if the level or a block is not above the equivalent sources near it.
 pub fn fit(
     points: SurveyPoints,
     options: &GriddingOptions,
@@ -144,11 +144,11 @@ impl FittedSurface {
         };
     }
 
-    /// Values at the positions of points. For minimum curvature: at any height, NaN off the grid. For equivalent
-    /// sources: NaN at points that lie below the sources of neighbouring points.
+    /// Values at the positions of points. With minimum curvature, the values hold at any height and are NaN off the
+    /// grid. With equivalent sources, they are NaN at points below the sources of neighbouring points.
     ///
     /// # Errors
-    /// Fails, for equivalent sources, for columns of different lengths and for values that are not finite.
+    /// With equivalent sources, fails for columns of different lengths and for values that are not finite.
     pub fn at_points(&self, points: SurveyPoints) -> Result<Vec<f64>, GriddingError> {
         match &self.surface {
             SurveySurface::Sources(sources, _) => {
@@ -158,11 +158,11 @@ impl FittedSurface {
         }
     }
 
-    /// The grid. For equivalent sources also its level in metres and the largest error of the far-field summation at a
-    /// hundred nodes, nT.
+    /// The grid. With equivalent sources, also returns its level in metres, and the largest error of the far-field
+    /// summation at a hundred nodes, in nT.
     ///
     /// # Errors
-    /// Fails, for equivalent sources, as [`EquivalentSources::predict`] at the nodes.
+    /// With equivalent sources, returns the errors of [`EquivalentSources::predict`] at the nodes.
     pub fn grid(&self) -> Result<(PlaneGrid, Option<[f64; 2]>), GriddingError> {
         let [east_m, north_m] = self.axes;
         match &self.surface {

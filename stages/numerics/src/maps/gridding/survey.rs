@@ -6,13 +6,13 @@ use crate::regression::statistics::median;
 /// Points of a survey; the points of a line are consecutive and in flight order.
 #[derive(Clone, Copy, Debug)]
 pub struct SurveyPoints<'a> {
-    /// Easting on a plane, metres.
+    /// Easting on a plane, in metres.
     pub easting_m: &'a [f64],
-    /// Northing on the same plane, metres.
+    /// Northing on the same plane, in metres.
     pub northing_m: &'a [f64],
-    /// Height of the sensor, metres.
+    /// Height of the sensor, in metres.
     pub height_m: &'a [f64],
-    /// Anomaly, nT, without the core field and the diurnal variation.
+    /// Anomaly, in nT, without the core field and the diurnal variation.
     pub value_nt: &'a [f64],
     /// The line that each point belongs to.
     pub line: &'a [usize],
@@ -21,13 +21,13 @@ pub struct SurveyPoints<'a> {
 /// Points of a survey with owned columns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OwnedSurveyPoints {
-    /// Easting, metres.
+    /// Easting, in metres.
     pub easting_m: Vec<f64>,
-    /// Northing, metres.
+    /// Northing, in metres.
     pub northing_m: Vec<f64>,
-    /// Height, metres.
+    /// Height, in metres.
     pub height_m: Vec<f64>,
-    /// Anomaly, nT.
+    /// Anomaly, in nT.
     pub value_nt: Vec<f64>,
     /// Line.
     pub line: Vec<usize>,
@@ -101,7 +101,7 @@ pub struct CleaningOptions {
     /// Outlier limit, in robust standard deviations of the surroundings, of the distance of a point from the straight
     /// line between its neighbours in flight order; zero keeps all.
     pub sigmas: f64,
-    /// Minimum distance of an outlier from that line, nT.
+    /// Minimum distance of an outlier from that line, in nT.
     pub floor_nt: f64,
     /// Number of points on either side that form the surroundings.
     pub half_window: usize,

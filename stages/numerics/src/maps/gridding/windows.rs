@@ -47,7 +47,7 @@ impl SchwarzPreconditioner {
         Self { windows, share }
     }
 
-    /// Solution of the windows for a right-hand side of the normal equations.
+    /// Solves the normal equations of the windows for a right-hand side.
     pub fn solve(&self, right: &[f64]) -> Vec<f64> {
         let parts: Vec<Vec<f64>> = self
             .windows
@@ -87,7 +87,7 @@ fn inside(clusters: &ClusterTree, [east, north]: [[f64; 2]; 2]) -> Vec<usize> {
     found
 }
 
-/// Cholesky factor of KᵀK + damping; empty, which represents the unit matrix, if no factor exists.
+/// Cholesky factor of KᵀK + damping. If no factor exists, the result is empty, which represents the unit matrix.
 fn factor(sources: PointPositions, data: PointPositions, depth_m: f64, damping: f64) -> Vec<f32> {
     let scale = depth_m * depth_m;
     let kernel = Mat::from_fn(data.len(), sources.len(), |i, j| {

@@ -21,9 +21,10 @@ const REWEIGHTED: usize = 4;
 const BY_CHANCE: f64 = 0.05;
 /// Standard deviations by which the scatter of a group must exceed its errors.
 const BEYOND: f64 = 1.645;
-/// Minimum ratio of crossovers to coefficients for initially unconstrained corrections.
+/// Minimum ratio of crossovers to coefficients at which the iteration starts with unconstrained corrections.
 const ENOUGH: usize = 2;
-/// Minimum number of crossovers of a line that is individually out of level: one or two crossovers may be wrong.
+/// Minimum number of crossovers of a line that is individually out of level. With fewer crossovers, they may just be
+/// wrong.
 const LEAST_CROSSOVERS: usize = 3;
 
 /// Sparse least-squares equations of the line corrections, one per crossover.
@@ -47,11 +48,11 @@ pub(super) struct AdjustmentSolution {
     pub coefficients: Vec<f64>,
     /// Statistics of the crossovers.
     pub noise: CrossoverNoise,
-    /// Widths of the corrections of lines and of ties, by order, nT.
+    /// Widths of the corrections of lines and of ties, by order, in nT.
     pub spread_nt: [Vec<f64>; 2],
     /// Lines that are individually out of level.
     pub alone: Vec<bool>,
-    /// Standard deviations of the differences, nT.
+    /// Standard deviations of the differences, in nT.
     sd_nt: Vec<f64>,
 }
 
@@ -113,7 +114,7 @@ impl<'a> CrossoverAdjustment<'a> {
         side(0).chain(side(1)).collect()
     }
 
-    /// Correction, nT, at the fraction `part` of the way from a point to the next point.
+    /// Correction, in nT, at the fraction `part` of the way from a point to the next point.
     pub fn correction(&self, solution: &AdjustmentSolution, point: usize, part: f64) -> f64 {
         let (along, line) = self.place(point, part);
         legendre(along, self.terms).iter().zip(self.of_place(solution, line)).map(|(p, c)| p * c).sum()
@@ -129,7 +130,7 @@ impl<'a> CrossoverAdjustment<'a> {
         &solution.coefficients[place * self.terms..][..self.terms]
     }
 
-    /// Differences after correction, nT.
+    /// Differences after correction, in nT.
     pub fn differences(&self, coefficients: &[f64]) -> Vec<f64> {
         // In a solution, the constants of the ties include their shift.
         let of = |j: usize| coefficients.get(j).copied().unwrap_or(0.0);

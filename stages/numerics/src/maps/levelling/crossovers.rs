@@ -9,9 +9,9 @@ pub struct CrossoverOptions {
     /// Distance between two points of a line, metres, above which the gap between them is not interpolated; `None` is
     /// twenty times the median distance between points.
     pub gap_m: Option<f64>,
-    /// Minimum angle of a crossing, degrees; the position of shallower crossings is uncertain.
+    /// Minimum angle of a crossing, in degrees; the position of shallower crossings is uncertain.
     pub least_angle_deg: f64,
-    /// Maximum difference in height of two crossing lines, metres.
+    /// Maximum difference in height of two crossing lines, in metres.
     pub most_height_m: f64,
     /// Vertical gradient, nT/m upward, with which values are reduced to the mean height of the two lines; zero leaves
     /// them unchanged.
@@ -34,13 +34,13 @@ pub struct Crossover {
     pub points: [usize; 2],
     /// Position of the crossing in each line, as a fraction, 0 to 1, of the step to the next point.
     pub parts: [f64; 2],
-    /// Easting and northing, metres.
+    /// Easting and northing, in metres.
     pub at_m: [f64; 2],
-    /// Heights of the two lines at the crossing, metres.
+    /// Heights of the two lines at the crossing, in metres.
     pub height_m: [f64; 2],
-    /// Values of the two lines at the crossing, nT.
+    /// Values of the two lines at the crossing, in nT.
     pub value_nt: [f64; 2],
-    /// Magnitude of the horizontal gradient of the field at the crossing, from the slopes along both lines, nT/m.
+    /// Magnitude of the horizontal gradient of the field at the crossing, from the slopes along both lines, in nT/m.
     pub gradient_nt_per_m: f64,
 }
 
@@ -48,7 +48,7 @@ pub struct Crossover {
 const BESIDE: usize = 3;
 
 impl Crossover {
-    /// Value of the first line minus value of the second line, nT.
+    /// Value of the first line minus value of the second line, in nT.
     pub fn difference_nt(&self) -> f64 {
         self.value_nt[0] - self.value_nt[1]
     }
@@ -102,7 +102,7 @@ fn length(points: SurveyPoints, i: usize) -> f64 {
     e.hypot(n)
 }
 
-/// Slope of the field along a line around the segment that begins at point `i`, nT/m, from points at most `gap_m`
+/// Slope of the field along a line around the segment that begins at point `i`, in nT/m, from points at most `gap_m`
 /// apart.
 fn slope(points: SurveyPoints, i: usize, gap_m: f64) -> f64 {
     let linked = |k: &usize| *k + 1 < points.len() && joined(points, *k) && length(points, *k) <= gap_m;

@@ -3,7 +3,7 @@
 use super::Crossover;
 use crate::regression::statistics::median;
 
-/// The resolution of differences, nT.
+/// The resolution of differences, in nT.
 const RESOLUTION_NT: f64 = 0.01;
 /// Reciprocal of the mean absolute value of a normal error with standard deviation 1.
 const MEAN_SIZE: f64 = 1.253_314_137_315_5;
@@ -14,16 +14,16 @@ const FAR: f64 = 4.0;
 /// position error, which a gradient converts into a difference.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CrossoverNoise {
-    /// Standard deviation of a difference where the field is flat, nT.
+    /// Standard deviation of a difference where the field is flat, in nT.
     pub sigma_nt: f64,
-    /// Distance that represents errors of position, height and timing, m. The standard deviation of a difference
-    /// increases by this distance times the horizontal gradient.
+    /// Distance that represents errors of position, height and timing, in metres. The standard deviation of a
+    /// difference increases by this distance times the horizontal gradient.
     pub position_m: f64,
 }
 
 impl CrossoverNoise {
-    /// Most likely noise of the remaining differences, for errors with exponential tails, because large differences are
-    /// frequent in steep fields. `spent` is the number of degrees of freedom of the fit.
+    /// Most likely noise of the remaining differences. The errors are assumed to have exponential tails, because large
+    /// differences are frequent in steep fields. `spent` is the number of degrees of freedom of the fit.
     pub(super) fn fitted(crossovers: &[Crossover], left_nt: &[f64], spent: f64) -> Self {
         let mut sizes: Vec<f64> = left_nt.iter().map(|d| d.abs()).collect();
         let usual = median(&mut sizes).max(RESOLUTION_NT);
@@ -51,8 +51,9 @@ impl CrossoverNoise {
         Self { sigma_nt: (scale * sigma_nt).max(RESOLUTION_NT), position_m: scale * position_m }
     }
 
-    /// The standard deviation of the difference at a crossing, nT. The term includes the effect of different heights in
-    /// the vertical gradient, which on average is as large as the horizontal gradient.
+    /// The standard deviation of the difference at a crossing, in nT. The gradient term includes the effect of a height
+    /// difference in the vertical gradient, because the vertical gradient is on average as large as the horizontal
+    /// gradient.
     pub fn difference_sigma_nt(&self, crossover: &Crossover) -> f64 {
         let above_m = crossover.height_m[0] - crossover.height_m[1];
         self.sigma_nt.hypot(self.position_m.hypot(above_m) * crossover.gradient_nt_per_m)

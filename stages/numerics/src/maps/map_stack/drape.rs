@@ -25,7 +25,7 @@ impl DrapeMap {
     ///
     /// # Errors
     /// Fails with [`MapGridError::CompanionSize`] if the number of heights or derivatives differs from the number of
-    /// nodes, and with [`MapGridError::CompanionValue`] for a height or derivative that is not finite at a known node.
+    /// nodes, or with [`MapGridError::CompanionValue`] for a height or derivative that is not finite at a known node.
     pub fn new(
         grid: &GeographicGrid,
         height_m: &[f64],
@@ -77,7 +77,7 @@ impl DrapeMap {
         })
     }
 
-    /// [`Self::at_height`] for many positions; positions without a value are NaN.
+    /// Same as [`Self::at_height`], for many positions; positions without a value are NaN.
     ///
     /// # Errors
     /// Fails with [`MapGridError::Places`] for columns of different lengths.

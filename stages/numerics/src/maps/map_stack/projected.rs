@@ -55,7 +55,7 @@ impl ProjectedMap {
         Some(FieldValue { d_lat_nt_per_rad: along(0), d_lon_nt_per_rad: along(1), ..on_nodes })
     }
 
-    /// [`Self::at`] for many positions; positions without a value are NaN.
+    /// Same as [`Self::at`], for many positions; positions without a value are NaN.
     ///
     /// # Errors
     /// Fails with [`MapGridError::Places`] for columns of different lengths.

@@ -177,9 +177,9 @@ impl FieldLookup for HeightLookup<'_> {
 }
 
 impl MapSurface {
-    /// [`Self::at`] for many positions in degrees; positions without a value are NaN. Allocates only where `out` has to
-    /// grow, and runs on the caller's thread. Faster than single look-ups if the map does not fit the cache, especially
-    /// for scattered positions.
+    /// Same as [`Self::at`], for many positions in degrees; positions without a value are NaN. Allocates only where
+    /// `out` has to grow, and runs on the caller's thread. Faster than single look-ups if the map does not fit the
+    /// cache, especially for scattered positions.
     ///
     /// # Errors
     /// Fails with [`MapGridError::Places`] for columns of different lengths.
@@ -187,7 +187,7 @@ impl MapSurface {
         look_up_many(&OwnLevelLookup(self), LookupPositions { lat_deg, lon_deg, alt_m: &[] }, false, out)
     }
 
-    /// [`Self::at_height`] for many positions in degrees and metres; positions without a value are NaN.
+    /// Same as [`Self::at_height`], for many positions in degrees and metres; positions without a value are NaN.
     ///
     /// # Errors
     /// Fails with [`MapGridError::Places`] for columns of different lengths.

@@ -97,9 +97,9 @@ pub enum MapGridError {
     Row {
         /// The row, from 0.
         row: usize,
-        /// Its latitude.
+        /// Latitude.
         lat_deg: f64,
-        /// Its longitude.
+        /// Longitude.
         lon_deg: f64,
         /// The latitude of that row in a complete grid.
         expected_lat_deg: f64,
@@ -118,7 +118,7 @@ pub enum MapGridError {
     /// The companion of a map (its vertical derivative or its heights) does not match its nodes.
     #[error("the map has {nodes} nodes, but its {companion} has {values} values")]
     CompanionSize {
-        /// Its kind: `vertical derivative` or `height`.
+        /// Kind of the companion: `vertical derivative` or `height`.
         companion: &'static str,
         /// Nodes of the map.
         nodes: usize,
@@ -128,7 +128,7 @@ pub enum MapGridError {
     /// The companion of a map is not a finite number at a known node.
     #[error("the {companion} in row {row} of the map is {value}, but the anomaly there is known")]
     CompanionValue {
-        /// Its kind: `vertical derivative` or `height`.
+        /// Kind of the companion: `vertical derivative` or `height`.
         companion: &'static str,
         /// The row, from 0, sorted by latitude, then longitude.
         row: usize,
@@ -246,7 +246,7 @@ impl GeographicAxis {
         Some((cell, (steps - cell as f64).clamp(0.0, 1.0)))
     }
 
-    /// Calls `locate`, after a change by a full turn if necessary.
+    /// Calls `locate` with the coordinate, changed by a full turn if necessary.
     #[inline(always)]
     pub(super) fn locate_turning(&self, deg: f64) -> Option<(usize, f64)> {
         let round_deg = self.round_deg;
@@ -283,7 +283,7 @@ impl GeographicGrid {
     ///
     /// # Errors
     /// Fails for an axis with fewer than two nodes, for nodes that are not finite, do not ascend or have uneven steps,
-    /// for latitudes beyond a pole, and for longitudes over more than a full turn. Also fails if the number of values
+    /// for latitudes beyond a pole, or for longitudes over more than a full turn. Also fails if the number of values
     /// differs from the number of nodes, if a value is infinite, or if all are NaN.
     pub fn new(lat_deg: &[f64], lon_deg: &[f64], anomaly_nt: &[f64]) -> Result<Self, MapGridError> {
         let lat = GeographicAxis::new("latitude", lat_deg, 180.0)?;
@@ -313,8 +313,8 @@ impl GeographicGrid {
     /// look-ups of its maps. Its values are by rows, starting with the first row.
     ///
     /// # Errors
-    /// Fails for fewer than two rows or columns, if the number of values differs from the number of nodes, if a value
-    /// is infinite, or if all are NaN.
+    /// Fails for fewer than two rows or columns. Also fails if the number of values differs from the number of nodes,
+    /// if a value is infinite, or if all are NaN.
     pub fn of_nodes(rows: usize, columns: usize, anomaly_nt: &[f64]) -> Result<Self, MapGridError> {
         Self::of_axes(GeographicAxis::of_nodes("row", rows)?, GeographicAxis::of_nodes("column", columns)?, anomaly_nt)
     }
@@ -337,8 +337,8 @@ impl GeographicGrid {
     /// degrees, nT).
     ///
     /// # Errors
-    /// Fails with [`MapGridError::Columns`] for columns of different lengths, with [`MapGridError::Row`] for a row that
-    /// is not at its position in a complete grid, and as [`Self::new`].
+    /// Fails with [`MapGridError::Columns`] for columns of different lengths, or with [`MapGridError::Row`] for a row
+    /// that is not at its position in a complete grid. Also returns the errors of [`Self::new`].
     pub fn from_rows(lat_deg: &[f64], lon_deg: &[f64], anomaly_nt: &[f64]) -> Result<Self, MapGridError> {
         if lat_deg.len() != lon_deg.len() || lat_deg.len() != anomaly_nt.len() {
             let (lat, lon, anomaly) = (lat_deg.len(), lon_deg.len(), anomaly_nt.len());
@@ -370,7 +370,7 @@ impl GeographicGrid {
     /// The same grid with other values, one per node, by rows.
     ///
     /// # Errors
-    /// Fails with [`MapGridError::Size`] if the number of values differs from the number of nodes, and with
+    /// Fails with [`MapGridError::Size`] if the number of values differs from the number of nodes, or with
     /// [`MapGridError::Infinite`] for an infinite value.
     pub fn with_values(&self, values: Vec<f64>) -> Result<Self, MapGridError> {
         let (latitudes, longitudes) = (self.lat.len, self.lon.len);

@@ -23,7 +23,7 @@ pub struct AidedAdaptiveOutput {
     pub given_back: Vec<f64>,
 }
 
-/// [`run`](super::run) with further measurements, whose noise is fixed. Only the noise of the magnetometers is
+/// Same as [`run`](super::run), with further measurements, whose noise is fixed. Only the noise of the magnetometers is
 /// estimated.
 ///
 /// H P Hᵀ of an innovation includes the map error if the map error is a state, so the map error is not attributed to
@@ -31,7 +31,7 @@ pub struct AidedAdaptiveOutput {
 /// temporal variation and the map error.
 ///
 /// # Errors
-/// Fails as [`run`](super::run) and [`Aids::check`].
+/// Returns the errors of [`run`](super::run) and [`Aids::check`].
 pub fn run_aided(
     parameters: &AdaptiveParameters,
     line: &NavigationLine<'_>,

@@ -156,7 +156,7 @@ impl NoiseEstimator {
         }
     }
 
-    /// Updates the noise estimate after the correction of a row in the residual form, with the expected squared noise
+    /// Updates the noise estimate of the residual form after the correction of a row, with the expected squared noise
     /// given all measurements of the row. An unused innovation is treated as the only innovation of its sample.
     pub(super) fn settle(&mut self, predicted_nt2: f64, fusion: &InnovationFusion) {
         let Some(PendingInnovation { residual_nt, noise_nt2, unit, used }) = self.open.take() else { return };

@@ -29,7 +29,7 @@ impl StreamedAdaptive {
     /// Filter of magnetometers with these bounds of the estimated standard deviations, in nT.
     ///
     /// # Errors
-    /// Fails as [`AdaptiveParameters::check`] and for invalid bounds.
+    /// Returns the errors of [`AdaptiveParameters::check`]. Also fails for invalid bounds.
     pub(crate) fn new(
         parameters: &AdaptiveParameters,
         bounds_nt: &[[f64; 2]],

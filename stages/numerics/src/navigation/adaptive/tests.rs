@@ -65,7 +65,7 @@ fn law_without_adaptation_it_equals_the_ekf() {
     let ins = line.series();
     let line = line.line(&ins, &map, InsErrorModel::default());
     let ekf = known(&line, 3.0).unwrap();
-    // A window that is never full, with bounds whose mean variance is 9; and equal bounds.
+    // The cases are a window that is never full, with bounds whose mean variance is 9, and equal bounds.
     let never =
         run(&compatible(21), &line, &[AdaptiveMagnetometer::from_line(&line, 8_f64.sqrt(), 10_f64.sqrt())]).unwrap();
     let bounded = run(&all(), &line, &[AdaptiveMagnetometer::from_line(&line, 3.0, 3.0)]).unwrap();

@@ -1,4 +1,4 @@
-//! Recursion along a line, in parts that filters with another use of the scalar field share.
+//! Recursion along a line. Its parts are shared with filters that use the scalar field differently.
 
 use crate::earth::field_value::FieldValue;
 use crate::navigation::aids::{AidStates, Aids, JacobianBlock, LinearisedAid, SampleInnovations, SampleUsage};
@@ -154,7 +154,7 @@ impl<'a> AidedFilter<'a> {
         }
     }
 
-    /// Bound of an estimate about the INS of the line, which is the truth.
+    /// Creates the filter of a bound: the INS of the line is the truth.
     pub(crate) fn of_bound(line: &'a NavigationLine<'a>, aids: &'a Aids<'a>, parameters: &AidedParameters) -> Self {
         Self { bound: true, ..Self::new(line, aids, parameters) }
     }
@@ -270,7 +270,7 @@ impl<'a> AidedFilter<'a> {
         by
     }
 
-    /// Estimated height bias on the map, in m.
+    /// Estimated height bias on the map, in metres.
     fn height_bias_m(&self) -> f64 {
         self.states.map_height.map_or(0.0, |state| self.now.x[state])
     }
@@ -290,7 +290,8 @@ impl<'a> AidedFilter<'a> {
             return MeasurementOutcome::Missing;
         };
         let Some((centre, slope)) = centre else { return MeasurementOutcome::OffMap };
-        // The field is evaluated at the position of the estimated lag and height, so H x counts the change from there.
+        // The field is evaluated at the position that corresponds to the estimated lag and height, so H x is the change
+        // from that position.
         let (latency, mut part_nt) = self.latency(row, &centre);
         if self.states.map_height.is_some() {
             part_nt += centre.d_alt_nt_per_m * self.height_bias_m();
@@ -455,7 +456,7 @@ impl<'a> AidedFilter<'a> {
     }
 
     fn vector(&mut self, row: usize, sample: &mut SampleInnovations) -> MeasurementOutcome {
-        // Linearised at the state before its first component.
+        // All components are linearised at the state before the first component.
         let components = match self.aids.vector_rows(&self.states, self.line, row, &self.now.x) {
             None => return MeasurementOutcome::Missing,
             Some(None) => return MeasurementOutcome::OffMap,

@@ -19,7 +19,7 @@ struct SlopeErrorLikelihood {
     mean: f64,
 }
 
-/// Standard deviation of the error of the map's slope along the baseline, in nT/m, with maximum likelihood of the
+/// Maximum-likelihood standard deviation of the error of the map's slope along the baseline, in nT/m, from the
 /// innovations of the difference along a line. 0 without a difference, or if no run determines it.
 ///
 /// Each value is tried with and without the scalar field, because the field may contain disturbances that cancel in the

@@ -75,7 +75,7 @@ fn law_without_further_measurements_it_equals_each_filter() {
             core: line.core,
         };
         let ekf = ekf::run_together(line.ins, &[point]).pop().unwrap().unwrap();
-        // Rounding only: a dense covariance in another order of sums.
+        // The only difference is rounding, because the dense covariance uses another order of sums.
         let off = difference(&by(Linearisation::Once), &ekf);
         assert!(off < 1e-7, "ekf: {off:e}");
         let of_iekf = IekfParameters { keep_covariance: true, ..IekfParameters::default() };

@@ -15,7 +15,7 @@ use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVect
 
 use super::{AidInnovations, AidStates, Aids, DifferenceAid, VectorAid};
 
-/// Distance over which the core field is linear, in m.
+/// Distance over which the core field is linear, in metres.
 const CORE_STEP_M: f64 = 1000.0;
 
 /// A further measurement.
@@ -91,7 +91,7 @@ impl LinearisedAid {
         self.value - self.sensitivity().dot(x)
     }
 
-    /// Variance of the slow errors before the line: of the bias, the crustal field, and the temporal variation of this
+    /// Prior variance of the slow errors: of the bias, of the crustal field, and of a temporal variation with this
     /// standard deviation.
     pub(crate) fn lasting_variance(&self, states: &AidStates, temporal_nt: f64) -> f64 {
         let of = |(state, entry): (usize, f64)| states.variance(state).map_or(0.0, |of_state| entry * entry * of_state);
@@ -123,7 +123,7 @@ pub(crate) struct AidMeasurements {
 }
 
 impl AidMeasurements {
-    /// Existing measurements in order of use.
+    /// Available measurements, in order of use.
     pub(crate) fn iter(&self) -> impl Iterator<Item = &LinearisedAid> {
         self.rows.iter().flatten().map(AsRef::as_ref)
     }
@@ -144,7 +144,7 @@ impl AidMeasurements {
         self.rows[place] = Some(Box::new(row));
     }
 
-    /// Means of the same measurements over several samples; `off_map` is set if it is set for any sample.
+    /// Means of the measurements over several samples. `off_map` is set if it is set for any of the samples.
     pub(crate) fn mean(samples: Vec<Self>) -> Self {
         let mut mean = Self { off_map: samples.iter().any(|sample| sample.off_map), ..Self::default() };
         for aid in Aid::ALL {
@@ -362,9 +362,9 @@ pub fn field_direction(core: &CoreField, ins: &InsSeries<'_>, row: usize) -> [f6
 
 /// Half of the baseline between the magnetometers, oriented by the attitude of the INS.
 pub(crate) struct BaselineArm {
-    /// Full baseline north, east and down, in m.
+    /// Full baseline north, east and down, in metres.
     along: Vector3<f64>,
-    /// Half of the baseline in latitude and longitude, in rad, and height, in m.
+    /// Half of the baseline in latitude and longitude, in rad, and height, in metres.
     pub(crate) offset: [f64; 3],
     /// Metres per radian north and east.
     m_per_rad: (f64, f64),
@@ -473,7 +473,7 @@ impl VectorAid<'_> {
         let ned = here + direction * (anomaly.value_nt + x[S]);
         let tilt = Vector3::new(x[TILT_N], x[TILT_N + 1], x[TILT_N + 2]);
         let to_body = rotation(ins, row).transpose();
-        // Cᵀ (I + [ψ×]) B: its derivatives by B and by ψ; the latter is −Cᵀ [B×].
+        // Cᵀ (I + [ψ×]) B: its derivatives by B and by ψ. The derivative by ψ is −Cᵀ [B×].
         let turn = to_body * (Matrix3::identity() + skew(&tilt));
         let by_tilt = -to_body * skew(&ned);
         let mut rows = [[0.0; STATES]; 3];

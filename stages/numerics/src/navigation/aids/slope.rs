@@ -7,7 +7,7 @@ use crate::navigation::ins_series::SeriesError;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::NavigationError;
 
-/// Ratio of the slope of a field to the slope's error, in m, for a line too flat to determine it.
+/// Ratio of the slope of a field to the slope's error, in metres, for a line too flat to determine it.
 const FLAT_LENGTH_M: f64 = 1000.0;
 
 /// Standard deviations of the errors of a map's slope. The default is an exact map.
@@ -17,7 +17,7 @@ pub struct SlopeError<'a> {
     pub horizontal_nt_per_m: f64,
     /// Standard deviation of the upward slope's error at each sample, in nT/m; empty for a map that has the slope.
     pub upward_nt_per_m: &'a [f64],
-    /// Correlation length of both errors along the track, in m.
+    /// Correlation length of both errors along the track, in metres.
     pub length_m: f64,
 }
 
@@ -55,7 +55,7 @@ impl SlopeError<'_> {
 pub struct MapSlope {
     /// Root mean square of the horizontal slope, in nT/m; 0 if the line is off the map.
     pub rms_nt_per_m: f64,
-    /// Inverse wavenumber of the map's anomalies, in m: standard deviation over root mean square of the slope.
+    /// Inverse wavenumber of the map's anomalies, in metres: standard deviation over root mean square of the slope.
     pub length_m: f64,
     /// Standard deviation of the upward slope at each sample, in nT/m; empty if the map has the upward slope.
     ///

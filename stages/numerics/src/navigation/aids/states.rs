@@ -6,8 +6,8 @@ use crate::signal::gauss_markov::GaussMarkov;
 
 use super::{Aids, JacobianBlock, SlopeError};
 
-/// Standard deviation of the constant offset beside a change of the permanent field, in nT. It exceeds the constants
-/// that calibration and map leave undetermined.
+/// Standard deviation, in nT, of the constant offset that accompanies a change of the permanent field. It exceeds the
+/// constants that calibration and map leave undetermined.
 const OFFSET_SIGMA_NT: f64 = 100.0;
 
 /// Gauss-Markov states of the further measurements, in consecutive order.
@@ -17,18 +17,19 @@ pub(crate) struct AidStates {
     first: usize,
     /// Error models of the states. Errors with a correlation length have no time constant.
     pub(crate) errors: Vec<GaussMarkov>,
-    /// Positions of the states with a correlation length, and this length in m.
+    /// Positions of the states with a correlation length, and this length in metres.
     pub(crate) lengths_m: Vec<(usize, f64)>,
     pub(crate) difference: Option<usize>,
     pub(crate) height: Option<usize>,
     pub(crate) map_error: Option<usize>,
     /// Index of the first of the three components of the change of the permanent field; the constant offset follows.
     pub(crate) permanent: Option<usize>,
-    /// Index of the height bias on the map, in m; directly after the states of the permanent field.
+    /// Index of the height bias (in m), the state for the bias between the height of the INS and the height on the map.
+    /// It is directly after the states of the permanent field.
     pub(crate) map_height: Option<usize>,
     /// Index of the first of the two errors of the map's slope, horizontal and upward, in standard deviations.
     pub(crate) slope: Option<usize>,
-    /// Index of the lag of the scalar magnetometer, in s.
+    /// Index of the lag of the scalar magnetometer, in seconds.
     pub(crate) latency: Option<usize>,
     /// Indices of the first of the three biases of the vector, and of the first of the three parts of the crustal
     /// field.
@@ -100,7 +101,7 @@ impl AidStates {
         block
     }
 
-    /// Variance of a state before the line, if the state is one of these.
+    /// Prior variance of a state, if it is one of these states.
     pub(crate) fn variance(&self, state: usize) -> Option<f64> {
         let place = state.checked_sub(self.first)?;
         self.errors.get(place).map(|error| error.sigma * error.sigma)

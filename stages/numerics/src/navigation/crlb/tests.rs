@@ -128,9 +128,9 @@ fn law_the_filters_attain_the_bound() {
     let ekf = ensemble().iter().map(|run| run.flight.square_m2(&run.ekf, 0)).sum::<f64>() / n;
     let ukf = ensemble().iter().map(|run| run.flight.square_m2(&run.ukf.navigation, 0)).sum::<f64>() / n;
     println!("DRMS: EKF {:.2}, UKF {:.2}, bound {:.2} m", ekf.sqrt(), ukf.sqrt(), bound.sqrt());
-    // No filter is better than the bound, except by chance in 60 flights. Errors are correlated over minutes, so a
-    // flight has about 20 independent errors in each direction, and the root mean square varies by 1/√(2·2·20·60) = 1.5
-    // %.
+    // No filter is better than the bound, except by chance, because there are only 60 flights. Errors are correlated
+    // over minutes, so a flight has about 20 independent errors in each direction, and the root mean square varies by
+    // 1/√(2·2·20·60) = 1.5 %.
     for square in [ekf, ukf] {
         let ratio = (square / bound).sqrt();
         assert!((0.95..1.2).contains(&ratio), "{ratio}");

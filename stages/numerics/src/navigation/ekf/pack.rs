@@ -72,7 +72,7 @@ impl<'a> EkfLane<'a, EkfInput<'a>> {
 }
 
 impl<'a, C: EkfSamples> EkfLane<'a, C> {
-    /// Filter of a line with these samples, whose offset is that of the measurements of `point`.
+    /// Filter of a line with these samples. The offset is computed from the measurements of `point`.
     pub(super) fn of_line(samples: C, point: EkfInput<'a>, ins: &InsSeries<'_>) -> Self {
         let parameters = *point.parameters;
         let field = PredictedField::new(point.map, point.core);

@@ -1,4 +1,4 @@
-//! The filter with the noise of each sample from a function of the earlier samples.
+//! Filter whose noise at each sample is a function of the earlier samples.
 
 use pulp::{Scalar, Simd, WithSimd};
 
@@ -55,7 +55,7 @@ impl EkfSamples for ScaledSamples<'_> {
 /// [`run`](super::run).
 ///
 /// # Errors
-/// Fails as [`run`](super::run).
+/// Returns the errors of [`run`](super::run).
 pub(crate) fn run_stepped<N: NoiseSource>(
     ins: &InsSeries<'_>,
     point: EkfInput<'_>,

@@ -6,7 +6,7 @@ use crate::random::NormalGenerator;
 const ROWS: u32 = 900;
 
 /// Flight of 15 min with fixes of 2 m (height 5 m) every second, shifted north, east and up by `fault`, a function of
-/// the time in s.
+/// the time in seconds.
 fn tested(
     seed: u64,
     noise: f64,
@@ -88,7 +88,7 @@ fn law_excess_noise_a_wrong_start_and_a_gap_raise_no_alarm() {
     for seed in 0..5 {
         let (noisy, _) = tested(seed, 2.5, model(), |_| [0.0; 3]);
         assert!(rows(&noisy.rejected).len() < 30, "seed {seed}: {:?} {:?}", noisy.alarms, rows(&noisy.rejected).len());
-        // The assumed start errors of 3 m and 0.01 m/s are too small.
+        // The assumed initial errors of 3 m and 0.01 m/s are too small.
         let flown = InsErrorModel::from_sources(InsErrors {
             init_position_sigma_m: 100.0,
             init_velocity_sigma_mps: 0.5,

@@ -1,4 +1,4 @@
-//! Nodes of the line: instants whose states are estimated, each with the measurements of an interval.
+//! Nodes of the line: times at which states are estimated, each with the measurements of an interval.
 
 use std::ops::Range;
 
@@ -12,7 +12,7 @@ use crate::navigation::{LineStep, NavigationLine, PredictedField};
 
 use super::FixedLagMagnetometer;
 
-/// Tolerance of the interval limits, in s, for the rounding of decimal times.
+/// Tolerance of the interval limits, in seconds, for the rounding of decimal times.
 pub(super) const SLACK_S: f64 = 1e-6;
 
 /// Instant at the first sample of an interval, with the measurements of the interval.
@@ -176,7 +176,7 @@ impl NodeMeasurement {
     }
 }
 
-/// Builder of the nodes of a line, one after the other.
+/// Builder of the nodes of a line, one after another.
 pub(super) struct LineNodeBuilder<'a> {
     pub line: &'a NavigationLine<'a>,
     magnetometers: &'a [FixedLagMagnetometer<'a>],
@@ -209,12 +209,12 @@ impl<'a> LineNodeBuilder<'a> {
         Self { map_error: states.map_error, aided: aids.is_any(), ..self }
     }
 
-    /// Time of the next node, s; `None` after the last node.
+    /// Time of the next node, in seconds; `None` after the last node.
     pub fn next_s(&self) -> Option<f64> {
         self.line.ins.tt_s.get(self.next).copied()
     }
 
-    /// Next node, with the samples before `end_s`, but at least one; `None` after the last node.
+    /// Next node, with the samples before `end_s`, but at least one sample. `None` after the last node.
     pub fn take(&mut self, end_s: f64) -> Option<FixedLagNode> {
         let first_s = self.next_s()?;
         let tt_s = self.line.ins.tt_s;

@@ -29,7 +29,7 @@ params! {
 impl Copy for FixedLagParameters {}
 
 impl FixedLagParameters {
-    /// Time between the ends of windows, in s.
+    /// Time between the ends of windows, in seconds.
     pub fn stride_s(&self) -> f64 {
         self.window_s * (1.0 - self.overlap)
     }
@@ -43,9 +43,9 @@ impl FixedLagParameters {
 /// Report on the solution of a window.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WindowReport {
-    /// Time of the first and the last node, in s.
+    /// Time of the first and the last node, in seconds.
     pub span_s: [f64; 2],
-    /// Number of nodes: instants whose states are solved for.
+    /// Number of nodes, the times at which states are solved for.
     pub nodes: usize,
     /// Number of measurements: averages over `measurement_interval_s` of all magnetometers, and coordinates of aiding
     /// positions.
@@ -56,7 +56,8 @@ pub struct WindowReport {
     pub converged: bool,
     /// Smallest fraction of a Gauss-Newton step that was taken; 1 if every step was a full step.
     pub smallest_step: f64,
-    /// Largest change of a position in the last full step, in m; infinite after a single step without an initial path.
+    /// Largest change of a position in the last full step, in metres; infinite after a single step without an initial
+    /// path.
     pub last_step_m: f64,
     /// Twice the cost at the solution; without robust loss, a chi-square with one degree of freedom per measurement.
     pub chi_square: f64,

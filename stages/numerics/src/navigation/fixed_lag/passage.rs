@@ -1,4 +1,4 @@
-//! Windows along a line: the estimates of the samples, and their release as final.
+//! Windows along a line. An estimate is returned when no later window can improve it.
 
 use std::collections::VecDeque;
 use std::ops::Range;

@@ -68,7 +68,7 @@ pub(super) struct SmoothingWindow<'a> {
     layout: &'a StateLayout,
     line: &'a NavigationLine<'a>,
     aids: (&'a Aids<'a>, &'a AidStates),
-    /// Largest change of a position in one step, in m, below which the window is also considered solved.
+    /// Largest change of a position in one step, in metres, below which the window is also considered solved.
     pub tolerance_m: f64,
     field: PredictedField<'a>,
     /// Nodes; the first is the window's start.
@@ -239,7 +239,7 @@ impl<'a> SmoothingWindow<'a> {
         }
     }
 
-    /// Largest distance from the path to the trial path, in m.
+    /// Largest distance from the path to the trial path, in metres.
     fn step_m(&self) -> f64 {
         let dim = self.dim();
         let mut largest = 0.0_f64;
@@ -272,7 +272,8 @@ impl<'a> SmoothingWindow<'a> {
         sum
     }
 
-    /// Distance, and cost of the residuals in `counted`. Where the field is unknown, the residual in `counted` is used.
+    /// Squared distance, and cost of the residuals in `counted`. Where the field is unknown, the residual in `counted`
+    /// is used.
     fn cost(&self, path: &WindowPath, about: &WindowLinearisation, counted: &WindowLinearisation) -> f64 {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
         let (loss, mut sum) = (self.parameters.robust(), path.distance);

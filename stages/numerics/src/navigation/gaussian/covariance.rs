@@ -13,9 +13,9 @@ const LANES: usize = 8;
 /// (I − K H) P (I − K H)ᵀ + K R Kᵀ = P + K vᵀ + v Kᵀ,      v = s K/2 − u
 /// ```
 ///
-/// An error of K enters with its square. Both products commute, so an entry and its mirror image are the same sum.
-/// Recursions on covariances do not change when states are scaled (bit-identical for powers of two), so using rad and
-/// nT together loses no digits. The ratio of H P Hᵀ to R loses digits and is limited by [`WIDEST`].
+/// An error of K enters with its square. Both products commute, so an entry and its mirror image are the same sum. A
+/// scaling of the states does not affect recursions on covariances (for powers of two, results are bit-identical).
+/// Using rad and nT together thus loses no digits. The ratio of H P Hᵀ to R loses digits and is limited by [`WIDEST`].
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Covariance {
     states: usize,
@@ -24,7 +24,7 @@ pub(crate) struct Covariance {
     entries: Vec<f64>,
 }
 
-/// Largest H P Hᵀ over R. An update leaves errors of H P Hᵀ times 2e-16, here a few thousandths of R.
+/// Largest H P Hᵀ over R. An update leaves errors of 2e-16 H P Hᵀ, which at this ratio is a few thousandths of R.
 pub(crate) const WIDEST: f64 = 1e13;
 
 impl Covariance {
@@ -222,8 +222,7 @@ impl Covariance {
         }
     }
 
-    /// P₂₂ ← D P₂₂ D, one state after the other. The last bits of the result differ from
-    /// [`Covariance::decay_together`].
+    /// P₂₂ ← D P₂₂ D, one state at a time. The last bits of the result differ from [`Covariance::decay_together`].
     pub(crate) fn decay_each(&mut self, decay: &[f64]) {
         for (at, decay) in (STATES..).zip(decay) {
             self.entries[at * self.stride + STATES..(at + 1) * self.stride]

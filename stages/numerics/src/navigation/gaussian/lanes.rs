@@ -130,7 +130,7 @@ pub(crate) fn propagate_covariances<S: Simd>(
             y[state] = entry;
         }
     }
-    // Y Φᵀ up to the diagonal, in groups of rows with as many sums as the longest row of a group requires.
+    // Y Φᵀ up to the diagonal, in groups of rows. Each group uses as many sums as its longest row requires.
     for (place, y) in y.iter().enumerate() {
         match place {
             0..4 => fill(p, place, &coupled::<S, 4>(simd, phi, y)),

@@ -14,7 +14,7 @@ const MOST_HALVINGS: u32 = 10;
 pub(crate) struct ScalarSearch {
     /// Maximum number of linearisations, at least 1. With one iteration, the full step is taken unconditionally.
     pub(crate) iterations: usize,
-    /// Change of position, in m, below which the search ends.
+    /// Change of position, in metres, below which the search ends.
     pub(crate) tolerance_m: f64,
     /// Metres north and east per radian.
     pub(crate) m_per_rad: (f64, f64),
@@ -136,7 +136,7 @@ impl ScalarProblem {
         h.0.map(|h| h * factor)
     }
 
-    /// Distance between the positions of two v, in m.
+    /// Distance between the positions of two v, in metres.
     #[inline(always)]
     fn moved_m(&self, from: &[f64; 4], to: &[f64; 4], (north, east): (f64, f64)) -> f64 {
         let step = self.moved(&std::array::from_fn(|state| to[state] - from[state]));

@@ -26,7 +26,7 @@ pub(crate) trait FilterRecursion {
     /// Filters along an INS: for each row the step, the aiding positions, and the measurement.
     ///
     /// # Errors
-    /// Fails as [`StateEstimate::check`].
+    /// Returns the errors of [`StateEstimate::check`].
     #[inline(always)]
     fn along(
         &mut self,
@@ -44,7 +44,7 @@ pub(crate) trait FilterRecursion {
     /// Filters one sample: the step from the row before, if any, the aiding positions, and the measurement.
     ///
     /// # Errors
-    /// Fails as [`StateEstimate::check`].
+    /// Returns the errors of [`StateEstimate::check`].
     #[inline(always)]
     fn sample(
         &mut self,
@@ -71,7 +71,7 @@ pub(crate) trait FilterRecursion {
 /// Runs a filter along an INS, compiled for the vector unit of the machine.
 ///
 /// # Errors
-/// Fails as [`FilterRecursion::along`].
+/// Returns the errors of [`FilterRecursion::along`].
 pub(crate) fn run_along<F: FilterRecursion>(
     filter: F,
     ins: &InsSeries<'_>,
@@ -81,10 +81,10 @@ pub(crate) fn run_along<F: FilterRecursion>(
     pulp::Arch::new().dispatch(Dispatched { filter, ins, errors, fixes })
 }
 
-/// [`run_along`] the INS and the aiding positions of a line.
+/// Runs a filter along the INS and the aiding positions of a line, as [`run_along`].
 ///
 /// # Errors
-/// Fails as [`FilterRecursion::along`].
+/// Returns the errors of [`FilterRecursion::along`].
 pub(crate) fn run<F: FilterRecursion>(filter: F, line: &NavigationLine<'_>) -> Result<F, NavigationError> {
     run_along(filter, line.ins, &line.errors, |row| line.fixes_at(row))
 }

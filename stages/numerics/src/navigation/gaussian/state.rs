@@ -42,7 +42,7 @@ impl StateEstimate {
     /// Rejects states and variances that are not finite, and negative variances.
     ///
     /// # Errors
-    /// [`NavigationError::Diverged`] at this row and time.
+    /// Fails with [`NavigationError::Diverged`] at this row and time.
     #[inline(always)]
     pub(crate) fn check(&self, row: usize, tt_s: f64) -> Result<(), NavigationError> {
         // A finite value times zero is zero. A NaN is not equal to anything.
@@ -65,7 +65,7 @@ impl StateEstimate {
 pub(crate) struct StateLayout {
     /// Gauss-Markov errors. Errors with a correlation length have the correlation time of the step.
     pub errors: Vec<GaussMarkov>,
-    /// Positions of the errors with a correlation length, and this length in m.
+    /// Positions of the errors with a correlation length, and this length in metres.
     pub lengths_m: Vec<(usize, f64)>,
     /// Ranges of the coefficients of each magnetometer.
     pub blocks: Vec<Range<usize>>,

@@ -24,7 +24,7 @@ pub(crate) struct StepModel {
 
 /// Transition of a step.
 pub(crate) struct Transition {
-    /// Length, in s.
+    /// Length, in seconds.
     pub dt_s: f64,
     /// F at the beginning of the step.
     f: StateMatrix,
@@ -35,7 +35,7 @@ pub(crate) struct Transition {
 /// Step that filters in lanes share.
 #[derive(Clone)]
 pub(crate) struct LaneStep {
-    /// Length, in s.
+    /// Length, in seconds.
     pub dt_s: f64,
     pub phi: TransitionEntries,
     /// Process noise of the step if the noise is integrated, without the noise of the temporal variation.
@@ -93,13 +93,13 @@ impl StepModel {
         LaneStep { dt_s, phi: TransitionEntries::from_matrix(&phi), noise }
     }
 
-    /// Memory of a step of this model: a step of no length and no noise.
+    /// Step without length and noise, whose memory later steps reuse.
     pub fn empty_lane_step(&self) -> LaneStep {
         let noise = (self.noise == NoiseDiscretisation::VanLoan).then(|| Box::new([[0.0; STATES]; STATES]));
         LaneStep { dt_s: 0.0, phi: TransitionEntries::from_matrix(&identity()), noise }
     }
 
-    /// [`StepModel::lane_step`] in the memory of another step of this model.
+    /// Same as [`StepModel::lane_step`], but reuses the memory of another step of this model.
     #[inline(always)]
     pub fn renew_lane_step(&self, step: &mut LaneStep, ins: &InsSeries<'_>, row: usize) {
         let Transition { dt_s, f, phi } = self.transition(ins, row);

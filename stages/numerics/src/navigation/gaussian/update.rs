@@ -138,7 +138,7 @@ impl StateEstimate {
         self.correct(&self.linearised(h), innovation, noise)
     }
 
-    /// Updates with the aiding positions of a row, one coordinate after the other.
+    /// Updates with the aiding positions of a row, one coordinate at a time.
     #[inline(always)]
     pub(crate) fn aid(&mut self, fixes: [Option<StateFix>; 3]) -> [Option<MeasurementUpdate>; 3] {
         fixes.map(|fix| {
@@ -165,7 +165,7 @@ impl StateEstimate {
         mirror(p);
     }
 
-    /// P ← P + share K (H P Hᵀ + R) Kᵀ with the a priori gain of `at`: returns a share of the covariance decrease by
+    /// P ← P + share K (H P Hᵀ + R) Kᵀ with the a priori gain of `at`: adds back a share of the covariance decrease by
     /// this measurement.
     #[inline(always)]
     pub(crate) fn give_back(&mut self, at: &LinearisedMeasurement, noise: f64, share: f64) {
@@ -232,8 +232,8 @@ impl Gaussian {
         h.dot(out) + variance
     }
 
-    /// Updates with an innovation of variance `s` only the states that `corrects` selects, with P Hᵀ in `gain`, which
-    /// becomes K: the consider update [Schmidt 1966].
+    /// Updates only the states that `corrects` selects, with an innovation of variance `s`: the consider update
+    /// [Schmidt 1966]. P Hᵀ in `gain` becomes K.
     pub fn consider(
         &mut self,
         innovation: f64,

@@ -71,7 +71,7 @@ fn law_one_iteration_equals_the_extended_kalman_filter() {
 fn law_on_a_plane_more_iterations_change_nothing_and_the_last_state_is_least_squares() {
     let scene = AnalyticScene::new(&uneven(150), MapInterpolation::Linear, plane);
     let output = filtered(&scene, &IekfParameters { tolerance_m: 1e-9, ..all(5) });
-    // Positions have a relative rounding error of 1e-16 of a degree's 1e5 m.
+    // Positions have a rounding error of 1e-16 degrees; a degree is 1e5 m.
     assert_equal(&output.line, &ekf(&scene, None), 1e-9);
     let last = scene.columns[0].len() - 1;
     let batch = scene.with(|line| {

@@ -18,10 +18,10 @@ impl InsErrorModel {
 /// error `start` at its first sample.
 ///
 /// Half of a step's noise is added before the step and half after it, which is accurate to second order. The last error
-/// is the start of the next piece.
+/// of a piece is the first error of the next piece.
 ///
 /// # Errors
-/// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
+/// Returns the errors of [`InsErrorModel::check`] and [`InsSeries::check`].
 pub fn errors_along(
     truth: &InsSeries<'_>,
     model: &InsErrorModel,
@@ -92,7 +92,7 @@ impl InsErrorEnsemble {
     /// [`NormalStreams::block`]. The positions enter [`InsErrorEnsemble::drms_m`] only if `counts` is set.
     ///
     /// # Errors
-    /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
+    /// Returns the errors of [`InsErrorModel::check`] and [`InsSeries::check`].
     pub fn advance(
         &mut self,
         truth: &InsSeries<'_>,
@@ -129,13 +129,13 @@ impl InsErrorEnsemble {
         self.samples += 1;
     }
 
-    /// DRMS of each member so far, in m.
+    /// DRMS of each member so far, in metres.
     pub fn drms_m(&self) -> Vec<f64> {
         self.squares_m2.iter().map(|squares| (squares / self.samples.max(1) as f64).sqrt()).collect()
     }
 
-    /// Member with the `rank`-th largest DRMS, counted from 1; of several equal members, the first. `None` if there are
-    /// fewer members.
+    /// Member with the `rank`-th largest DRMS, counted from 1. Of several members with equal DRMS, the first is used.
+    /// `None` if there are fewer members.
     pub fn ranked(&self, rank: usize) -> Option<usize> {
         let drms = self.drms_m();
         let mut order: Vec<usize> = (0..drms.len()).collect();
@@ -144,7 +144,7 @@ impl InsErrorEnsemble {
     }
 }
 
-/// Horizontal position error of the INS, in m, from its error states.
+/// Horizontal position error of the INS, in metres, from its error states.
 pub fn horizontal_m(error: &[f64; STATES], lat_rad: f64, alt_m: f64) -> f64 {
     let earth = EarthModel::Wgs84;
     let north = earth.lat_rad_to_north_m(error[LAT], lat_rad, alt_m);

@@ -6,7 +6,7 @@
 use super::InsErrorModel;
 use crate::navigation::pinson::{A_HAT, STATES, StateVector, VN};
 
-/// Length of a block, in s. A longer step is one block.
+/// Length of a block, in seconds. A longer step is one block.
 const BLOCK_S: f64 = 1.0;
 
 /// Two streams of standard normal numbers, which determine a realisation.

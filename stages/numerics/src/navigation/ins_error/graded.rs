@@ -55,7 +55,7 @@ impl Params for InsErrorSpec {
     }
 
     fn spell(&self, out: &mut Vec<(&'static str, String)>) {
-        // A stage that uses `given` or `start_given` reads other columns of the flight with it.
+        // The columns of the flight that a stage reads depend on `given` and `start_given`.
         self.sources.spell(out);
     }
 
@@ -81,7 +81,7 @@ impl InsErrors {
     /// Reads the text of [`InsErrors::description`]. The grade is optional and defaults to `magnav`.
     ///
     /// # Errors
-    /// Fails for an unknown grade or key and for an invalid value.
+    /// Fails for an unknown grade or key, or for an invalid value.
     pub fn from_description(text: &str) -> Result<Self, Fault> {
         let mut entries = SpecEntries::new();
         for part in text.split(',').map(str::trim).filter(|part| !part.is_empty()) {

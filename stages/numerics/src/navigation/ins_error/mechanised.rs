@@ -33,7 +33,7 @@ pub struct MechanisationErrors {
 /// differs from the position of the trajectory by the error of the trapezoidal rule, which cancels in the result.
 ///
 /// # Errors
-/// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
+/// Returns the errors of [`InsErrorModel::check`] and [`InsSeries::check`].
 pub fn mechanised_errors_along(
     truth: &InsSeries<'_>,
     model: &InsErrorModel,
@@ -93,7 +93,7 @@ fn moved(exact: &NavigationState, error: &StateVector) -> NavigationState {
     }
 }
 
-/// Time constants of the Gauss-Markov states, in s; infinite for the other states.
+/// Time constants of the Gauss-Markov states, in seconds; infinite for the other states.
 struct GaussMarkovDecay {
     taus_s: StateVector,
 }

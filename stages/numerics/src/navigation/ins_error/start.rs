@@ -6,7 +6,7 @@ use crate::navigation::pinson::{ALT, InsPoint, LAT, LON, STATES, StateMatrix, St
 use crate::navigation::strapdown::specific_force_mps2;
 use crate::navigation::transition::{propagate_state, step_covariance, transition_matrix};
 
-/// Longest step of the propagation from the alignment, in s.
+/// Longest step of the propagation from the alignment, in seconds.
 const STEP_S: f64 = 5.0;
 
 /// Covariance of the states at the first sample of `ins`, whose alignment was `age_s` seconds earlier.
@@ -41,7 +41,7 @@ pub fn aligned_covariance(errors: &InsErrorModel, ins: &InsSeries<'_>, age_s: f6
 pub struct StartFix {
     /// Latitude and longitude, in degrees.
     pub lat_lon_deg: [f64; 2],
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: f64,
     /// Velocity north, east and down, in m/s; `None` keeps the velocity of the INS.
     pub vel_ned_mps: Option<[f64; 3]>,
@@ -52,9 +52,9 @@ pub struct StartFix {
 /// Standard deviations of a fix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StartFixSigmas {
-    /// Standard deviation of the position in each of north and east, in m.
+    /// Standard deviation of the position in each of north and east, in metres.
     pub horizontal_m: f64,
-    /// Standard deviation of the height, in m.
+    /// Standard deviation of the height, in metres.
     pub vertical_m: f64,
     /// Standard deviation of each component of the velocity, in m/s.
     pub velocity_mps: f64,
@@ -64,9 +64,9 @@ impl StartFix {
     /// Covariance of the states of an INS corrected by the fix.
     ///
     /// `aligned` is the covariance before the fix, from the alignment of the INS. Without it, tilts, biases and the
-    /// barometer loop have the initial standard deviations of `errors`, and so has the velocity if the fix has none.
-    /// The correlations of the replaced states with the others are dropped: they depend on the manoeuvres since the
-    /// alignment, which are unknown.
+    /// barometer loop have the initial standard deviations of `errors`. So does the velocity, if the fix has no
+    /// velocity. The correlations of the replaced states with the others are dropped: they depend on the manoeuvres
+    /// since the alignment, which are unknown.
     pub fn covariance(&self, errors: &InsErrorModel, aligned: Option<&StateMatrix>) -> StateMatrix {
         let mut model = InsErrorModel { start: None, ..*errors };
         model.sources.init_position_sigma_m = self.sigmas.horizontal_m;
@@ -224,8 +224,8 @@ mod tests {
         let vel_ned_mps = Some([4, 5, 6].map(|column: usize| columns[column][2]));
         let later = StartFix { lat_lon_deg: [columns[1][2], columns[2][2]], vel_ned_mps, ..fix };
         let at_third = correction_along(&model, &series(&ins), 2, later.error(&rest));
-        // For errors of up to 1 km the linear model is accurate to some decimetres; the step back to the first sample adds
-        // some.
+        // For errors of up to 1 km the linear model is accurate to some decimetres; the step back to the first sample
+        // adds some decimetres.
         let both = [(&at_first, 0.5), (&at_third, 1.0)];
         for (corrections, within_m, row) in both.into_iter().flat_map(|(of, m)| [0, 450, 899].map(|row| (of, m, row))) {
             let off_m = |column: usize, of: usize| {

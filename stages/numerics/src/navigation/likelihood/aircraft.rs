@@ -43,7 +43,7 @@ impl AircraftStates<'_> {
     /// After 20 rejections in a row the next measurement is used, regardless of its innovation.
     ///
     /// # Errors
-    /// Fails as [`run`].
+    /// Returns the errors of [`run`].
     pub fn along(&self, line: &NavigationLine<'_>) -> Result<AircraftFieldAlong, NavigationError> {
         let parameters = OnlineParameters {
             gate_nis: Some(GATE_NIS),

@@ -1,5 +1,5 @@
-//! Search for constant states: a lag of the magnetometer's time stamps (late stamps have a positive lag), and a height
-//! bias of the aircraft on the map (an aircraft above its assumed height has a positive bias).
+//! Search for constant states: the lag of the magnetometer, and the bias between the height of the INS and the height
+//! on the map. The lag of late time stamps is positive. The bias of an aircraft above its assumed height is positive.
 
 use super::{NoiseLikelihood, NoisePoint, PERMANENT};
 use crate::navigation::aided::AidedOutput;
@@ -12,15 +12,16 @@ struct ConstantState {
     values: fn(&AidedOutput) -> &[f64],
 }
 
-/// Lag, in s. The prior covers the delays of loggers and anti-alias filters. A larger estimate probably comes from a
-/// position error.
+/// Lag, in seconds. The prior covers the delays of loggers and anti-alias filters. A larger estimate probably comes
+/// from a position error.
 const LAG: ConstantState = ConstantState { prior_sigma: 1.0, largest: 2.0, values: |output| &output.latency_s[0] };
-/// Height bias, in m. The prior covers the weather (8 m per hPa), the temperature at low heights, and the geoid. A larger
-/// estimate probably comes from a wrong map.
+/// Height bias, in metres. The prior covers the weather (8 m per hPa), the temperature at low heights, and the geoid. A
+/// larger estimate probably comes from a wrong map.
 const MAP_HEIGHT: ConstantState =
     ConstantState { prior_sigma: 50.0, largest: 250.0, values: |output| &output.map_height_m[0] };
 /// Smallest increase of the logarithm of the likelihood for which a constant becomes a state. The prior alone decreases
-/// this logarithm by ln(1 s / 0.05 s) = 3 for a lag that is known to 0.05 s, and for a height known to 2.5 m.
+/// this logarithm by ln(1 s / 0.05 s) = 3 for a lag that is known to 0.05 s, and by as much for a height that is known
+/// to 2.5 m.
 const LEAST_GAIN: f64 = 6.0;
 /// Factors on the white noise and on the process that are tried first. Without a state for the constant, the noise
 /// contains its effect.

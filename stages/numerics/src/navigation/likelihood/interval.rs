@@ -7,7 +7,7 @@ use super::{LineNoise, NoiseLikelihood, NoiseSearch, ThinnedLine, accepted_innov
 use crate::navigation::output::NavigationError;
 use crate::regression::consistency::whiteness;
 
-/// Factors on the white noise that are tried for other measurements.
+/// Factors on the white noise that are tried for the more numerous measurements.
 const FACTORS: [f64; 7] = [0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8];
 /// Smallest ratio of the information n/σ² of more measurements to that of fewer for which more are used.
 const LEAST_GAIN: f64 = 1.5;
@@ -19,7 +19,7 @@ const WHITE: (usize, f64) = (20, 0.8);
 /// of `noise`.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`](crate::navigation::line::NavigationLine::check).
+/// Returns the errors of [`NavigationLine::check`](crate::navigation::line::NavigationLine::check).
 pub fn denser(search: &NoiseSearch<'_>, noise: &LineNoise, rows: usize) -> Result<Option<LineNoise>, NavigationError> {
     search.line.check()?;
     let thinned = ThinnedLine::new(search.line, search.rows);

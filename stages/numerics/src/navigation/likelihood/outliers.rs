@@ -18,7 +18,8 @@ pub(super) const RECOVERED_AFTER: usize = 20;
 /// has the further states of `aids`, such as the change of the aircraft's permanent field and the lag.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`], and with [`NavigationError::Diverged`] when a state or variance is not finite.
+/// Returns the errors of [`NavigationLine::check`]. Also fails with [`NavigationError::Diverged`] if a state or
+/// variance is not finite.
 pub fn outliers(line: &NavigationLine<'_>, aids: &Aids<'_>) -> Result<Vec<bool>, NavigationError> {
     if aids.is_any() {
         let (gate_nis, recover_after) = (Some(GATE_NIS), Some(RECOVERED_AFTER));

@@ -11,20 +11,21 @@ use crate::signal::gauss_markov::GaussMarkov;
 /// parameters that have no influence, an increase of 4 has a probability below 2 %.
 const LEAST_GAIN: f64 = 4.0;
 
-/// Time constant from which the search starts, in s.
+/// Time constant from which the search starts, in seconds.
 pub(super) const USUAL_TAU_S: f64 = 2e4;
-/// Standard deviations, in nT, of the first, coarse test, and its time constant, in s.
+/// Standard deviations, in nT, of the first, coarse test, and its time constant, in seconds.
 const FIRST: ([f64; 2], f64) = ([10.0, 50.0], USUAL_TAU_S);
 /// Increase of the logarithm of the likelihood by the first test below which the search ends.
 const HOPELESS: f64 = -3.0;
-/// Grid of the standard deviation, in nT, and the time constant, in s.
+/// Grid of the standard deviation, in nT, and the time constant, in seconds.
 const GRID: ([f64; 3], [f64; 3]) = ([5.0, 20.0, 80.0], [2e3, USUAL_TAU_S, 1e6]);
-/// White noise, in nT, process, in nT, and its time constant, in s, that are tried beside the best without a permanent
-/// field. Part of that best noise is the change of the permanent field.
+/// White noise (nT), and standard deviation (nT) and time constant (s) of the process, that are tried in addition to
+/// the best values without a permanent field. Those best values include part of the change of the permanent field.
 const NOISE: ([f64; 2], [f64; 2], [f64; 2]) = ([1.0, 4.0], [2.0, 8.0], [100.0, 1500.0]);
 
 impl NoiseLikelihood<'_> {
-    /// Best point with a permanent field if its likelihood is larger by [`LEAST_GAIN`], otherwise `best`.
+    /// Best point with a permanent field if the logarithm of its likelihood is larger by [`LEAST_GAIN`], otherwise
+    /// `best`.
     pub(super) fn with_permanent(&self, best: (NoisePoint, f64), least_used: usize) -> (NoisePoint, f64) {
         let given = self.search.given;
         let is_given = given[PERMANENT[0]] == Some(0.0) || PERMANENT.iter().all(|at| given[*at].is_some());

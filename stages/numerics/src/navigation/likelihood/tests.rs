@@ -16,7 +16,7 @@ fn flown(seed: u64) -> OsborneFlight {
     flown_from(seed, 50.0, 0.2)
 }
 
-/// Flight whose INS has these standard deviations of its initial position and velocity, in m and m/s.
+/// Flight whose INS has these standard deviations of its initial position and velocity, in metres and m/s.
 fn flown_from(seed: u64, init_position_sigma_m: f64, init_velocity_sigma_mps: f64) -> OsborneFlight {
     let sources = InsErrors { init_position_sigma_m, init_velocity_sigma_mps, ..InsErrors::default() };
     let model =

@@ -33,7 +33,7 @@ impl ParticleCount {
         parameters.adapt.then_some(Self { least: parameters.particles, cell_m: parameters.smooth_over_m })
     }
 
-    /// Number for a cloud whose particles, with equal weights, are at these places in m.
+    /// Number for a cloud whose particles, with equal weights, are at these places in metres.
     pub(super) fn of_cloud(&self, places: impl Iterator<Item = [f64; 2]>) -> usize {
         let cells: BTreeSet<[i64; 2]> = places.map(|place| self.cell(place)).collect();
         self.within(for_cells(cells.len()))

@@ -15,7 +15,7 @@ pub(super) enum DrawPurpose {
     Roughening = 5,
 }
 
-/// Numbers for one purpose at one step: a section of a SplitMix64 sequence, with random access in constant time.
+/// Random numbers for one purpose at one step: a section of a SplitMix64 sequence, with random access in constant time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ParticleDraws {
     key: u64,

@@ -24,9 +24,9 @@ use super::parameters::MpfParameters;
 use super::resampling::{moments, position};
 use super::{check, filtered};
 
-/// Time between two tests of the particles, in s.
+/// Time between two tests of the particles, in seconds.
 const INTERVAL_S: f64 = 5.0;
-/// Time for which the conditions hold before the hand-over, in s.
+/// Time for which the conditions hold before the hand-over, in seconds.
 const HELD_S: f64 = 60.0;
 
 /// Conditions of the hand-over.
@@ -143,7 +143,7 @@ pub struct HandOverOutput {
 /// Filters one line with particles, and from the hand-over on with an extended Kalman filter of the same states.
 ///
 /// # Errors
-/// Fails as [`super::run`].
+/// Returns the errors of [`super::run`].
 pub fn run_then_ekf(
     parameters: &MpfParameters,
     line: &NavigationLine<'_>,
@@ -182,13 +182,13 @@ pub struct LocatedAircraft {
     pub lat_deg: f64,
     /// Longitude, in degrees.
     pub lon_deg: f64,
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: f64,
     /// Velocity north, east and down, in m/s.
     pub vel_ned_mps: [f64; 3],
-    /// Root mean square of the horizontal position error, in m.
+    /// Root mean square of the horizontal position error, in metres.
     pub horizontal_sigma_m: f64,
-    /// Standard deviation of the height, in m.
+    /// Standard deviation of the height, in metres.
     pub vertical_sigma_m: f64,
     /// Standard deviation of the velocity north or east, the larger one, in m/s.
     pub velocity_sigma_mps: f64,
@@ -197,7 +197,7 @@ pub struct LocatedAircraft {
 /// Position and velocity at the hand-over; `None` if its conditions never hold.
 ///
 /// # Errors
-/// Fails as [`super::run`].
+/// Returns the errors of [`super::run`].
 pub fn locate(
     parameters: &MpfParameters,
     line: &NavigationLine<'_>,

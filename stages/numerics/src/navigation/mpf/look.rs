@@ -239,7 +239,7 @@ impl<'a> ParticleFields<'a> {
             }
         }
         let [lat_deg, lon_deg, alt_m] = &self.places;
-        // Three columns of equal length are never rejected.
+        // Three columns of equal length are always accepted.
         self.map.at_many(lat_deg, lon_deg, alt_m, &mut self.fields[into]).ok()
     }
 }

@@ -5,8 +5,8 @@ use crate::navigation::pinson::ALT;
 use super::cloud::{BLOCK, NO_SUMS, ParticleCloud, ParticleLanes, accumulate, total};
 use super::covariance::{InformationSums, ParticleMatrix, dot, times};
 
-/// Smallest share of the weight on the map for which a measurement is used. A smaller share does not represent the
-/// cloud.
+/// Smallest share of the weight on the map for which a measurement is used. With a smaller share, the particles on the
+/// map do not represent the cloud.
 const LEAST_ON_MAP: f64 = 0.1;
 
 /// Scalar measurement z = v(position) + u·x + white noise. v is specific to each particle; the row u is common.

@@ -18,8 +18,8 @@ pub struct MpfParameters {
     /// Resamples from a kernel density instead of the particles (see [`super::run`]). Without regularisation, copies of
     /// a few particles remain for a navigation-grade INS, whose position error has almost no driving noise.
     pub regularise: bool,
-    /// Distance over which the map is nearly linear, in m; about the height above the sources. A wider cloud has a
-    /// separate kernel for each of its cells. For a difference, the slope must be linear over this distance.
+    /// Distance over which the map is nearly linear, in metres. It is about the height above the sources. A wider cloud
+    /// has a separate kernel for each of its cells. For a difference, the slope must be linear over this distance.
     pub smooth_over_m: f64,
     /// Independent noise for the position of each resampled particle, per axis: this number times the range of the
     /// particles over the square root of their number [Gordon, Salmond & Smith 1993, who use 0.2]; 0 adds no noise.
@@ -63,9 +63,9 @@ impl MpfParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for a number of particles that is not from 1 to [`Self::MOST_PARTICLES`], a threshold that is not from 0
-    /// to 1, a `smooth_over_m` that is not a finite number above 0, roughening that is not a number of at least 0, a
-    /// gate that is not a finite number above 0, and modes at every 0 samples.
+    /// Fails for a number of particles outside 1 to [`Self::MOST_PARTICLES`], a threshold outside 0 to 1, a
+    /// `smooth_over_m` or a gate that is not a finite number above 0, a roughening that is not a number of at least 0,
+    /// or an interval of 0 samples between modes.
     pub fn check(&self) -> Result<(), ParameterError> {
         let require = |name: &str, value: f64, rule: Rule| obeys(&value, name, rule).map_err(ParameterError);
         require("particles", self.particles as f64, Rule::Between(1.0, Self::MOST_PARTICLES as f64))?;

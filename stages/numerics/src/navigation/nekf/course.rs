@@ -96,7 +96,7 @@ impl<'a> LineCourse<'a> {
     /// Forward pass over at most `rows` samples.
     ///
     /// # Errors
-    /// Fails as [`StateEstimate::check`].
+    /// Returns the errors of [`StateEstimate::check`].
     pub(super) fn forward(
         &mut self,
         network: &NoiseNetwork,

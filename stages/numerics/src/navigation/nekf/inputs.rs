@@ -4,8 +4,8 @@ use crate::navigation::field::PredictedField;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::Innovation;
 
-/// Names of the inputs that the filter computes, in their order. With v, s and σ² the innovation of the sample before,
-/// its predicted variance and the assumed variance of its measurement:
+/// Names of the inputs that the filter computes, in their order. Of the previous sample, v is the innovation, s its
+/// predicted variance, and σ² the assumed variance of the measurement:
 ///
 /// | Input | Value |
 /// |:--|:--|
@@ -46,7 +46,7 @@ pub(super) struct InputSource<'a> {
     /// Further inputs, row-major.
     further: &'a [f64],
     width: usize,
-    /// Inputs of all rows in place of the computed ones, for tests.
+    /// Inputs of all rows that replace the computed inputs, for tests.
     #[cfg(test)]
     pub(super) frozen: Option<Vec<f64>>,
 }
@@ -87,7 +87,7 @@ impl<'a> InputSource<'a> {
         inputs
     }
 
-    /// Size of the change of course since the sample before, in deg/s; 0 at the first sample.
+    /// Absolute rate of change of the course since the previous sample, in deg/s; 0 at the first sample.
     fn turn_rate(&self, row: usize) -> f64 {
         let ins = self.line.ins;
         let Some(last) = row.checked_sub(1) else { return 0.0 };

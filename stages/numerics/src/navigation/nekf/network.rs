@@ -40,24 +40,24 @@ impl NetworkNoise {
     }
 }
 
-/// Largest standardised input; a larger one is limited.
+/// Limit of the standardised inputs; larger values are clamped.
 const LARGEST_INPUT: f64 = 5.0;
 /// Number of gates: input, forget, candidate and output.
 const GATES: usize = 4;
 /// Place of the forget gate.
 const FORGET: usize = 1;
 
-/// Network that scales the noise of a filter from sample to sample. With f the inputs, standardised and limited to 5
-/// standard deviations, and h and c the state of the layer, 0 before the first sample [Hochreiter & Schmidhuber 1997;
-/// Gers, Schmidhuber & Cummins 2000]:
+/// Network that scales the noise of a filter from sample to sample. Let f be the inputs, standardised and limited to 5
+/// standard deviations, and h and c the state of the layer, which is 0 before the first sample [Hochreiter &
+/// Schmidhuber 1997; Gers, Schmidhuber & Cummins 2000]:
 ///
 /// ```text
 /// i = σ(Wᵢ f + Uᵢ h + bᵢ)    j = σ(Wⱼ f + Uⱼ h + bⱼ)    g = tanh(W_g f + U_g h + b_g)    o = σ(Wₒ f + Uₒ h + bₒ)
 /// c ← j c + i g              h ← o tanh c               ln scale = 2 ln(limit) tanh(V h + a)
 /// ```
 ///
-/// The scale multiplies a variance. The weights are one vector: for each gate (input i, forget j, candidate g, output
-/// o) and each unit its row of W, its row of U and its b; then for each output its row of V and its a.
+/// The scale multiplies a variance. The weights are one vector. It holds, for each gate (input i, forget j, candidate
+/// g, output o) and each unit, a row of W, a row of U and b. Then it holds, for each output, a row of V and a.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoiseNetwork {
     /// Noise that the network sets.
@@ -137,7 +137,7 @@ impl NoiseNetwork {
     /// Rejects invalid networks.
     ///
     /// # Errors
-    /// Fails without units, for a `limit` that is not finite and above 1, for values that are not finite, and for
+    /// Fails without units, for a `limit` that is not finite and above 1, for values that are not finite, or for
     /// vectors whose lengths differ from the network's.
     pub fn check(&self) -> Result<(), ParameterError> {
         if self.hidden == 0 {

@@ -11,7 +11,7 @@ use crate::navigation::scenes::{AnalyticScene, assert_refusals, hills, plane, po
 use crate::navigation::transition::NoiseDiscretisation;
 use crate::random::NormalGenerator;
 
-/// Network with an effect on a scene: all weights drawn, inputs in the order of magnitude of 1.
+/// Network with an effect on a scene. All weights are random, and the inputs are of order 1.
 fn network(noise: NetworkNoise, inputs: usize) -> NoiseNetwork {
     let mut network = NoiseNetwork::initial(noise, inputs, 4, 5.0, 3);
     let mut normals = NormalGenerator::new(9);

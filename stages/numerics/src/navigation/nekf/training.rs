@@ -89,11 +89,11 @@ pub struct TrainedNoise {
 /// Decay rates of the moments, and the smallest denominator, of Adam.
 const BETA: [f64; 2] = [0.9, 0.999];
 const EPSILON: f64 = 1e-8;
-/// Largest norm of the gradient of the mean loss; a longer one is shortened.
+/// Largest norm of the gradient of the mean loss; a longer gradient is shortened.
 const LARGEST_GRADIENT: f64 = 1.0;
 /// Smallest number of samples with a loss.
 const FEWEST: usize = 100;
-/// Smallest standard deviation of an input that varies, relative to its mean and absolute.
+/// Smallest standard deviation of an input that counts as varying: relative to its mean, and absolute.
 const SMALLEST_SPREAD: [f64; 2] = [1e-9, 1e-12];
 
 /// Trains a network. A step of Adam [Kingma & Ba 2015] uses one window of every line: the first windows of all lines,
@@ -104,9 +104,10 @@ const SMALLEST_SPREAD: [f64; 2] = [1e-9, 1e-12];
 /// number of threads.
 ///
 /// # Errors
-/// Fails as [`NavigationLine::check`] and [`StateEstimate::check`](crate::navigation::NavigationError::Diverged), with
-/// [`NavigationError::Parameter`] without lines, for further inputs that are not finite or of another size, for fewer
-/// than 100 samples with a loss, and for a loss that is not finite, and with the error of `progress`.
+/// Returns the errors of [`NavigationLine::check`] and
+/// [`StateEstimate::check`](crate::navigation::NavigationError::Diverged). Also fails with
+/// [`NavigationError::Parameter`] without lines. Also fails for further inputs that are not finite or of another size,
+/// for fewer than 100 samples with a loss, or for a loss that is not finite, and with the error of `progress`.
 pub fn train<E: From<NavigationError>>(
     lines: &[TrainingLine<'_>],
     parameters: &NoiseTraining,

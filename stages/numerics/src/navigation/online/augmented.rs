@@ -2,7 +2,7 @@
 //!
 //! The measurement of each magnetometer is z = map(INS + x) + core(INS + x) + S + m(c). m is the model's field as a
 //! function of the further states c. All magnetometers of a sample are linearised at the predicted state and processed
-//! one after the other. With independent noises this equals the joint update, in any order.
+//! one at a time. With independent noises this equals the joint update, in any order.
 
 mod filter;
 mod streamed;
@@ -37,9 +37,9 @@ pub struct LineModel<'a> {
     pub core: Option<&'a Arc<CoreField>>,
     /// Error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
-    /// Length, in s, of the window from the start of the line. The mean of measurement minus prediction over the window
-    /// (with the prior of the aircraft field) is subtracted from each magnetometer; 0 subtracts nothing. Not needed if
-    /// a constant is among the states and its prior is as wide as the offset.
+    /// Length, in seconds, of the window from the start of the line. The mean of measurement minus prediction over the
+    /// window (with the prior of the aircraft field) is subtracted from each magnetometer; 0 subtracts nothing. Not
+    /// needed if a constant is among the states and its prior is as wide as the offset.
     pub offset_window_s: f64,
     /// Aiding positions, each used before the measurements of its sample.
     pub fixes: Option<&'a PositionFixes>,
@@ -133,7 +133,7 @@ pub(crate) struct ExtraStates {
     pub(crate) covariance: Vec<f64>,
     /// Spectral densities of the driving noise of the states, per second.
     pub(crate) density: Vec<f64>,
-    /// Time constants, in s; infinite for random walks.
+    /// Time constants, in seconds; infinite for random walks.
     pub(crate) tau_s: Vec<f64>,
 }
 

@@ -30,7 +30,7 @@ pub struct Fluxgate<'a> {
     pub runs: &'a [Range<usize>],
     /// Standard deviation of the bias of each axis, in nT.
     pub sigma_nt: f64,
-    /// Correlation time of the bias, in s; infinite for a constant.
+    /// Correlation time of the bias, in seconds; infinite for a constant.
     pub tau_s: f64,
 }
 
@@ -86,7 +86,7 @@ struct FluxgateVector {
 }
 
 impl<'a> FluxgateTerms<'a> {
-    /// Rejects a scalar among the regressors, and fails as [`matrix_in_runs`].
+    /// Fails if a scalar is among the regressors. Also returns the errors of [`matrix_in_runs`].
     pub(crate) fn new(fluxgate: &Fluxgate<'a>) -> Result<Self, ParameterError> {
         let Fluxgate { field, terms, scale_nt, runs, sigma_nt, tau_s } = *fluxgate;
         if field.bt.is_some() {

@@ -54,7 +54,7 @@ impl CoefficientPrior {
 ///
 /// # Errors
 /// Fails without calibrations, for vectors of different lengths or with values that are not finite, for a single
-/// calibration without a covariance, and for an invalid covariance.
+/// calibration without a covariance, or for an invalid covariance.
 pub fn prior_from_calibrations(
     calibrations: &[&[f64]],
     covariance: Option<&[f64]>,
@@ -114,8 +114,8 @@ fn shrunk_covariance(deviations: &[Vec<f64>], terms: usize) -> Vec<f64> {
 /// so the estimate is too large on average. `tt_s` is the time of each calibration. [Gnadt 2022, section 5.5]
 ///
 /// # Errors
-/// Fails for fewer than two calibrations, times that do not ascend, and vectors of different lengths or with values
-/// that are not finite.
+/// Fails for fewer than two calibrations, times that do not ascend, or vectors of different lengths or with values that
+/// are not finite.
 pub fn walk_density(calibrations: &[&[f64]], tt_s: &[f64]) -> Result<Vec<f64>, ParameterError> {
     let terms = calibrations.first().map_or(0, |first| first.len());
     let lasts = tt_s.windows(2).all(|pair| pair[1] > pair[0] && (pair[1] - pair[0]).is_finite());
@@ -137,7 +137,8 @@ pub fn walk_density(calibrations: &[&[f64]], tt_s: &[f64]) -> Result<Vec<f64>, P
 }
 
 /// Prior of an aircraft without a calibration: standard deviations about zero, for a magnetometer in the cabin, where
-/// the aircraft field is hundreds to thousands of nT. On a boom, a tenth of these is sufficient.
+/// the aircraft field is hundreds to thousands of nT. For a magnetometer on a boom, a tenth of these values is
+/// sufficient.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ColdStart {
     /// Standard deviation of each permanent term, in nT.
@@ -147,8 +148,8 @@ pub struct ColdStart {
     /// Standard deviation of each eddy term, in nT for a relative change of the field (change divided by the scale) of
     /// 1 per s. At a roll rate of 10 degrees per s the field of one term is about 0.17 times this value.
     pub eddy_nt_s: f64,
-    /// Standard deviation of each derivative term, in nT for a change of 1 nT per s. At 10 degrees per s, 8,700 times
-    /// this.
+    /// Standard deviation of each derivative term, in nT for a change of 1 nT per s. At a roll rate of 10 degrees per
+    /// s, the field of one term is about 8,700 times this value.
     pub derivative_s: f64,
     /// Standard deviation of the constant, in nT.
     pub bias_nt: f64,

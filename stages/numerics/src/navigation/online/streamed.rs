@@ -64,7 +64,7 @@ impl StreamedOnline {
     /// Filter of magnetometers.
     ///
     /// # Errors
-    /// Fails as [`run`](super::run) for its priors, densities and gate.
+    /// Returns the errors of [`run`](super::run) for its priors, densities and gate.
     pub(crate) fn new(
         map: Arc<FieldMap>,
         field: PredictedField<'static>,

@@ -36,7 +36,7 @@ impl OnlineActivation {
     }
 }
 
-/// Aircraft field as a function of features. f denotes the features minus their mean, divided by their standard
+/// Aircraft field as a function of features. Here, f denotes the features minus their mean, divided by their standard
 /// deviation:
 ///
 /// ```text
@@ -59,7 +59,7 @@ impl OnlineNetwork {
     /// standard deviations. `output_nt` is the scale s, about the standard deviation of the aircraft field.
     ///
     /// # Errors
-    /// Fails without inputs or hidden units, for an `output_nt` that is not above 0, and for a feature that is constant
+    /// Fails without inputs or hidden units, for an `output_nt` that is not above 0, or for a feature that is constant
     /// in the calibration, whose effect is unobservable.
     pub fn new(
         features: &[f64],
@@ -99,7 +99,7 @@ impl OnlineNetwork {
     /// Network with given means and standard deviations of its inputs, for example those of a trained network.
     ///
     /// # Errors
-    /// Fails without inputs or hidden units, for means and standard deviations of different numbers or not finite, and
+    /// Fails without inputs or hidden units, for means and standard deviations of different numbers or not finite, or
     /// for a standard deviation or an `output_nt` that is not above 0.
     pub fn scaled(
         mean: Vec<f64>,

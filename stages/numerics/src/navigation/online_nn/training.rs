@@ -24,7 +24,7 @@ pub struct NetworkPrior {
 /// minus the field of map, core field and temporal variation at a known position.
 #[derive(Clone, Copy, Debug)]
 pub struct NetworkCalibration<'a> {
-    /// Times of the samples, in s, ascending.
+    /// Times of the samples, in seconds, ascending.
     pub tt_s: &'a [f64],
     /// Features, row-major.
     pub features: &'a [f64],
@@ -42,7 +42,7 @@ pub struct TrainingParameters {
     /// Number of passes over the calibration. Each pass starts from the weights of the previous pass and the prior
     /// covariance, so the covariance equals the covariance of a single pass.
     pub passes: usize,
-    /// Time, in s, in which the weights are expected to change by their standard deviation after the calibration.
+    /// Time, in seconds, in which the weights are expected to change by their standard deviation after the calibration.
     pub memory_s: f64,
 }
 
@@ -107,8 +107,8 @@ impl<'a> NetworkRecursion<'a> {
 /// of any step, and the covariance from a recursion whose regressor is the weights, as printed in Gnadt 2022.)
 ///
 /// # Errors
-/// Fails for columns of different lengths, times that do not ascend, fewer than four usable rows, parameters that are
-/// not above 0, and if the recursion does not stay finite.
+/// Fails for columns of different lengths, times that do not ascend, fewer than four usable rows, or parameters that
+/// are not above 0. Also fails if the recursion does not stay finite.
 pub fn train(
     network: &OnlineNetwork,
     calibration: &NetworkCalibration<'_>,

@@ -188,8 +188,8 @@ fn law_every_element_is_the_derivative_of_the_mechanisation() {
             let down = error_rates(&m, &moved(&m, &e.map(|e| -e)), &force, &turn);
             for row in 0..STATES {
                 let derivative = (up[row] - down[row]) / (2.0 * STEPS[column]);
-                // Effect of one step of the column on the row, relative to one step of the row per second. 1e-11 is due
-                // to rounding, 1e-6 to the third derivatives.
+                // Effect of one step of the column's state on the row's state, relative to one step of the row's state
+                // per second. Rounding contributes 1e-11, and the third derivatives 1e-6.
                 let noise = 1e-10 * STEPS[row] / STEPS[column];
                 assert!(
                     (f[row][column] - derivative).abs() <= 1e-6 * derivative.abs() + noise,

@@ -23,14 +23,14 @@ pub struct AidedRtsOutput {
     pub slope_nt_per_m: Vec<f64>,
 }
 
-/// [`run`](super::run) with further measurements: the most probable trajectory of all states, by Gauss-Newton iteration
-/// from the path of the extended Kalman filter. The run requires about 15 kB per sample. This run has a single start,
-/// whereas [`run`](super::run) has four. With an initial error too large for the map it may therefore end in another
-/// minimum. A loss applies only to the scalar field. The scalar field is not used where the map is too flat at the
-/// estimate of the extended Kalman filter.
+/// Same as [`run`](super::run), with further measurements: the most probable trajectory of all states, by Gauss-Newton
+/// iteration from the path of the extended Kalman filter. The run requires about 15 kB per sample. This run has a
+/// single start, whereas [`run`](super::run) has four. With an initial error too large for the map it may therefore end
+/// in another minimum. A loss applies only to the scalar field. The scalar field is not used where the map is too flat
+/// at the estimate of the extended Kalman filter.
 ///
 /// # Errors
-/// Fails as [`run`](super::run) and [`Aids::check`].
+/// Returns the errors of [`run`](super::run) and [`Aids::check`].
 pub fn run_aided(
     line: &NavigationLine<'_>,
     parameters: &RtsParameters,

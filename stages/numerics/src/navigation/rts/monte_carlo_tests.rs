@@ -80,7 +80,7 @@ impl Flight {
         ekf::run(&parameters, &self.ins.series(), &self.measured_nt, map, Some(core)).unwrap()
     }
 
-    /// Errors north and east, in m.
+    /// Errors north and east, in metres.
     fn error_m(&self, output: &NavigationOutput, row: usize) -> [f64; 2] {
         let lat_rad = self.truth.columns[1][row].to_radians();
         let (north, east) = EarthModel::Wgs84.north_east_m_per_rad(lat_rad, 500.0);
@@ -88,7 +88,7 @@ impl Flight {
         [north * off(output.lat_deg[row], 1), east * off(output.lon_deg[row], 2)]
     }
 
-    /// NEES: a chi-square of 2 degrees.
+    /// NEES: chi-square with 2 degrees of freedom.
     fn nees(&self, output: &NavigationOutput, row: usize) -> f64 {
         let [n, e] = self.error_m(output, row);
         let (a, b, c) = (output.sd_n_m[row].powi(2), output.cov_ne_m2[row], output.sd_e_m[row].powi(2));

@@ -53,7 +53,7 @@ impl SlamOutput {
     }
 }
 
-/// Path with the spatial index and the kernel that interpolate the measurements along the path.
+/// Path, with the spatial index and the kernel for interpolating the measurements along it.
 struct PathKriging<'a> {
     path: &'a [PathSample],
     index: SlamSampleIndex,

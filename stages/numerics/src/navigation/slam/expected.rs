@@ -29,30 +29,30 @@ pub struct PredictionRules {
     pub method: ExpectedMeasurement,
     /// Process of the anomaly.
     pub kernel: AnomalyKernel,
-    /// Standard deviation of the temporal variation, in nT, and its correlation time, in s.
+    /// Standard deviation of the temporal variation, in nT, and its correlation time, in seconds.
     pub temporal: (f64, f64),
     /// Maximum number of earlier samples in one prediction.
     pub neighbours: usize,
     /// Number of most recent samples used in addition; 0 except for nearest neighbours.
     pub recent: usize,
-    /// Smallest age of earlier samples, in s.
+    /// Smallest age of earlier samples, in seconds.
     pub ignore_s: f64,
-    /// Radius, in m, within which more than `trigger_points` samples count as a revisit.
+    /// Radius, in metres, within which more than `trigger_points` samples count as a revisit.
     pub trigger_m: f64,
     /// Number of samples; see `trigger_m`.
     pub trigger_points: usize,
-    /// Radius of the samples of a prediction, in m.
+    /// Radius of the samples of a prediction, in metres.
     pub radius_m: f64,
-    /// Size of the cells of the index, in m.
+    /// Size of the cells of the index, in metres.
     pub cell_m: f64,
-    /// Largest difference in height, in m.
+    /// Largest difference in height, in metres.
     pub height_m: f64,
     /// Standard deviation of a prediction by inverse distance, in nT.
     pub interpolant_sigma_nt: f64,
 }
 
 impl PredictionRules {
-    /// Rules derived from the parameters for the distance between samples, in m, and the speed, in m/s.
+    /// Rules derived from the parameters for the distance between samples, in metres, and the speed, in m/s.
     ///
     /// A straight line has no revisits: a sample counts as an earlier sample only after a flight of two and a half
     /// radii.
@@ -100,7 +100,7 @@ impl PredictionRules {
 #[derive(Clone, Copy, Debug)]
 struct EarlierSample<'a> {
     then: AncestorDisplacements<'a>,
-    /// INS position of the earlier sample minus the present INS position, in m.
+    /// INS position of the earlier sample minus the present INS position, in metres.
     from_m: [f64; 2],
     tt_s: f64,
     value_nt: f64,
@@ -109,7 +109,7 @@ struct EarlierSample<'a> {
 }
 
 impl EarlierSample<'_> {
-    /// Position relative to a particle whose displacement is `now_m`, in m.
+    /// Position relative to a particle whose displacement is `now_m`, in metres.
     #[inline(always)]
     fn from(&self, particle: usize, now_m: [f64; 2]) -> [f64; 2] {
         let then_m = self.then.displacement(particle);
@@ -151,17 +151,17 @@ pub struct ParticleMap {
     rules: PredictionRules,
     /// Samples.
     pub samples: Vec<SlamSample>,
-    /// Displacements of the particles at each sample, in m.
+    /// Displacements of the particles at each sample, in metres.
     pub history: ParticleHistory,
     index: SlamSampleIndex,
     /// First sample that is too recent for the index.
     pending: usize,
-    /// Largest spread of the particles at an indexed sample, in m.
+    /// Largest spread of the particles over all indexed samples, in metres.
     spread_m: f64,
     found: Vec<u32>,
 }
 
-/// Mean displacement of some particles and their root-mean-square spread, in m.
+/// Mean displacement of some particles and their root-mean-square spread, in metres.
 fn spread(count: usize, of: impl Fn(usize) -> [f64; 2]) -> ([f64; 2], f64) {
     let scouts = || (0..count).step_by(count.div_ceil(SCOUTS).max(1));
     let share = 1.0 / scouts().count() as f64;
@@ -189,7 +189,7 @@ impl ParticleMap {
         }
     }
 
-    /// Appends a sample with the displacement of each particle, in m.
+    /// Appends a sample with the displacement of each particle, in metres.
     pub fn push(&mut self, sample: SlamSample, now_m: &[[f64; 2]]) {
         self.samples.push(sample);
         self.history.push(now_m.iter().map(|now_m| now_m.map(|metres| metres as f32)));
@@ -239,8 +239,8 @@ impl ParticleMap {
         out.into_iter().step_by(stride).collect()
     }
 
-    /// Prediction of each particle for a sample, given the present displacement of the particle, in m; `None` if no
-    /// particle revisits.
+    /// Prediction of each particle for a sample, given the present displacement of the particle, in metres; `None` if
+    /// no particle revisits.
     pub fn predict(&mut self, now: &SlamSample, now_m: &[[f64; 2]]) -> Option<Vec<ParticlePrediction>> {
         self.age(now.tt_s, now_m.len());
         let (mean, spread_m) = spread(now_m.len(), |particle| now_m[particle]);

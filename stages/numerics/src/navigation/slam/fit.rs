@@ -17,9 +17,9 @@ pub(in crate::navigation) const LONGEST: f64 = 0.5;
 /// Measurements along a path, in time order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackMeasurements {
-    /// Distance along the path, in m.
+    /// Distance along the path, in metres.
     pub distance_m: Vec<f64>,
-    /// Time, in s.
+    /// Time, in seconds.
     pub tt_s: Vec<f64>,
     /// Measurement, in nT.
     pub value_nt: Vec<f64>,
@@ -79,7 +79,7 @@ impl TrackMeasurements {
         let n = self.value_nt.len();
         let path_m = *self.distance_m.last()?;
         let spread = standard_deviation(&self.value_nt);
-        // Also false for a NaN.
+        // The comparison is also false for NaN.
         let varied = n >= FEWEST && path_m > 0.0 && spread > 0.0;
         if !varied {
             return None;

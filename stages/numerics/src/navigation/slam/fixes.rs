@@ -10,18 +10,18 @@
 //! from which all particles are redrawn. Each draws its position of the step from N(m, P), and its other states follow
 //! by regression, as at the start of a flight. Until the field weights the particles, a parallel Kalman filter provides
 //! m and P; afterwards they are computed from the particles, with the lost variance ([`super::resolution`]). Without a
-//! revisit the result therefore equals the Kalman filter to rounding. If the cloud is farther from the aircraft than
-//! its width, this corrects it; weighting cannot.
+//! revisit the result therefore equals the Kalman filter to rounding. If the distance from the cloud to the aircraft
+//! exceeds the width of the cloud, this update corrects the cloud. Weighting could not correct it.
 //!
-//! The *paths* are weighted by each particle's prediction of the fix, with its covariance C = Φ P Φᵀ + Q given its
-//! path. After a loss of the track, fixes therefore select the maps that agree with them:
+//! The *paths* are weighted by each particle's prediction of the fix. The covariance of the prediction given the path
+//! is C = Φ P Φᵀ + Q. After a loss of the track, fixes therefore select the maps that agree with them:
 //!
 //! ```text
 //! log q ← log q − (y − x_s)²/2(C_ss + R)
 //! ```
 //!
-//! The drawn positions do not depend on that weight, so no fix is counted twice. There are two approximations. P
-//! represents the whole distribution, as in any Kalman filter. And with GNSS, the map treats position errors as
+//! The drawn positions do not depend on that weight, so no fix is counted twice. There are two approximations. First, P
+//! represents the whole distribution, as in any Kalman filter. Second, with GNSS, the map treats position errors as
 //! independent from step to step, although they persist over the memory of the Kalman filter.
 
 use crate::navigation::pinson::{STATES, StateMatrix, StateVector};

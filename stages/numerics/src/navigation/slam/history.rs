@@ -10,7 +10,7 @@
 
 use std::ops::Range;
 
-/// Horizontal displacement from the INS, north and east, in m. Single precision resolves 1 mm at 10 km.
+/// Horizontal displacement from the INS, north and east, in metres. Single precision resolves 1 mm at 10 km.
 pub type Displacement = [f32; 2];
 
 #[derive(Clone, Debug)]
@@ -43,7 +43,7 @@ pub struct AncestorDisplacements<'a> {
 }
 
 impl AncestorDisplacements<'_> {
-    /// Displacement, in m, of the ancestor of a particle.
+    /// Displacement, in metres, of the ancestor of a particle.
     #[inline(always)]
     pub fn displacement(&self, particle: usize) -> [f64; 2] {
         let [north, east] = self.displacements[self.ancestors[particle] as usize];

@@ -13,7 +13,7 @@ pub struct SlamSampleIndex {
 }
 
 impl SlamSampleIndex {
-    /// Index with cells of this size, in m, and a maximum number of samples per cell.
+    /// Index with cells of this size, in metres, and a maximum number of samples per cell.
     pub fn new(cell_m: f64, most: usize) -> Self {
         Self { cell_m, most, cells: HashMap::new(), places: vec![] }
     }
@@ -23,7 +23,7 @@ impl SlamSampleIndex {
         (north, east)
     }
 
-    /// Inserts a sample at a position north and east, in m. Returns whether the cell of the sample accepted it.
+    /// Inserts a sample at a position north and east, in metres. Returns whether the cell of the sample accepted it.
     pub fn insert(&mut self, sample: u32, at_m: [f64; 2]) -> bool {
         let cell = self.cell(at_m);
         let members = self.cells.entry(cell).or_default();

@@ -32,7 +32,7 @@ pub struct AnomalyKernel {
     pub covariance: CovarianceFunction,
     /// Standard deviation of the anomaly about its mean, in nT.
     pub sigma_se_nt: f64,
-    /// Correlation length l, in m.
+    /// Correlation length l, in metres.
     pub length_m: f64,
     /// Standard deviation of the white part of the anomaly, in addition to the measurement noise, in nT.
     pub sigma_n_nt: f64,
@@ -49,7 +49,7 @@ impl AnomalyKernel {
     /// Rejects an invalid kernel.
     ///
     /// # Errors
-    /// Fails for a standard deviation of the process or a length not above 0, and a negative or missing noise.
+    /// Fails for a standard deviation of the process or a length not above 0, or a negative or missing noise.
     pub fn check(&self) -> Result<(), ParameterError> {
         require("sigma_se_nt", self.sigma_se_nt, Rule::Positive)?;
         require("length_m", self.length_m, Rule::Positive)?;
@@ -172,7 +172,7 @@ impl BorderedCovariance {
             let (done, rest) = self.columns.split_at_mut(pivot + 1);
             let column = &done[pivot];
             let scale = 1.0 / column[pivot];
-            // Also false for a NaN.
+            // The comparison is also false for NaN.
             let positive = column[pivot] > 0.0;
             if !positive || !scale.is_finite() {
                 return None;

@@ -55,17 +55,17 @@ pub struct SlamOutput {
 pub struct PathSample {
     /// Row of the sample in the line: the last row of its step.
     pub row: usize,
-    /// Mean time, in s.
+    /// Mean time, in seconds.
     pub tt_s: f64,
     /// Latitude, in degrees.
     pub lat_deg: f64,
     /// Longitude, in degrees.
     pub lon_deg: f64,
-    /// Height of the INS, in m.
+    /// Height of the INS, in metres.
     pub alt_m: f64,
-    /// Position north and east in the frame of the flight, in m.
+    /// Position north and east in the frame of the flight, in metres.
     pub at_m: [f64; 2],
-    /// Root mean square distance of the particles from the mean position, in m.
+    /// Root mean square distance of the particles from the mean position, in metres.
     pub spread_m: f64,
     /// Measured anomaly, in nT: the measurement minus the core field at this position.
     pub value_nt: f64,

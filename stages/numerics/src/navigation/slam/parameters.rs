@@ -43,7 +43,7 @@ pub struct SlamParameters {
     pub particles: usize,
     /// Seed of all random draws.
     pub seed: u64,
-    /// Minimum time between two updates of the particles, in s. Samples within this time are averaged.
+    /// Minimum time between two updates of the particles, in seconds. Samples within this time are averaged.
     pub update_interval_s: f64,
     /// Prediction of a measurement from earlier measurements.
     pub expected: ExpectedMeasurement,
@@ -51,24 +51,24 @@ pub struct SlamParameters {
     pub hyperparameters: HyperparameterSource,
     /// Gaussian process of the anomaly; if the kernel is fitted, the start of the search.
     pub kernel: AnomalyKernel,
-    /// Length of the first part of the flight, which the fit uses, in s.
+    /// Length of the first part of the flight, which the fit uses, in seconds.
     pub fit_window_s: f64,
     /// Maximum number of earlier samples in a prediction.
     pub neighbours: usize,
     /// Number of most recent samples that a prediction by nearest neighbours also uses.
     pub recent: usize,
-    /// Minimum age of earlier samples, in s; at least the time of flight over two and a half radii.
+    /// Minimum age of earlier samples, in seconds; at least the time of flight over two and a half radii.
     pub ignore_s: f64,
-    /// Radius of a revisit for `regression` and `inverse_distance`, in m: a particle revisits if more than
+    /// Radius of a revisit for `regression` and `inverse_distance`, in metres: a particle revisits if more than
     /// `trigger_points` earlier samples are within it. `None` is the larger of 18 m and 1.6 times the mean distance
     /// between samples.
     pub trigger_radius_m: Option<f64>,
     /// Number of samples; see `trigger_radius_m`.
     pub trigger_points: usize,
-    /// Radius of the earlier samples in a prediction, in m; `None` is half a length of the kernel, but at most 0.4 of
-    /// the distance flown in `ignore_s`.
+    /// Radius of the earlier samples in a prediction, in metres; `None` is half a length of the kernel, but at most 0.4
+    /// of the distance flown in `ignore_s`.
     pub interpolation_radius_m: Option<f64>,
-    /// Maximum height difference of earlier samples, in m. A smaller difference adds the variance 2 (sigma_se Δh /
+    /// Maximum height difference of earlier samples, in metres. A smaller difference adds the variance 2 (sigma_se Δh /
     /// length)², which is the variance of the vertical derivative of a potential field times Δh².
     pub max_height_difference_m: f64,
     /// Standard deviation of a prediction by `inverse_distance`, in nT. [Lee 2019, section 3.3.3: R = 100 nT²]
@@ -120,7 +120,8 @@ impl SlamParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for the first parameter that is out of its valid range, and as [`InsErrorModel::check`] for `errors`.
+    /// Fails for the first parameter that is out of its valid range. Also returns the errors of
+    /// [`InsErrorModel::check`] for `errors`.
     pub fn check(&self, errors: &InsErrorModel) -> Result<(), ParameterError> {
         errors.check()?;
         let within = Rule::Between(PARTICLES.0, PARTICLES.1);

@@ -109,7 +109,7 @@ impl SlamParticles {
         self.spread(&c, |x| *x, step);
     }
 
-    /// Time update without a draw of the positions. [`advance`](Self::advance) equals this followed by
+    /// Time update without a draw of the positions. [`advance`](Self::advance) equals this function followed by
     /// [`draw`](Self::draw).
     pub fn shift(&mut self, phi: &StateMatrix, c: &StateMatrix) {
         self.x.par_chunks_mut(PIECE).for_each(|states| {
@@ -218,7 +218,7 @@ impl SlamParticles {
         let product = |(weight, log): (&f64, &f64)| weight * (log - largest).exp();
         let weights: Vec<f64> = self.weights.iter().zip(log_likelihood).map(product).collect();
         let sum: f64 = weights.iter().sum();
-        // Also false for a NaN.
+        // The comparison is also false for NaN.
         let sound = sum > 0.0 && sum.is_finite();
         if sound {
             self.weights = weights.into_iter().map(|weight| weight / sum).collect();

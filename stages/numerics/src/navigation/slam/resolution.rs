@@ -115,8 +115,9 @@ impl LostVariance {
         self.now = [[0.0; STATES]; STATES];
     }
 
-    /// Replaces the part `gain` of the present lost variance by the lost variance of the map. Called after a
-    /// measurement that compared the present with earlier samples and reduced the particles' variance by `gain`.
+    /// Replaces the part `gain` of the present lost variance by the lost variance of the map. This function is called
+    /// after a measurement that compared the present with earlier samples and reduced the particles' variance by
+    /// `gain`.
     pub fn revisit(&mut self, samples: &[u32], gain: f64) {
         let stride = samples.len().div_ceil(LOOKED_AT).max(1);
         let (mut sums, mut count) = ([0.0; 3], 0.0);

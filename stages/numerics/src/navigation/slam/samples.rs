@@ -42,8 +42,8 @@ impl SlamLine<'_> {
     /// Rejects invalid lines.
     ///
     /// # Errors
-    /// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with
-    /// [`SeriesError::Length`](crate::navigation::SeriesError) for columns of different lengths.
+    /// Returns the errors of [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`]. Also fails
+    /// with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of different lengths.
     pub fn check(&self) -> Result<(), NavigationError> {
         self.errors.check()?;
         self.ins.check()?;
@@ -82,14 +82,14 @@ impl LocalFrame {
         Self { lat_deg, lon_deg, m_per_rad: [north, east] }
     }
 
-    /// Position north and east, in m.
+    /// Position north and east, in metres.
     pub fn at_m(&self, lat_deg: f64, lon_deg: f64) -> [f64; 2] {
         let mut turn = lon_deg - self.lon_deg;
         turn -= 360.0 * (turn / 360.0).round();
         [(lat_deg - self.lat_deg).to_radians() * self.m_per_rad[0], turn.to_radians() * self.m_per_rad[1]]
     }
 
-    /// Latitude and longitude, in degrees, of a position in m.
+    /// Latitude and longitude, in degrees, of a position in metres.
     pub fn lat_lon_deg(&self, at_m: [f64; 2]) -> (f64, f64) {
         let [lat, lon] = [0, 1].map(|axis: usize| (at_m[axis] / self.m_per_rad[axis]).to_degrees());
         (self.lat_deg + lat, self.lon_deg + lon)
@@ -101,11 +101,11 @@ impl LocalFrame {
 pub struct SlamSample {
     /// Last row of the step.
     pub row: usize,
-    /// Mean time, in s.
+    /// Mean time, in seconds.
     pub tt_s: f64,
-    /// Mean position of the INS, north and east, in m.
+    /// Mean position of the INS, north and east, in metres.
     pub at_m: [f64; 2],
-    /// Mean height of the INS, in m.
+    /// Mean height of the INS, in metres.
     pub alt_m: f64,
     /// Mean measurement minus the core field at the INS, in nT.
     pub value_nt: f64,

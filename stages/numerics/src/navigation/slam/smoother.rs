@@ -39,8 +39,8 @@
 //! starts from the path of the filter (the mean of the particles' histories). The second starts from the same path with
 //! a large white part of the kernel, which widens the valleys of J and is reduced during the fit. The third starts from
 //! the INS, which is initially exact, and adds the flight part by part, so that each part is predicted from the earlier
-//! ones. If the measurements of revisits contradict each other on the best track ([`evidence`](mod@evidence)), four
-//! more searches are made with smaller parts or wider valleys. The best search is continued with all measurements. Its
+//! parts. If the measurements of revisits contradict each other on the best track ([`evidence`](mod@evidence)), four
+//! more searches are made with smaller parts or wider valleys. The best search is continued with all measurements. The
 //! result is used only if it is more probable than the path of the filter.
 //!
 //! # Cost
@@ -73,9 +73,9 @@ use params::Rule;
 use search::{SlamSearch, SlamSearchParameters, SlamWeightPrior};
 use thin::thinned;
 
-/// Standard deviation of the position error that the basis of the motion may omit, in m.
+/// Standard deviation of the position error that the basis of the motion may omit, in metres.
 const LACKING_M: f64 = 0.05;
-/// Standard deviation of the initial deviation from the path of the filter, in m.
+/// Standard deviation of the initial deviation from the path of the filter, in metres.
 const START_M: f64 = 5.0;
 /// White part of the kernel, in standard deviations of the anomaly, for a start with a wide valley.
 const WIDE: f64 = 0.3;
@@ -83,7 +83,7 @@ const WIDE: f64 = 0.3;
 const PARTS: usize = 10;
 /// Number of starts for every flight; further starts are used only if these give a poor result.
 const USUAL_STARTS: usize = 3;
-/// [`SlamSmootherReport::agreement`] below which a track is implausible.
+/// Value of [`SlamSmootherReport::agreement`] below which a track is implausible.
 pub const CONTRADICTED: f64 = 0.5;
 /// Agreement below which more starts are tried.
 const DOUBTFUL: f64 = 0.9;
@@ -101,7 +101,7 @@ pub struct SlamSmootherParameters {
     pub noise_factor: f64,
     /// Maximum number of linearisations.
     pub passes: usize,
-    /// Position change of a measurement, in m, below which the search ends.
+    /// Position change of a measurement, in metres, below which the search ends.
     pub tolerance_m: f64,
 }
 
@@ -115,8 +115,8 @@ impl SlamSmootherParameters {
     /// Rejects invalid parameters.
     ///
     /// # Errors
-    /// Fails for a number of measurements that is not between 2 and 5000, for zero passes, and for a factor or
-    /// tolerance that is not above 0.
+    /// Fails for a number of measurements that is not between 2 and 5000, for zero passes, or for a factor or tolerance
+    /// that is not above 0.
     pub fn check(&self) -> Result<(), ParameterError> {
         require("measurements", self.measurements as f64, Rule::Between(2.0, 5000.0))?;
         require("noise_factor", self.noise_factor, Rule::Positive)?;
@@ -136,7 +136,7 @@ pub struct SlamSmootherReport {
     pub passes: usize,
     /// Whether path and kernel have converged.
     pub converged: bool,
-    /// Largest change of the position of a measurement in the last step, in m.
+    /// Largest change of the position of a measurement in the last step, in metres.
     pub last_step_m: f64,
     /// Final kernel.
     pub kernel: AnomalyKernel,
@@ -181,7 +181,7 @@ struct SlamTrack {
 /// numerically not positive.
 ///
 /// # Errors
-/// [`NavigationError::Diverged`] if the covariance of the INS is not finite.
+/// Fails with [`NavigationError::Diverged`] if the covariance of the INS is not finite.
 pub(super) fn smooth(
     parameters: &SlamSmootherParameters,
     of: &SlamFilterResult<'_>,
@@ -287,7 +287,7 @@ impl SlamTrack {
     }
 }
 
-/// Measurement, and the displacement of its position according to the filter, north and east, in m.
+/// Measurement, and the displacement of its position according to the filter, north and east, in metres.
 type DisplacedMeasurement = (SlamMeasurement, [f64; 2]);
 
 /// Initial weights and kernel of a search.
@@ -426,7 +426,7 @@ impl<'a> SlamSmootherContext<'a> {
             search.run()?;
             passes += search.passes;
             let fall = *fall.get_or_insert(filtered_cost - search.cost());
-            // Also false for a NaN.
+            // The comparison is also false for NaN.
             let better = fall >= 0.0;
             if !better {
                 return None;

@@ -13,13 +13,13 @@ use super::StateVisitor;
 /// INS at one sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InsSample {
-    /// Time, in s, above the time of the last sample.
+    /// Time, in seconds, above the time of the last sample.
     pub tt_s: f64,
     /// Geodetic latitude, in degrees.
     pub lat_deg: f64,
     /// Longitude, in degrees.
     pub lon_deg: f64,
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: f64,
     /// Velocity north, east and down, in m/s.
     pub velocity_ned_mps: [f64; 3],
@@ -51,7 +51,7 @@ impl InsSample {
         [tt_s, lat_deg, lon_deg, alt_m, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw]
     }
 
-    /// Rejects what [`InsSeries::check`] rejects.
+    /// Rejects the values that [`InsSeries::check`] rejects.
     pub(super) fn check(&self) -> Result<(), StreamError> {
         let (values, tt_s) = (self.values(), self.tt_s);
         let series = InsSeries::from_columns(values.each_ref().map(std::slice::from_ref));
@@ -84,19 +84,19 @@ pub struct StreamSample<'a> {
 /// Estimate after the measurements of a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StreamEstimate {
-    /// Time of the sample, in s.
+    /// Time of the sample, in seconds.
     pub tt_s: f64,
     /// Latitude, in degrees.
     pub lat_deg: f64,
     /// Longitude, in degrees.
     pub lon_deg: f64,
-    /// Height above the ellipsoid, in m.
+    /// Height above the ellipsoid, in metres.
     pub alt_m: f64,
     /// Velocity north, east and down, in m/s.
     pub velocity_ned_mps: [f64; 3],
-    /// Standard deviation of the position north, in m.
+    /// Standard deviation of the position north, in metres.
     pub sd_n_m: f64,
-    /// Standard deviation of the position east, in m.
+    /// Standard deviation of the position east, in metres.
     pub sd_e_m: f64,
     /// Covariance of north with east, in m².
     pub cov_ne_m2: f64,
@@ -149,15 +149,15 @@ pub enum StreamError {
     /// The time is before the last sample.
     #[error("the sample at tt = {tt_s} s is late: the last sample has tt = {last_s} s; drop the sample")]
     Late {
-        /// Time of the sample, in s.
+        /// Time of the sample, in seconds.
         tt_s: f64,
-        /// Time of the last sample, in s.
+        /// Time of the last sample, in seconds.
         last_s: f64,
     },
-    /// The time is the time of the last sample.
+    /// The time equals the time of the last sample.
     #[error("a sample at tt = {tt_s} s was already used; drop the duplicate")]
     Duplicate {
-        /// Time of the sample, in s.
+        /// Time of the sample, in seconds.
         tt_s: f64,
     },
     /// Too many samples are missing.
@@ -166,11 +166,11 @@ pub enum StreamError {
          filter, or raise `max_gap_s`"
     )]
     Gap {
-        /// Time of the sample, in s.
+        /// Time of the sample, in seconds.
         tt_s: f64,
-        /// Time of the last sample, in s.
+        /// Time of the last sample, in seconds.
         last_s: f64,
-        /// Longest step, in s.
+        /// Longest step, in seconds.
         max_gap_s: f64,
     },
     /// An INS value is missing or infinite.
@@ -180,7 +180,7 @@ pub enum StreamError {
         column: &'static str,
         /// Value.
         value: f64,
-        /// Time of the sample, in s.
+        /// Time of the sample, in seconds.
         tt_s: f64,
     },
     /// Latitude at or beyond a pole.
@@ -188,10 +188,10 @@ pub enum StreamError {
     Latitude {
         /// Latitude, in degrees.
         lat_deg: f64,
-        /// Time of the sample, in s.
+        /// Time of the sample, in seconds.
         tt_s: f64,
     },
-    /// Another number of values than the filter has.
+    /// The sample has another number of values than the filter requires.
     #[error("the sample has {found} {what}; the filter requires {expected}")]
     Count {
         /// Values that are counted.
@@ -210,7 +210,7 @@ pub enum StreamError {
          values and the time steps before this sample"
     )]
     Diverged {
-        /// Time of the sample, in s.
+        /// Time of the sample, in seconds.
         tt_s: f64,
     },
     /// The filter cannot process the sample. The filter is stopped.

@@ -33,13 +33,13 @@ pub enum StateError {
         /// Version of the bytes.
         found: u32,
     },
-    /// The bytes are cut or changed.
+    /// The bytes are truncated or changed.
     #[error("the saved state is damaged: its length or its checksum is wrong")]
     Damaged,
-    /// Another filter or other parameters.
+    /// The state belongs to another filter or other parameters.
     #[error("the saved state belongs to another filter or to other parameters; create the filter with its parameters")]
     Parameters,
-    /// Another map or core field.
+    /// The state belongs to another map or core field.
     #[error(
         "the saved state belongs to another map or core field: at its last position the field was {saved_nt} nT and is \
          {found_nt} nT"

@@ -21,9 +21,9 @@ pub type HalfWaves = [usize; 2];
 /// [Solin & Särkkä 2020, (56)-(60)]
 #[derive(Clone, Debug)]
 pub struct LaplacianBasis {
-    /// Middle of the rectangle, east and north, in m.
+    /// Middle of the rectangle, east and north, in metres.
     pub middle_m: [f64; 2],
-    /// Half sides of the rectangle, in m.
+    /// Half sides of the rectangle, in metres.
     pub half_m: [f64; 2],
     /// Functions, ordered by the half waves eastward, then northward.
     pub functions: Vec<HalfWaves>,

@@ -21,7 +21,7 @@ const COARSE: usize = 4;
 /// determine the longer lengths. [Stein, Chi & Welty 2004: the likelihood of blocks]
 pub struct TrackPieces<'a> {
     pieces: Vec<Vec<&'a TrackSample>>,
-    /// Mean distance of neighbouring samples, in m.
+    /// Mean distance of neighbouring samples, in metres.
     spacing_m: f64,
 }
 
@@ -52,7 +52,7 @@ impl<'a> TrackPieces<'a> {
         };
         let spread_nt = self.pieces.iter().map(spread).fold(0.0, f64::max);
         let extent_m = self.pieces.iter().map(|piece| extent(piece)).fold(0.0, f64::max);
-        // Also false for a NaN.
+        // The comparison is also false for NaN.
         let varied = spread_nt > 0.0 && extent_m > 0.0 && self.spacing_m > 0.0;
         if !varied {
             return None;
@@ -76,7 +76,7 @@ impl<'a> TrackPieces<'a> {
     }
 }
 
-/// Larger side of the bounding rectangle of a piece, in m.
+/// Larger side of the bounding rectangle of a piece, in metres.
 fn extent(piece: &[&TrackSample]) -> f64 {
     let side = |axis: usize| {
         let all = || piece.iter().map(|sample| sample.at_m[axis]);

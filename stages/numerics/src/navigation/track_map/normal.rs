@@ -12,7 +12,7 @@ const CHUNK: usize = 2048;
 /// Row of the normal equations for one sample.
 #[derive(Clone, Debug)]
 pub struct TrackMapRow {
-    /// Position east and north, in m.
+    /// Position east and north, in metres.
     pub at_m: [f64; 2],
     /// Value, in nT.
     pub value_nt: f64,

@@ -45,7 +45,7 @@ fn reference(case: &str, dt_s: f64, what: &str) -> StateMatrix {
     matrix
 }
 
-/// Largest difference in scaled states (metres, metres per 30 s and so on).
+/// Largest difference of scaled states (metres, metres per 30 s, and so on).
 fn scaled_difference(a: &StateMatrix, b: &StateMatrix) -> f64 {
     let mut worst = 0.0_f64;
     for row in 0..STATES {

@@ -258,7 +258,7 @@ fn unit_samples_without_measurement_or_map_value_are_predicted_and_counted() {
         assert!(output.navigation.sd_n_m[row].is_finite());
     }
     assert!(output.nonlinear_sd_nt[11] > 0.0);
-    // The initial uncertainty, unchanged.
+    // The initial uncertainty remains unchanged.
     assert!((output.navigation.sd_n_m[0] - 3.0).abs() < 1e-9 && output.navigation.x[0] == [0.0; STATES]);
     line.measurement_nt.fill(f64::NAN);
     let ins = line.series();

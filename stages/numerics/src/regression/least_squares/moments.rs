@@ -30,7 +30,7 @@ impl MomentsAccumulator {
     /// Folds in rows as [`QrAccumulator::push`] does: `a` row-major, one slice per target.
     ///
     /// # Errors
-    /// Fails as [`QrAccumulator::push`].
+    /// Returns the errors of [`QrAccumulator::push`].
     pub fn push(&mut self, a: &[f64], targets: &[&[f64]]) -> Result<(), LeastSquaresError> {
         self.qr.push(a, targets)?;
         let terms = self.least.len();
@@ -110,7 +110,7 @@ impl RegressionMoments {
     /// The moments of rows in memory: `a` row-major, one slice per target.
     ///
     /// # Errors
-    /// Fails as [`QrAccumulator::from_matrix`].
+    /// Returns the errors of [`QrAccumulator::from_matrix`].
     pub fn from_matrix(a: &[f64], terms: usize, targets: &[&[f64]]) -> Result<Self, LeastSquaresError> {
         let mut accumulator = MomentsAccumulator::new(terms, targets.len());
         accumulator.push(a, targets)?;
@@ -153,7 +153,7 @@ impl RegressionMoments {
     /// The moments of all lines together, in the order of the lines.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::NoRows`] without lines, and as [`Self::merge`].
+    /// Fails with [`LeastSquaresError::NoRows`] without lines. Also returns the errors of [`Self::merge`].
     pub fn merged(lines: &[Self]) -> Result<Self, LeastSquaresError> {
         let (first, rest) = lines.split_first().ok_or(LeastSquaresError::NoRows)?;
         rest.iter().try_fold(first.clone(), |sum, line| sum.merge(line))
@@ -162,11 +162,13 @@ impl RegressionMoments {
     /// For each line, the moments of all other lines, with about three merges per line.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::TooFewLines`] for fewer than two lines, and as [`Self::merge`].
+    /// Fails with [`LeastSquaresError::TooFewLines`] for fewer than two lines. Also returns the errors of
+    /// [`Self::merge`].
     pub fn leave_one_out(lines: &[Self]) -> Result<Vec<Self>, LeastSquaresError> {
         let first = lines.first().filter(|_| lines.len() > 1);
         let first = first.ok_or(LeastSquaresError::TooFewLines { given: lines.len() })?;
-        // The moments after each line are computed first, then the moments of the lines before it within the loop.
+        // The moments of the lines after each line are computed first. The moments of the lines before it follow within
+        // the loop.
         let mut behind = vec![first.none_like()];
         for line in lines.iter().skip(1).rev() {
             let next = line.merge(&behind[behind.len() - 1])?;
@@ -220,8 +222,8 @@ impl RegressionMoments {
     /// has no effect.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::Shape`] if the numbers of offsets and new columns differ, or if the number of
-    /// weights of a column differs from the number of terms.
+    /// Fails with [`LeastSquaresError::Shape`] if the numbers of offsets and new columns differ. Also fails if the
+    /// number of weights of a column differs from the number of terms.
     pub fn combined(&self, weights: &[Vec<f64>], offsets: &[f64]) -> Result<Self, LeastSquaresError> {
         expect("the list of offsets", offsets.len(), weights.len())?;
         for column in weights {
@@ -312,7 +314,7 @@ impl RegressionMoments {
     /// Residual statistics of `fit` for one target over these rows, (3.26), without reading a row.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::Shape`] if the numbers of coefficients and terms differ, and with
+    /// Fails with [`LeastSquaresError::Shape`] if the numbers of coefficients and terms differ, or with
     /// [`LeastSquaresError::NoSuch`] for an unknown target.
     pub fn residuals(&self, target: usize, fit: &LinearFit) -> Result<ResidualStatistics, LeastSquaresError> {
         expect("the list of coefficients", fit.coefficients.len(), self.terms)?;
@@ -405,14 +407,14 @@ pub enum LineScoreMeasure {
 /// The leave-one-line-out scores of a list of candidates.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LineScores {
-    /// For each candidate, the score of each omitted line, in the target's unit squared.
+    /// For each candidate, the score of each omitted line, in the square of the target's unit.
     pub scores: Vec<Vec<f64>>,
     /// For each candidate, the mean over the lines, with equal weights.
     pub mean: Vec<f64>,
     /// For each candidate, the standard deviation of the scores (n − 1) divided by the square root of the number of
     /// scores.
     pub standard_error: Vec<f64>,
-    /// Index of the candidate with the smallest mean; the first of several equal means.
+    /// Index of the candidate with the smallest mean. Of several equal means, the first is used.
     pub best: usize,
     /// Index of the first candidate whose mean is within one standard error of the smallest mean.
     pub within_one_error: usize,
@@ -440,8 +442,8 @@ impl LineScores {
 /// Runs in parallel (rayon), one line per task; the result does not depend on the number of threads.
 ///
 /// # Errors
-/// Fails with [`LeastSquaresError::EmptyLine`] for a line without rows, as [`RegressionMoments::leave_one_out`], as
-/// `fits`, and as [`RegressionMoments::residuals`] for its candidates.
+/// Fails with [`LeastSquaresError::EmptyLine`] for a line without rows. Also returns the errors of
+/// [`RegressionMoments::leave_one_out`], `fits`, and of [`RegressionMoments::residuals`] for its candidates.
 pub fn leave_line_out<F>(
     lines: &[RegressionMoments],
     target: usize,

@@ -159,7 +159,7 @@ impl ScaledFactor {
     /// The sum of squared residuals of coefficients in scaled units.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::Shape`] if the numbers of coefficients and terms differ, and with
+    /// Fails with [`LeastSquaresError::Shape`] if the numbers of coefficients and terms differ, or with
     /// [`LeastSquaresError::NoSuch`] for an unknown target.
     pub fn residual_squares(&self, target: usize, scaled: &[f64]) -> Result<f64, LeastSquaresError> {
         expect("the list of coefficients", scaled.len(), self.terms)?;
@@ -183,7 +183,7 @@ impl ScaledFactor {
     /// Singular value decomposition, shared by all targets.
     ///
     /// # Errors
-    /// Fails with [`LeastSquaresError::NoConvergence`] when the decomposition does not converge.
+    /// Fails with [`LeastSquaresError::NoConvergence`] if the decomposition does not converge.
     pub fn singular(&self) -> Result<ScaledFactorSvd, LeastSquaresError> {
         let p = self.terms;
         let svd = Mat::from_fn(p, p, |i, j| self.r[i * p + j]).svd().map_err(|_| LeastSquaresError::NoConvergence)?;
@@ -204,7 +204,7 @@ impl ScaledFactor {
     ///
     /// # Errors
     ///
-    /// Fails as [`super::QrAccumulator::solve`].
+    /// Returns the errors of [`super::QrAccumulator::solve`].
     pub fn ridge<S: AsRef<str>>(&self, lambdas: &[f64], names: &[S]) -> Result<RidgePath, LeastSquaresError> {
         expect("the list of term names", names.len(), self.terms)?;
         super::check_lambdas(lambdas)?;

@@ -11,19 +11,19 @@ use super::FilterError;
 pub enum FilterBand {
     /// Low-pass: all frequencies below `high_hz`.
     Low {
-        /// The corner, Hz.
+        /// The corner, in Hz.
         high_hz: f64,
     },
     /// High-pass: all frequencies above `low_hz`.
     High {
-        /// The corner, Hz.
+        /// The corner, in Hz.
         low_hz: f64,
     },
     /// Band-pass: all frequencies between `low_hz` and `high_hz`.
     Band {
-        /// The lower corner, Hz.
+        /// The lower corner, in Hz.
         low_hz: f64,
-        /// The upper corner, Hz.
+        /// The upper corner, in Hz.
         high_hz: f64,
     },
 }
@@ -35,7 +35,7 @@ impl FilterBand {
     /// the design rejects such a frequency.
     ///
     /// # Errors
-    /// Fails with [`FilterError::NoCorner`] when both are `None`.
+    /// Fails with [`FilterError::NoCorner`] if both are `None`.
     pub fn between(low_hz: Option<f64>, high_hz: Option<f64>) -> Result<Self, FilterError> {
         match (low_hz, high_hz) {
             (Some(low_hz), Some(high_hz)) => Ok(Self::Band { low_hz, high_hz }),

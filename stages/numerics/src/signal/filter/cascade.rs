@@ -2,7 +2,8 @@
 //!
 //! The outer loop runs over time and the inner loop over columns. The columns fill the vector registers, whereas a
 //! single recursive filter cannot be vectorised. The arithmetic of each column is the same sequence of additions and
-//! fused multiplications on any processor and for any other columns, so the result depends on neither.
+//! fused multiplications on any processor and for any other columns, so the result depends neither on the processor nor
+//! on the other columns.
 
 use super::BiquadSection;
 
@@ -13,7 +14,7 @@ const LANES: usize = 8;
 const PER_PASS: usize = 4;
 
 /// Number of values of a matrix that are filtered before the next values are read. These values fit the second-level
-/// cache, from which the groups of columns are processed one after the other.
+/// cache, from which the groups of columns are processed one at a time.
 const PER_CHUNK: usize = 16_384;
 
 /// A gain, the sections of one pass, and their steady state for a constant input of 1.
@@ -213,7 +214,7 @@ fn run<const BACKWARDS: bool, const BAND: bool, const W: usize, const K: usize>(
 }
 
 /// Passes one sample through `K` sections. With `BAND`, b1 = 0 and b2 = −1 in all sections; three operations then
-/// replace five, with bit-identical results.
+/// replace five and give bit-identical results.
 #[inline(always)]
 fn step<const BAND: bool, const W: usize, const K: usize>(
     row: &mut [f64],

@@ -26,9 +26,9 @@ impl ZeroPhaseFilter {
     /// inverse of the width, so within this time of each end part of the sinusoid remains.
     ///
     /// # Errors
-    /// Fails for a sample rate or width that is not a finite number above 0, and with [`FilterError::NoCorner`] without
-    /// frequencies. Also fails for a frequency that is not more than half of the width away from 0 Hz and from half of
-    /// the rate.
+    /// Fails for a sample rate or width that is not a finite number above 0. Also fails with [`FilterError::NoCorner`]
+    /// without frequencies. Also fails for a frequency that is not more than half of the width away from 0 Hz and from
+    /// half of the rate.
     pub fn notches(frequencies_hz: &[f64], width_hz: f64, rate_hz: f64) -> Result<Self, FilterError> {
         if !(rate_hz > 0.0 && rate_hz.is_finite()) {
             return Err(FilterError::Rate { rate_hz });

@@ -48,20 +48,20 @@ pub enum NoiseFitError {
          {total_s:.0} s and the longest {longest_s:.0} s, but 20 and 8 correlation times are required"
     )]
     Unresolved {
-        /// Correlation time of the best fit, s.
+        /// Correlation time of the best fit, in seconds.
         tau_s: f64,
-        /// The duration of all runs, s.
+        /// The duration of all runs, in seconds.
         total_s: f64,
-        /// Duration of the longest run, s.
+        /// Duration of the longest run, in seconds.
         longest_s: f64,
     },
 }
 
-/// Statistic of the record; its response to a unit of each part depends on the correlation time.
+/// Statistic of the record. Its response to a unit of each part depends on the correlation time.
 struct NoiseFitPoint {
     /// Statistic of white noise of variance 1.
     white: f64,
-    /// Lag or interval of the statistic, s.
+    /// Lag or interval of the statistic, in seconds.
     span_s: f64,
     /// Whether the statistic is of single samples at a lag instead of means over neighbouring intervals.
     sampled: bool,

@@ -28,8 +28,8 @@ pub enum AntiAliasError {
 /// contains no rows. Angles must be unwrapped first.
 ///
 /// # Errors
-/// Fails with [`TimeError::Lengths`] for columns of different lengths, as [`sample_rate`], and as
-/// [`ZeroPhaseFilter::new`] for a new rate that is not above 0 Hz or too low for the filter.
+/// Fails with [`TimeError::Lengths`] for columns of different lengths. Also returns the errors of [`sample_rate`], and
+/// of [`ZeroPhaseFilter::new`] for a new rate that is not above 0 Hz or too low for the filter.
 pub fn anti_alias(tt: &[f64], x: &[f64], rate_hz: f64) -> Result<(Vec<f64>, GapFilterReport), AntiAliasError> {
     if x.len() != tt.len() {
         return Err(TimeError::Lengths { given: x.len(), expected: tt.len() }.into());

@@ -66,7 +66,7 @@ fn consistency(
     })
 }
 
-/// Same for filters that return a track.
+/// Same as `consistency`, for filters that return a track.
 pub(super) fn consistency_of(
     model: InsErrorModel,
     of: impl Fn(&OsborneFlight, u64) -> NavigationOutput,

@@ -7,7 +7,7 @@ use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 const SAMPLES: u32 = 2400;
 
 /// Statistics of six flights: mean square error from 200 s on, in m², mean NEES, and height bias with its standard
-/// deviation at the end of each flight, in m.
+/// deviation at the end of each flight, in metres.
 fn flown(below_m: f64, map_height_sigma_m: Option<f64>, linearisation: Linearisation) -> (f64, f64, Vec<[f64; 2]>) {
     let model = InsErrorModel::from_sources(InsErrors { init_velocity_sigma_mps: 0.1, ..InsErrors::default() });
     let (mut square, mut nees, mut biases) = (0.0, 0.0, vec![]);

@@ -25,8 +25,8 @@ fn smoothed(flight: &Flight) -> FixedLagOutput {
     flight.smoothed(&fewer(), flight.left)
 }
 
-/// Means over flights: the position's NEES per degree of freedom over all epochs, the coefficients' NEES per degree of
-/// freedom at the end, and the NIS.
+/// Means over flights: NEES of the position per degree of freedom over all epochs, NEES of the coefficients per degree
+/// of freedom at the end, and NIS.
 fn consistency(left: Left, flights: u64) -> (f64, f64, f64) {
     let of = |seed: u64| {
         let flight = fly(seed, 1800, 1.0, 1, left);
@@ -58,7 +58,7 @@ fn law_a_cold_start_is_consistent() {
         assert!((position - 1.0).abs() < 0.47, "{left:?} {position}");
         // The band for 190 values is ±0.34.
         assert!((coefficients - 1.0).abs() < 0.34, "{left:?} {coefficients}");
-        // The band for 18,000 values is ±0.035, plus half of that for the linearisation.
+        // The band for 18,000 values is ±0.035. The limit allows half of that in addition, for the linearisation.
         assert!((nis - 1.0).abs() < 0.05, "{left:?} {nis}");
     }
 }

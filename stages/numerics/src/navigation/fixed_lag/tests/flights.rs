@@ -37,7 +37,7 @@ pub fn scene() -> &'static Scene {
 pub enum Left {
     /// White noise alone.
     White,
-    /// Drift of 30 nT with a time constant of 300 s.
+    /// A drift of 30 nT with a time constant of 300 s.
     Drift,
     /// The drift, and currents that switch about every 200 s and step the field by 30 nT.
     Steps,
@@ -179,7 +179,7 @@ impl Flight {
         run(parameters, &line, &magnetometers, FixedLagOptions { states: true, covariance: true }).unwrap()
     }
 
-    /// DRMS of estimated states, in m.
+    /// DRMS of estimated states, in metres.
     pub fn drms_m(&self, x: &[StateVector]) -> f64 {
         let earth = EarthModel::Wgs84;
         let square = |(row, (error, x)): (usize, (&StateVector, &StateVector))| {
@@ -192,7 +192,7 @@ impl Flight {
         (sum / x.len() as f64).sqrt()
     }
 
-    /// NEES of the position: a chi-square of 2 degrees.
+    /// NEES of the position: chi-square with 2 degrees of freedom.
     pub fn nees(&self, output: &FixedLagOutput, row: usize) -> f64 {
         let (x, p) = (&output.navigation.x[row], &output.navigation.p[row]);
         let e = [self.errors[row][LAT] - x[LAT], self.errors[row][LON] - x[LON]];

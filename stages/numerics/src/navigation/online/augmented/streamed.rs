@@ -28,7 +28,7 @@ impl<M: AircraftFieldModel> StreamedAugmented<M> {
     /// Filter of a number of magnetometers.
     ///
     /// # Errors
-    /// Fails for invalid states, no magnetometer, and an invalid gate.
+    /// Fails for invalid states, no magnetometer, or an invalid gate.
     pub(crate) fn new(
         (map, field, second_order): (Arc<FieldMap>, PredictedField<'static>, bool),
         errors: InsErrorModel,
@@ -54,7 +54,7 @@ impl<M: AircraftFieldModel> StreamedAugmented<M> {
     /// Filters a sample.
     ///
     /// # Errors
-    /// Fails as the filter of a line.
+    /// Returns the errors of the filter of a line.
     pub(crate) fn sample(
         &mut self,
         ins: &InsSeries<'_>,

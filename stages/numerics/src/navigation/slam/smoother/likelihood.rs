@@ -13,9 +13,9 @@ const BLOCK: usize = 64;
 /// Measurement, averaged over a short distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlamMeasurement {
-    /// Mean time, in s.
+    /// Mean time, in seconds.
     pub tt_s: f64,
-    /// Mean position of the INS, north and east, in m.
+    /// Mean position of the INS, north and east, in metres.
     pub at_m: [f64; 2],
     /// Measurement minus the core field at the INS, in nT.
     pub value_nt: f64,
@@ -31,7 +31,7 @@ pub struct SlamProblem {
     /// Measurements, in the order of time.
     pub measured: Vec<SlamMeasurement>,
     /// Basis functions at the measurements, with 2 rows per measurement, north and east; the product of the functions
-    /// with the weights is the displacement in m.
+    /// with the weights is the displacement in metres.
     pub functions: Mat<f64>,
     /// Standard deviation (nT) and time constant (s) of the temporal variation.
     pub temporal: (f64, f64),
@@ -70,7 +70,7 @@ pub struct KernelDerivatives {
 }
 
 impl SlamProblem {
-    /// Displacements north and east at the measurements, in m.
+    /// Displacements north and east at the measurements, in metres.
     pub fn displacements_m(&self, weights: &[f64]) -> Vec<[f64; 2]> {
         let u = MatRef::from_column_major_slice(weights, weights.len(), 1);
         let moved = &self.functions * u;

@@ -15,7 +15,7 @@ pub struct InsErrorTransitions {
     phi: Vec<StateMatrix>,
     p: Vec<StateMatrix>,
     m_per_rad: [f64; 2],
-    /// Times of the steps, in s.
+    /// Times of the steps, in seconds.
     tt_s: Vec<f64>,
 }
 
@@ -57,7 +57,7 @@ impl InsErrorTransitions {
     /// Computes the transitions along a line that passed [`SlamLine::check`], whose steps end with these rows.
     ///
     /// # Errors
-    /// [`NavigationError::Diverged`] if a variance is negative or not finite.
+    /// Fails with [`NavigationError::Diverged`] if a variance is negative or not finite.
     pub fn along(line: &SlamLine<'_>, ends: &[usize], frame: &LocalFrame) -> Result<Self, NavigationError> {
         let (ins, errors) = (line.ins, &line.errors);
         let (times, density) = (errors.time_constants(), errors.noise_density());
@@ -74,7 +74,7 @@ impl InsErrorTransitions {
                 all = product(&one, &all);
                 row += 1;
             }
-            // Also false for a NaN.
+            // The comparison is also false for NaN.
             let sound = (0..STATES).all(|state| at[state][state] >= 0.0 && at[state][state].is_finite());
             if !sound {
                 return Err(NavigationError::Diverged { row, tt_s: ins.tt_s[row] });
@@ -110,7 +110,7 @@ impl InsErrorTransitions {
         out
     }
 
-    /// Basis functions that omit less than this standard deviation, in m, of any position.
+    /// Basis functions that omit less than this standard deviation, in metres, of any position.
     pub fn functions(&self, tolerance_m: f64) -> PositionErrorBasis {
         let steps = self.p.len();
         let [north, east] = self.m_per_rad;
@@ -252,13 +252,13 @@ impl InsErrorTransitions {
 }
 
 impl PositionErrorBasis {
-    /// Functions at a step, for one axis, in m.
+    /// Functions at a step, for one axis, in metres.
     pub fn at(&self, step: usize, axis: usize) -> &[f64] {
         let first = (2 * step + axis) * self.count;
         &self.rows[first..first + self.count]
     }
 
-    /// Functions between two steps, north and east, in m.
+    /// Functions between two steps, north and east, in metres.
     pub fn between(&self, StepInterpolation { step, part }: StepInterpolation) -> [Vec<f64>; 2] {
         [0, 1].map(|axis| {
             let here = self.at(step, axis);

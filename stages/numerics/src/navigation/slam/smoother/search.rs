@@ -42,11 +42,11 @@ impl SlamWeightPrior {
 pub struct SlamSearchParameters {
     /// Maximum number of linearisations.
     pub passes: usize,
-    /// Position change of a measurement, in m, below which the search ends.
+    /// Position change of a measurement, in metres, below which the search ends.
     pub tolerance_m: f64,
     /// Whether the kernel is also fitted.
     pub fits: bool,
-    /// Smallest and largest length of a fitted kernel, in m.
+    /// Smallest and largest length of a fitted kernel, in metres.
     pub lengths_m: (f64, f64),
 }
 
@@ -62,7 +62,7 @@ pub struct SlamSearch<'a> {
     factored: PathCovarianceFactor,
     /// Number of passes.
     pub passes: usize,
-    /// Largest change of the position of a measurement in the last full step, in m.
+    /// Largest change of the position of a measurement in the last full step, in metres.
     pub last_step_m: f64,
     /// Whether path and kernel have converged.
     pub converged: bool,

@@ -9,7 +9,7 @@ use crate::navigation::slam::samples::SlamSample;
 const AVERAGED: f64 = 0.05;
 
 /// Averages neighbouring samples, in time order, to at most `most` measurements, each with the mean displacement
-/// according to the filter, in m.
+/// according to the filter, in metres.
 ///
 /// Divides a longer flight into groups whose sizes differ by at most one. In each group the samples near the middle are
 /// averaged and the others are skipped, because a mean over a longer stretch would smooth the field.
@@ -52,7 +52,7 @@ fn mean(samples: &[(SlamSample, [f64; 2])], kernel: &AnomalyKernel, alt_m: f64) 
         weights += weight;
     }
     let (first, _) = samples.first()?;
-    // Also false for a NaN.
+    // The comparison is also false for NaN.
     let sound = weights > 0.0 && weights.is_finite();
     if !sound {
         return None;

@@ -29,7 +29,7 @@ const SPEED_MPS: f64 = 65.0;
 /// Number of positions per second of the paths before sampling.
 const FINE: f64 = 20.0;
 
-/// Path of straight legs and turns with a radius of 700 m, with 20 positions per second, north and east in m.
+/// Path of straight legs and turns with a radius of 700 m, with 20 positions per second, north and east in metres.
 fn flown(legs: impl Iterator<Item = Leg>, from_m: [f64; 2], count: usize) -> Vec<[f64; 2]> {
     const RADIUS: f64 = 700.0;
     let (mut at, mut heading, ds) = (from_m, 0.0_f64, SPEED_MPS / FINE);
@@ -167,7 +167,7 @@ impl Flight {
         Self::new(truth, InsGrade::Tactical.model(), seed)
     }
 
-    /// Error north and east, in m, of the estimate (of the INS if there is no estimate) at a row.
+    /// Error north and east, in metres, of the estimate (of the INS if there is no estimate) at a row.
     pub fn error_m(&self, output: Option<&SlamOutput>, row: usize) -> [f64; 2] {
         let truth = &self.truth.columns;
         let (lat, lon) = match output {

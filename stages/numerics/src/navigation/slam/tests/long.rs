@@ -43,7 +43,7 @@ fn law_a_survey_of_a_hundred_minutes_has_a_limited_error() {
     }
 }
 
-/// Mean time of a step with a revisit, in s, in the last hour of a loiter of some hours.
+/// Mean time of a step with a revisit, in seconds, in the last hour of a loiter of some hours.
 fn step_s(hours: usize) -> f64 {
     let flight = Flight::new(loiter(ROUGH_DEG, 3600 * hours, 1.0), InsGrade::Navigation.model(), 0);
     let ins = flight.ins.series();
