@@ -37,6 +37,8 @@ pub const SCRIPTS: &[PageScript] = &[
     script!("web/panels.js", true),
     script!("web/figure.js", true),
     script!("web/coast.js", true),
+    script!("web/maplayers.js", true),
+    script!("web/contours.js", true),
     script!("web/track.js", true),
     script!("web/trackload.js", true),
     script!("web/spectrum.js", true),
@@ -45,6 +47,7 @@ pub const SCRIPTS: &[PageScript] = &[
     script!("web/run.js", true),
     script!("web/lineage.js", true),
     script!("web/profile.js", true),
+    script!("web/mappicture.js", true),
     script!("web/maps.js", true),
 ];
 
