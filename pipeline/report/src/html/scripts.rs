@@ -26,6 +26,7 @@ pub const SCRIPTS: &[PageScript] = &[
     script!("web/scores.js", false),
     script!("web/draw.js", false),
     script!("web/views.js", false),
+    script!("web/pivot.js", false),
     script!("web/paired.js", false),
     script!("web/compare.js", false),
     script!("web/source.js", true),
