@@ -50,6 +50,7 @@ pub const SCRIPTS: &[PageScript] = &[
     script!("web/profile.js", true),
     script!("web/mappicture.js", true),
     script!("web/maps.js", true),
+    script!("web/print.js", false),
 ];
 
 /// The style sheet of the page.
