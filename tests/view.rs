@@ -389,6 +389,10 @@ fn user_a_map_is_sent_as_a_raster() {
     assert_eq!(viewed.json("api/map?table=small.anomaly&pixels=10")["thinned"], true);
     viewed.refused("api/map?table=small.clean", 400);
     viewed.refused("api/map?table=small.anomaly&pixels=0", 400);
+    // A map of this format has no errors.
+    assert_eq!((&map["band"], &map["has_error"]), (&"anomaly".into(), &false.into()));
+    viewed.refused("api/map?table=small.anomaly&band=error", 400);
+    viewed.refused("api/map?table=small.anomaly&band=%3Cb%3E", 400);
 }
 
 #[test]

@@ -15,7 +15,7 @@ from conftest import FOLDER, download
 from specs import AXIS, LINE
 
 PROGRAM = os.environ["MAGLINE"]
-VIEWS = ["table", "heat", "curve", "parallel", "scatter", "lines", "compare"]
+VIEWS = ["table", "pivot", "heat", "curve", "parallel", "scatter", "lines", "compare"]
 
 
 def explorer(page):
@@ -78,6 +78,8 @@ def test_every_view_of_the_explorer_draws(visit, view):
     panel = explorer(page).locator(".view")
     if view == "table":
         assert len(rows(page)) == 4
+    elif view == "pivot":
+        assert panel.locator("table.pivot tbody td button").count() == 4
     else:
         if view == "compare":
             choose_two(page)

@@ -125,6 +125,38 @@ duration_s = 900.0
 waypoints = [[-21.84, 140.78], [-22.10, 140.78], [-22.10, 140.58]]
 """
 
+# A map of five survey lines with the error of each node, at two spacings, and a particle filter with its modes.
+CHARTED = """
+name = "charted"
+store = "store"
+[tables.flights]
+path = "charted.synth.toml"
+[tables.anomaly]
+path = "{map}"
+alt_m = 500.0
+[axes]
+spacing = [250.0, 500.0]
+[[stages]]
+name = "grid"
+stage = "map_grid"
+input = "flights"
+value = "mag_1_c"
+core_field = "igrf"
+method = "minimum_curvature"
+spacing_m = "$spacing"
+cross_validate = 2
+[[stages]]
+name = "track"
+stage = "navigate"
+input = "flights"
+where = "line = '1'"
+map = "anomaly"
+mag = "mag_1_c"
+filter = "mpf"
+particles = 300
+save_modes = true
+"""
+
 MILLION = """
 name = "million"
 store = "store"
@@ -159,6 +191,18 @@ input = "clean"
 """
 
 
+def survey(number):
+    """A north-south line of 8 km, 500 m east of the line before."""
+    ends = [[-22.02, 140.63 + 0.005 * number], [-21.95, 140.63 + 0.005 * number]]
+    return f"""[[flights.lines]]
+name = "{number}"
+kind = "survey"
+alt_m = 500.0
+duration_s = 110.0
+waypoints = {ends[::-1] if number % 2 == 0 else ends}
+"""
+
+
 def write_flights(path, lines, samples):
     """Writes flights at 10 Hz with a slow manoeuvre and noise."""
     random.seed(1)
@@ -176,10 +220,14 @@ def write_flights(path, lines, samples):
 def write(folder, repository):
     """Writes all specs and their data."""
     samples = repository / "datasets/samples"
-    survey = samples / "osborne/osborne_anomaly_100m_at_500m.tif"
-    cabin = CABIN.replace("{map}", str(survey)).replace("{other}", str(samples / "simple_magnav/map.h5"))
+    survey_map = samples / "osborne/osborne_anomaly_100m_at_500m.tif"
+    cabin = CABIN.replace("{map}", str(survey_map)).replace("{other}", str(samples / "simple_magnav/map.h5"))
     (folder / "cabin.toml").write_text(cabin, encoding="utf-8")
-    (folder / "cabin.synth.toml").write_text(FLIGHTS.replace("{map}", str(survey)), encoding="utf-8")
+    (folder / "cabin.synth.toml").write_text(FLIGHTS.replace("{map}", str(survey_map)), encoding="utf-8")
+    (folder / "charted.toml").write_text(CHARTED.replace("{map}", str(survey_map)), encoding="utf-8")
+    lines = "".join(survey(number) for number in range(1, 6))
+    start = FLIGHTS.replace("{map}", str(survey_map)).split("[[flights.lines]]")[0]
+    (folder / "charted.synth.toml").write_text(start + lines, encoding="utf-8")
     write_flights(folder / "flights.csv", [LINE, "plain"], 300)
     (folder / "hostile.toml").write_text(HOSTILE.replace("{axis}", json.dumps(AXIS)), encoding="utf-8")
     write_flights(folder / "million.csv", ["long"], 1_000_000)

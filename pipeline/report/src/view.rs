@@ -29,6 +29,7 @@ pub use crate::coast::GeographicRegion;
 use crate::sql::{PublishedTableProvider, leads_out, pipeline_names};
 pub use against::report_against;
 pub use lines::SeriesRequest;
+pub use map::MapBand;
 use notes::{NotedTable, PipelineNotes};
 pub use progress::RunProgress;
 use scores::HeldBlocks;

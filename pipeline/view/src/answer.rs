@@ -58,7 +58,7 @@ pub fn answer(data: &ViewData, request: &ViewRequest) -> Result<AnswerBytes, Vie
             }
             None => json(&store.runs()),
         },
-        ViewRequest::Map(table, point, pixels) => json(&store.map(table, point, *pixels)?),
+        ViewRequest::Map(table, point, pixels, band) => json(&store.map(table, point, *pixels, *band)?),
         ViewRequest::Profile(table, point, ends) => json(&store.profile(table, point, *ends)?),
         ViewRequest::Spectrum(series) => json(&store.spectrum(series)?),
         ViewRequest::Coast(region) => json(&store.coast(*region)?),

@@ -1,6 +1,6 @@
 //! Requests of the page, from the path and the query of an address.
 
-use report::view::{GeographicRegion, SeriesRequest, ViewPoint};
+use report::view::{GeographicRegion, MapBand, SeriesRequest, ViewPoint};
 use schemas::Fault;
 use url::form_urlencoded;
 
@@ -24,8 +24,8 @@ pub enum ViewRequest {
     Against(String, String, Option<String>),
     /// Progress of a run, or the list of runs.
     Run,
-    /// Map at a point, and its maximum width.
-    Map(String, ViewPoint, Option<usize>),
+    /// Map at a point, its maximum width, and the values to show.
+    Map(String, ViewPoint, Option<usize>, MapBand),
     /// Map at a sweep point, along a line between two positions (latitude and longitude in degrees).
     Profile(String, ViewPoint, [(f64, f64); 2]),
     /// Spectra of columns of a line.
@@ -123,6 +123,12 @@ impl ViewQuery {
         self.0.iter().filter_map(axis).collect()
     }
 
+    fn band(&self) -> Result<MapBand, Fault> {
+        let Some(name) = self.find("band") else { return Ok(MapBand::default()) };
+        let fault = || Fault::new(format!("there is no band `{name}`")).help("use `anomaly` or `error`");
+        MapBand::from_name(name).ok_or_else(fault)
+    }
+
     fn series(&self) -> Result<SeriesRequest, Fault> {
         let listed = self.0.iter().filter(|(k, _)| k == "columns").flat_map(|(_, v)| v.split(','));
         let single = self.0.iter().filter(|(k, _)| k == "column").map(|(_, v)| v.as_str());
@@ -154,7 +160,7 @@ impl ViewQuery {
                 ViewRequest::Against(self.need("table")?, self.need("against")?, run)
             }
             "run" => ViewRequest::Run,
-            "map" => ViewRequest::Map(self.need("table")?, self.point(), self.number("pixels")?),
+            "map" => ViewRequest::Map(self.need("table")?, self.point(), self.number("pixels")?, self.band()?),
             "profile" => {
                 let ends = [self.position("from")?, self.position("to")?];
                 ViewRequest::Profile(self.need("table")?, self.point(), ends)
@@ -215,12 +221,16 @@ mod tests {
             ("coast", "west=1&east=2&south=3"),
             ("coast", "west=1&east=2&south=3&north=inf"),
             ("against", "table=a.b"),
+            ("map", "table=a.b&band=none"),
+            ("map", "table=a.b&band="),
         ] {
             assert!(ViewQuery::read(wrong).unwrap().request(path).is_err(), "{path}?{wrong}");
         }
         let query = ViewQuery::read("table=a.b&from=-1.5,2&to=3,-4&axis.x=1").unwrap();
         let found = query.request("profile").unwrap();
         assert!(matches!(found, Some(ViewRequest::Profile(_, _, [(-1.5, 2.0), (3.0, -4.0)]))), "{found:?}");
+        let found = ViewQuery::read("table=a.b&band=error").unwrap().request("map").unwrap();
+        assert!(matches!(found, Some(ViewRequest::Map(_, _, None, MapBand::Error))), "{found:?}");
         assert!(ViewQuery::read("").unwrap().request("series").is_err());
         assert!(ViewQuery::read("").unwrap().request("../run").unwrap().is_none());
     }

@@ -26,6 +26,7 @@ pub const SCRIPTS: &[PageScript] = &[
     script!("web/scores.js", false),
     script!("web/draw.js", false),
     script!("web/views.js", false),
+    script!("web/pivot.js", false),
     script!("web/paired.js", false),
     script!("web/compare.js", false),
     script!("web/source.js", true),
@@ -37,6 +38,8 @@ pub const SCRIPTS: &[PageScript] = &[
     script!("web/panels.js", true),
     script!("web/figure.js", true),
     script!("web/coast.js", true),
+    script!("web/maplayers.js", true),
+    script!("web/contours.js", true),
     script!("web/track.js", true),
     script!("web/trackload.js", true),
     script!("web/spectrum.js", true),
@@ -45,7 +48,9 @@ pub const SCRIPTS: &[PageScript] = &[
     script!("web/run.js", true),
     script!("web/lineage.js", true),
     script!("web/profile.js", true),
+    script!("web/mappicture.js", true),
     script!("web/maps.js", true),
+    script!("web/print.js", false),
 ];
 
 /// The style sheet of the page.

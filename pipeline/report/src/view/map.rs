@@ -1,7 +1,8 @@
 //! Maps as rasters.
 
+use arrow_schema::Schema;
 use base64::{Engine, prelude::BASE64_STANDARD};
-use datasets::AnomalyGrid;
+use datasets::{AnomalyGrid, ReadError};
 use numerics::{
     earth::geodesy::{EarthModel, is_latitude_deg},
     maps::map_surface::{GeographicGrid, MapInterpolation, MapSurface},
@@ -17,6 +18,40 @@ const MOST_PIXELS: usize = 2000;
 /// Minimum and maximum number of steps of a profile.
 const LEAST_SAMPLES: usize = 100;
 const MOST_SAMPLES: usize = 4000;
+
+/// Values of a map that a raster shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MapBand {
+    /// The anomaly.
+    #[default]
+    Anomaly,
+    /// The standard deviation of the error of the anomaly.
+    Error,
+}
+
+impl MapBand {
+    /// The name in an address.
+    pub fn name(self) -> &'static str {
+        match self {
+            MapBand::Anomaly => "anomaly",
+            MapBand::Error => schemas::map::ERROR,
+        }
+    }
+
+    /// The band of a name.
+    pub fn from_name(name: &str) -> Option<MapBand> {
+        [MapBand::Anomaly, MapBand::Error].into_iter().find(|band| band.name() == name)
+    }
+
+    /// The nodes of this band; `None` if the map has none.
+    fn of(self, mut map: AnomalyGrid) -> Option<AnomalyGrid> {
+        if self == MapBand::Error {
+            // Resampling to latitude and longitude keeps only the anomaly.
+            map.anomaly_nt = map.error_nt.take()?;
+        }
+        Some(map)
+    }
+}
 
 /// Map at most `pixels` wide and high: a cell is the mean of the known nodes in it.
 #[derive(Debug, PartialEq)]
@@ -88,24 +123,31 @@ impl DrawnProfile {
 }
 
 impl StoreView {
-    /// A map of files, or of a stage at a point, as a raster of at most `pixels` columns and rows.
+    /// A band of a map of files, or of a stage at a point, as a raster of at most `pixels` columns and rows.
     ///
     /// # Errors
-    /// Fails for an unknown table or point, or for a table that is not a map. Also fails if the store is damaged.
-    pub fn map(&self, name: &str, point: &ViewPoint, pixels: Option<usize>) -> Result<Value, ViewFault> {
+    /// Fails for an unknown table or point, for a table that is not a map, or for a map without this band. Also fails if
+    /// the store is damaged.
+    pub fn map(&self, name: &str, point: &ViewPoint, pixels: Option<usize>, band: MapBand) -> Result<Value, ViewFault> {
         let pixels = pixels.unwrap_or(PIXELS);
         if !(1..=MOST_PIXELS).contains(&pixels) {
             let fault = Fault::new(format!("{pixels} pixels are requested"));
             return Err(ViewFault::Wrong(fault.help(format!("request 1 to {MOST_PIXELS} pixels"))));
         }
-        let (grid, unit) = self.grid(name, point)?;
+        let (map, unit) = self.nodes(name, point)?;
+        let has_error = map.error_nt.is_some();
+        let map = band.of(map).ok_or_else(|| {
+            let fault = Fault::new(format!("the map `{name}` has no errors"));
+            ViewFault::Wrong(fault.help("request `band=anomaly`"))
+        })?;
+        let grid = in_degrees(name, &map)?;
         let raster = MapRaster::new(&grid, pixels);
         let ends = |first: f64, last: f64, step: f64| (first - 0.5 * step, last + 0.5 * step);
         let (south, north) = ends(grid.lat().first_deg(), grid.lat().last_deg(), grid.lat().step_deg());
         let (west, east) = ends(grid.lon().first_deg(), grid.lon().last_deg(), grid.lon().step_deg());
         let bytes: Vec<u8> = raster.values.iter().flat_map(|v| v.to_le_bytes()).collect();
         Ok(json!({
-            "table": name, "unit": unit, "width": raster.size.0, "height": raster.size.1, "west": west, "east": east,
+            "table": name, "band": band.name(), "has_error": has_error, "unit": unit, "width": raster.size.0, "height": raster.size.1, "west": west, "east": east,
             "south": south, "north": north, "least": raster.range.0, "most": raster.range.1,
             "of": [grid.lon().len(), grid.lat().len()],
             "thinned": raster.size != (grid.lon().len(), grid.lat().len()), "values": BASE64_STANDARD.encode(bytes),
@@ -124,7 +166,8 @@ impl StoreView {
             let fault = Fault::new("a profile needs two different positions");
             return Err(ViewFault::Wrong(fault.help("give `from=LAT,LON` and `to=LAT,LON`, in degrees")));
         }
-        let (grid, unit) = self.grid(name, point)?;
+        let (map, unit) = self.nodes(name, point)?;
+        let grid = in_degrees(name, &map)?;
         let found = DrawnProfile::new(&grid, from, to);
         let known = found.value.iter().flatten().count();
         Ok(json!({
@@ -133,41 +176,56 @@ impl StoreView {
         }))
     }
 
-    /// The nodes of a map of files, or of a stage at a point, and the unit of its values.
-    fn grid(&self, name: &str, point: &ViewPoint) -> Result<(GeographicGrid, String), ViewFault> {
+    /// The map of files, or of a stage at a point, on its native grid, and the unit of its values.
+    fn nodes(&self, name: &str, point: &ViewPoint) -> Result<(AnomalyGrid, String), ViewFault> {
         let (pipeline, own) = name.split_once('.').unwrap_or((name, ""));
         let known = self.pipeline(pipeline)?;
         let source = known.notes.sources.iter().find(|s| s.name == own && s.kind == "map");
-        let (batch, unit) = match source {
+        let (map, unit) = match source {
             Some(source) => {
                 let key = source.lines.get("map").and_then(|text| HashKey::parse(text));
                 let key = key.ok_or_else(|| Fault::machine(format!("the key of the map `{name}` is missing")))?;
                 let batch = self.objects.whole(key)?;
-                let unit =
-                    batch.schema().field_with_name("anomaly").ok().and_then(|f| f.metadata().get("unit").cloned());
-                (batch, unit)
+                (AnomalyGrid::of_table(&batch), unit_of(&batch.schema()))
             }
             None => self.made(name, point)?,
         };
-        let failed =
-            |e: &dyn std::fmt::Display| ViewFault::Wrong(Fault::data(format!("`{name}` cannot be drawn: {e}")));
-        let grid = datasets::geographic(&batch).map_err(|e| failed(&e))?;
-        let grid = GeographicGrid::from_rows(grid.column("lat"), grid.column("lon"), grid.column("anomaly"));
-        Ok((grid.map_err(|e| failed(&e))?, unit.unwrap_or_else(|| "nT".to_owned())))
+        Ok((map.map_err(|e| undrawn(name, &e))?, unit.unwrap_or_else(|| schemas::map::ANOMALY_UNIT.to_owned())))
     }
 
-    /// The rows of a map that a stage made, and the unit of its values.
-    fn made(&self, name: &str, point: &ViewPoint) -> Result<(arrow_array::RecordBatch, Option<String>), ViewFault> {
+    /// The map that a stage made, and the unit of its values.
+    fn made(
+        &self,
+        name: &str,
+        point: &ViewPoint,
+    ) -> Result<(Result<AnomalyGrid, ReadError>, Option<String>), ViewFault> {
         let (_, table) = self.table(name)?;
         let columns = table.provider.columns();
-        if schemas::map::MADE_COLUMNS.iter().any(|column| columns.field_with_name(column).is_err()) {
+        let has = |column: &str| columns.field_with_name(column).is_ok();
+        if !schemas::map::MADE_COLUMNS.iter().all(|column| has(column)) {
             return Err(ViewFault::Wrong(Fault::new(format!("`{name}` is not a map"))));
         }
-        let rows = table.rows_at(point, &schemas::map::MADE_COLUMNS)?;
-        let unit = columns.field_with_name("anomaly").ok().and_then(|f| f.metadata().get("unit").cloned());
-        let grid = AnomalyGrid::of_made(&rows).and_then(|map| map.table()).map_err(Fault::from)?;
-        Ok((grid, unit))
+        let error = has(schemas::map::ERROR).then_some(schemas::map::ERROR);
+        let wanted: Vec<&str> = schemas::map::MADE_COLUMNS.into_iter().chain(error).collect();
+        Ok((AnomalyGrid::of_made(&table.rows_at(point, &wanted)?), unit_of(columns)))
     }
+}
+
+/// The unit of the anomaly.
+fn unit_of(columns: &Schema) -> Option<String> {
+    columns.field_with_name("anomaly").ok().and_then(|f| f.metadata().get("unit").cloned())
+}
+
+/// A reason why a map cannot be drawn.
+fn undrawn(name: &str, why: &dyn std::fmt::Display) -> ViewFault {
+    ViewFault::Wrong(Fault::data(format!("`{name}` cannot be drawn: {why}")))
+}
+
+/// The nodes of a map in latitude and longitude.
+fn in_degrees(name: &str, map: &AnomalyGrid) -> Result<GeographicGrid, ViewFault> {
+    let table = map.to_geographic().map_err(|e| undrawn(name, &e))?;
+    let grid = GeographicGrid::from_rows(table.column("lat"), table.column("lon"), table.column("anomaly"));
+    grid.map_err(|e| undrawn(name, &e))
 }
 
 #[cfg(test)]

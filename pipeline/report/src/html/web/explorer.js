@@ -2,11 +2,11 @@
 "use strict";
 // The explorer of each score table: controls, table, and the state in the hash of the address.
 
-const VIEWS = { table: "Table", heat: "Heat map", curve: "Curve", parallel: "Parallel", scatter: "Scatter",
+const VIEWS = { table: "Table", pivot: "Pivot", heat: "Heat map", curve: "Curve", parallel: "Parallel", scatter: "Scatter",
   lines: "Lines", compare: "Compare" };
 /** Best point of each pipeline by the metric that ranks the points. @type {Map<string, SweepPoint>} */
 const BEST_POINTS = new Map();
-const ROW_PX = 30, MANY = 60;
+const ROW_PX = 30, MANY = 60, NARROW_TABLE_PX = 640, MOST_PRINTED = 2000;
 /** Number of explorers on the page. */
 let explorers = 0;
 
@@ -42,6 +42,11 @@ class Explorer {
     this.tabs = element("div", { class: "tabs", role: "tablist", "aria-label": "View" });
     home.append(this.tabs, this.controls, this.count, this.panel);
     addEventListener("hashchange", () => { this.state = stateOf(this.key); this.fill(); });
+    this.printed = false;
+    document.addEventListener("magline:print", (event) => {
+      this.printed = event instanceof CustomEvent && event.detail;
+      this.draw();
+    });
     let wide = 0;
     new ResizeObserver(() => {
       if (Math.abs(home.clientWidth - wide) > 2) { wide = home.clientWidth; this.draw(); }
@@ -134,7 +139,7 @@ class Explorer {
     const parts = [this.select("metric", "metric", named)];
     const more = [this.select("across", "x", places), this.select("down or lines", "y", places),
       this.select("against", "against", named)];
-    const shown = [["heat", "curve"], ["heat", "curve"], ["scatter"]];
+    const shown = [["pivot", "heat", "curve"], ["pivot", "heat", "curve"], ["scatter"]];
     more.forEach((part, i) => { part.dataset.views = shown[i].join(" "); });
     for (const a of scores.varying) parts.push(this.filter(a));
     this.controls.replaceChildren(...parts, ...more, element("label", { class: "check" },
@@ -198,8 +203,11 @@ class Explorer {
       compare: compareView };
     const make = views[/** @type {keyof typeof views} */ (state.view)] ?? linesView;
     const width = Math.max(300, this.home.clientWidth - 30);
-    const made = make({ scores, state, rows, metric, width, choose: (row, two) => this.choose(row, two),
-      openLine: (flight, line) => this.show({ flight, line, focus: true }) });
+    /** @type {ViewInput} */
+    const input = { scores, state, rows, metric, width, choose: (row, two) => this.choose(row, two),
+      openLine: (flight, line) => this.show({ flight, line, focus: true }) };
+    if (state.view === "pivot") { this.panel.replaceChildren(...pivotView(input, name)); return; }
+    const made = make(input);
     if (typeof made === "string") { this.panel.replaceChildren(element("p", { class: "note" }, [made])); return; }
     this.panel.replaceChildren(element("figure", { class: "live" }, [made.svg, made.read,
       element("figcaption", {}, [made.caption]), ...(made.more ? [made.more] : []),
@@ -237,8 +245,10 @@ class Explorer {
         const again = this.panel.querySelector(`[data-sort="${CSS.escape(by)}"]`);
         if (again instanceof HTMLElement) again.focus();
       } }, [text])]);
-    const heads = [element("th", { scope: "col" }, ["point"]), ...scores.varying.map((i) => head(block.axes[i].name,
-      block.axes[i].name)), ...block.metrics.map((one, i) => head(scores.label(i), one.name, one.meaning))];
+    const order = this.columns(metric);
+    const heads = [element("th", { scope: "col" }, ["point"]), ...order.map(([kind, i]) => kind === "axis"
+      ? head(block.axes[i].name, block.axes[i].name) : head(scores.label(i), block.metrics[i].name,
+        block.metrics[i].meaning))];
     const body = element("tbody");
     const table = element("table", { class: "virtual", "aria-rowcount": rows.length + 1,
       "aria-label": `Scores: ${block.table}` }, [element("thead", {}, [element("tr", {}, heads)]), body]);
@@ -246,14 +256,15 @@ class Explorer {
       "aria-label": `Table of scores: ${block.table}` }, [table]);
     let first = -1;
     const show = () => {
-      const from = Math.max(0, Math.floor(frame.scrollTop / ROW_PX) - 10);
+      const from = this.printed ? 0 : Math.max(0, Math.floor(frame.scrollTop / ROW_PX) - 10);
       if (from === first) return;
       first = from;
-      const some = sorted.slice(from, from + 40 + Math.ceil(frame.clientHeight / ROW_PX));
+      const count = this.printed ? MOST_PRINTED : 40 + Math.ceil(frame.clientHeight / ROW_PX);
+      const some = sorted.slice(from, from + count);
       const gap = (/** @type {number} */ n) => n <= 0 ? [] : [element("tr", { "aria-hidden": "true", class: "gap" },
         [element("td", { colspan: heads.length, style: `height:${n * ROW_PX}px` })])];
-      body.replaceChildren(...gap(from), ...some.map((row, i) => this.row(row, from + i, best)),
-        ...gap(sorted.length - from - some.length));
+      body.replaceChildren(...gap(from), ...some.map((row, i) => this.row(row, from + i, best, order)),
+        ...gap(this.printed ? 0 : sorted.length - from - some.length));
     };
     let asked = false;
     frame.addEventListener("scroll", () => {
@@ -264,12 +275,23 @@ class Explorer {
     const bar = downloads(null, name, () => scores.csv(sorted));
     if (this.home.dataset.src) bar.append(...["csv", "parquet"].map((format) => element("a", { download: true,
       href: "download?" + new URLSearchParams({ table: this.key, format }) }, [`${visible(block.table)}.${format}`])));
-    this.panel.replaceChildren(frame, bar);
+    const rest = this.printed && sorted.length > MOST_PRINTED ? [element("p", { class: "note" },
+      [`The first ${MOST_PRINTED} of ${sorted.length} points in this order. The CSV file has all.`])] : [];
+    this.panel.replaceChildren(frame, ...rest, bar);
     show();
   }
 
-  /** @param {number} row @param {number} at @param {number[]} best */
-  row(row, at, best) {
+  /** Columns of the table: axes and metrics; on a narrow page, first the chosen metric. @param {number} metric
+   * @returns {["axis" | "metric", number][]} */
+  columns(metric) {
+    const { scores, home } = this, narrow = home.clientWidth > 0 && home.clientWidth < NARROW_TABLE_PX;
+    const axes = scores.varying.map((a) => /** @type {["axis", number]} */ (["axis", a]));
+    const metrics = scores.block.metrics.map((_, m) => /** @type {["metric", number]} */ (["metric", m]));
+    return narrow ? [metrics[metric], ...axes, ...metrics.filter(([, m]) => m !== metric)] : [...axes, ...metrics];
+  }
+
+  /** @param {number} row @param {number} at @param {number[]} best @param {["axis" | "metric", number][]} order */
+  row(row, at, best, order) {
     const { scores } = this, { block } = scores;
     const marked = block.flagged[row] > 0, chosen = this.state.point === String(row);
     const choose = element("button", { type: "button", "aria-pressed": String(chosen),
@@ -279,15 +301,17 @@ class Explorer {
     const second = this.state.point !== undefined && !chosen ? [element("button", { type: "button", class: "second",
       "aria-pressed": String(this.state.other === String(row)), "aria-label": `Compare with point ${row + 1}`,
       title: "Compare the chosen point with this point", onclick: () => this.choose(row, true) }, ["B"])] : [];
-    const cells = block.metrics.map((_, m) => {
-      const value = scores.value(m, row), marks = scores.marks(m, row);
-      const text = short(value) + (scores.inSample[m].has(row) ? " ~" : "");
-      return element("td", { class: best[m] === row ? "n best" : "n", title: marks || null, "data-v": value }, [text]);
-    });
     return element("tr", { "aria-rowindex": at + 2, class: marked ? "bad" : null }, [
-      element("td", {}, [choose, ...second]),
-      ...scores.varying.map((a) => element("td", { title: visible(scores.word(a, row)) },
-        [element("bdi", {}, [scores.text(a, row)])])), ...cells]);
+      element("td", {}, [choose, ...second]), ...order.map(([kind, i]) => kind === "axis"
+        ? element("td", { title: visible(scores.word(i, row)) }, [element("bdi", {}, [scores.text(i, row)])])
+        : this.cell(i, row, best[i] === row))]);
+  }
+
+  /** A score in the table. @param {number} m @param {number} row @param {boolean} best */
+  cell(m, row, best) {
+    const { scores } = this, value = scores.value(m, row), marks = scores.marks(m, row);
+    const text = short(value) + (scores.inSample[m].has(row) ? " ~" : "");
+    return element("td", { class: best ? "n best" : "n", title: marks || null, "data-v": value }, [text]);
   }
 }
 

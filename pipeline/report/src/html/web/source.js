@@ -22,7 +22,8 @@
  * @typedef {{table: TableInfo, place: LinePlace, columns: string[], range: [number, number] | null, pixels: number,
  *   signal?: AbortSignal}} SeriesRequest
  * @typedef {{width: number, height: number, west: number, east: number, south: number, north: number, unit: string,
- *   least: number, most: number, of: [number, number], thinned: boolean, cells: Float32Array}} MapImage
+ *   least: number, most: number, of: [number, number], thinned: boolean, has_error?: boolean, cells: Float32Array}}
+ *   MapImage
  */
 
 /** An error with the answer's remedy. */
@@ -170,16 +171,20 @@ class ServerSource {
     return (await this.get(this.base + "spectrum?" + query, signal)).json();
   }
 
-  /** A map along a line. @param {string} table @param {Position} from @param {Position} to
+  /** A map along a line. @param {string} table @param {Position} from @param {Position} to @param {SweepPoint} [point]
    * @returns {Promise<MapProfile>} */
-  async profile(table, from, to) {
-    const query = { table, from: from.join(","), to: to.join(",") };
+  async profile(table, from, to, point = {}) {
+    const axes = Object.entries(point).map(([axis, value]) => ["axis." + axis, value]);
+    const query = { table, from: from.join(","), to: to.join(","), ...Object.fromEntries(axes) };
     return (await this.get(this.address(this.base + "profile", query))).json();
   }
 
-  /** @param {string} table @returns {Promise<MapImage>} */
-  async map(table) {
-    const found = await this.json(this.address(this.base + "map", { table }));
+  /** A map of files, or of a stage at a point. @param {string} table @param {SweepPoint} [point]
+   * @param {"anomaly" | "error"} [band] @returns {Promise<MapImage>} */
+  async map(table, point = {}, band = "anomaly") {
+    const axes = Object.entries(point).map(([axis, value]) => ["axis." + axis, value]);
+    const query = { table, ...(band === "error" ? { band } : {}), ...Object.fromEntries(axes) };
+    const found = await this.json(this.address(this.base + "map", query));
     return { ...found, cells: new Float32Array(bytesOf(found.values).buffer) };
   }
 

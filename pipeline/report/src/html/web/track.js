@@ -16,31 +16,6 @@ const TRACK_LAYERS = [
 /** Metres of one degree of latitude. */
 const DEGREE_M = 111_320;
 
-/** Colour of a part from 0 to 1 of a map. @param {number} part @returns {[number, number, number]} */
-function mapColour(part) {
-  const at = Math.min(0.9999, Math.max(0, part)) * (VIRIDIS.length - 1), k = Math.floor(at);
-  const of = (/** @type {number} */ i) => [1, 3, 5].map((c) => parseInt(VIRIDIS[i].slice(c, c + 2), 16));
-  const [a, b] = [of(k), of(k + 1)];
-  return /** @type {[number, number, number]} */ (a.map((v, i) => Math.round(v + (b[i] - v) * (at - k))));
-}
-
-/** A map as a picture; unknown cells are transparent. Colours span the 1st to the 99th percentile.
- * @param {MapImage} map */
-function mapCanvas(map) {
-  const canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = [map.width, map.height];
-  const context = canvas.getContext("2d"), pixels = new ImageData(map.width, map.height);
-  const known = map.cells.filter(Number.isFinite).sort();
-  const low = known[Math.floor(known.length * 0.01)] ?? 0, high = known[Math.floor(known.length * 0.99)] ?? 1;
-  map.cells.forEach((v, i) => {
-    if (!Number.isFinite(v)) return;
-    const [r, g, b] = mapColour(high > low ? (v - low) / (high - low) : 0.5);
-    pixels.data.set([r, g, b, 255], 4 * i);
-  });
-  context?.putImageData(pixels, 0, 0);
-  return { canvas, low, high };
-}
-
 class TrackView {
   /** @param {HTMLElement} home @param {(t: number | null) => void} hover */
   constructor(home, hover) {
@@ -72,6 +47,9 @@ class TrackView {
     home.append(this.canvas, this.legend, element("label", { class: "note check" },
       [box, " fit to the interval in sight"]), this.source, this.read);
     new ResizeObserver(() => this.draw()).observe(home);
+    for (const query of ["(prefers-color-scheme: dark)", "print"]) {
+      matchMedia(query).addEventListener("change", () => this.draw());
+    }
     this.canvas.addEventListener("pointermove", (event) => this.find(event));
     this.canvas.addEventListener("pointerleave", () => this.hover(null));
   }
