@@ -16,7 +16,7 @@ use std::{
 
 use clap::{Args, Subcommand};
 use datasets::{AnomalyGrid, MapOptions, check_output, read_grid, write_grid};
-use schemas::{Fault, VerbatimText, plausible::PlausibilityCheck};
+use schemas::{Fault, VerbatimText, map::VectorComponent, plausible::PlausibilityCheck};
 
 use super::{ExitReason, note, print_to_stderr, say, threads};
 
@@ -54,6 +54,9 @@ pub struct InputArgs {
     /// The unit of the anomaly; overrides the file.
     #[arg(long)]
     unit: Option<String>,
+    /// The component of a map of three components.
+    #[arg(long, value_name = "COMPONENT", value_parser = vector::component())]
+    field_component: Option<VectorComponent>,
     #[command(flatten)]
     doubtful: InvalidValueArgs,
 }
@@ -105,6 +108,7 @@ impl InputArgs {
             epsg: self.epsg,
             alt_m: self.alt,
             unit: self.unit.clone(),
+            field_component: self.field_component,
             missing: self.doubtful.missing(),
             accept: self.doubtful.accept(),
         };
