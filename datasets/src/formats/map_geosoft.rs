@@ -1,5 +1,5 @@
-//! Geosoft binary grids of Oasis montaj, version 2: a header of 512 bytes, then vectors of elements, plain or as deflated
-//! blocks. [Seequent, Oasis montaj, Grid file format (*.GRD)]
+//! Geosoft binary grids of Oasis montaj, version 2: a header of 512 bytes, then vectors of elements, plain or as
+//! deflated blocks. [Seequent, Oasis montaj, Grid file format (*.GRD)]
 //!
 //! The format has neither a height nor a coordinate system: Oasis montaj keeps the latter in a file `.gi`, which is not
 //! read. The grids of the North American magnetic anomaly map (USGS Open-File Report 02-414) have this format.
