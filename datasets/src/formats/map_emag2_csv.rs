@@ -25,7 +25,8 @@ use grids::AnomalyGrid;
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "emag2_csv",
     about: "EMAG2 version 3 as CSV; `alt_m` 0 or 4000 selects the anomaly",
-    extensions: &["csv"],
+    // The extension belongs to `xyz`; the content identifies this format.
+    extensions: &[],
     recognise,
     companions: None,
     read,
