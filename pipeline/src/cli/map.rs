@@ -7,6 +7,7 @@ mod flags;
 mod grid;
 mod info;
 mod plot;
+mod spectrum;
 mod vector;
 
 use std::{
@@ -35,6 +36,8 @@ pub enum MapCommand {
     Convert(Box<convert::ConvertArgs>),
     /// Compute the north, east and down components of the anomaly field.
     Vector(vector::VectorArgs),
+    /// Print the power spectral density of a map by wavenumber, as CSV.
+    Spectrum(spectrum::SpectrumArgs),
     /// Draw a map with tracks.
     Plot(plot::PlotArgs),
 }
@@ -175,6 +178,7 @@ pub fn run(command: &MapCommand, quiet: bool) -> Result<(), ExitReason> {
         MapCommand::Continue(args) => continuation::run(args),
         MapCommand::Convert(args) => convert::run(args),
         MapCommand::Vector(args) => vector::run(args),
+        MapCommand::Spectrum(args) => spectrum::run(args),
         MapCommand::Plot(args) => plot::run(args),
     }
 }
