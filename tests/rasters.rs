@@ -178,10 +178,14 @@ fn law_a_map_around_the_earth_has_no_seam() {
 }
 
 #[test]
-fn gold_a_geosoft_binary_grid_is_identified_and_rejected() {
+fn gold_a_geosoft_binary_grid_is_read_with_its_coordinate_system() {
     let bench = Bench::new();
-    let done = bench.magline(&["map", "info", &case("geosoft.grd").display().to_string()]);
-    let text = stderr(&done);
-    assert!(!done.status.success() && text.contains("a Geosoft binary grid of Oasis montaj"), "{text}");
-    assert!(text.contains("export it as GXF or ER Mapper") && !text.contains("NetCDF file"), "{text}");
+    let file = case("geosoft.grd").display().to_string();
+    let unset = bench.magline(&["map", "info", &file]);
+    let text = stderr(&unset);
+    assert!(!unset.status.success() && text.contains("set `epsg`"), "{text}");
+    let done = bench.magline(&["map", "info", &file, "--epsg", "32754"]);
+    let text = String::from_utf8_lossy(&done.stdout).into_owned();
+    assert!(done.status.success() && text.contains("geosoft_grd"), "{text}{}", stderr(&done));
+    assert!(text.contains("columns           9") && text.contains("spacing_y         200 m"), "{text}");
 }

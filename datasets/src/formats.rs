@@ -32,11 +32,14 @@ mod line_records;
 mod magnav;
 mod magnav_csv;
 mod magnav_hdf5;
+mod map_emag2_csv;
 mod map_ers;
 mod map_esri;
+mod map_geosoft;
 mod map_geotiff;
 mod map_geotiff_write;
 mod map_gxf;
+mod map_magnav;
 mod map_magnav_csv;
 mod map_magnav_hdf5;
 mod map_magnav_write;
@@ -118,14 +121,17 @@ pub const MAP_FORMATS: &[MapFormat] = &[
     map_parquet::FORMAT,
     map_geotiff::FORMAT,
     map_magnav_hdf5::FORMAT,
+    mat::map::FORMAT,
     map_netcdf::FORMAT,
     map_surfer7::FORMAT,
     map_surfer6::FORMAT,
     map_surfer_text::FORMAT,
+    map_geosoft::FORMAT,
     map_gxf::FORMAT,
     map_ers::FORMAT,
     map_esri::FORMAT,
     map_magnav_csv::FORMAT,
+    map_emag2_csv::FORMAT,
     map_xyz::FORMAT,
 ];
 
@@ -304,6 +310,8 @@ mod bomb_tests;
 mod log_tests;
 #[cfg(test)]
 mod map_damage_tests;
+#[cfg(test)]
+mod map_public_tests;
 #[cfg(test)]
 mod map_tests;
 #[cfg(test)]

@@ -178,6 +178,7 @@ COMMANDS = {
     "map continue": [f"magline map continue {OSBORNE} --to 900 -o up.tif"],
     "map convert": [f"magline map convert {OSBORNE} --to-epsg 4326 --spacing 0.005 -o map.nc"],
     "map vector": [f"magline map vector {OSBORNE} --decimal-year 2020.5 --component north -o north.tif"],
+    "map spectrum": [f"magline map spectrum {OSBORNE} | head -n 5"],
     "map plot": [f"magline map plot {OSBORNE} --width 400 -o map.png"],
 }
 # Command lines that read a file of each format. A format without an entry has no file in the repository.
@@ -220,7 +221,12 @@ MAPS = {
     "esri_ascii": "map.asc", "xyz": "map.xyz", "surfer7": "map7.grd", "surfer6": "map6.grd",
     "surfer6_text": "map6_text.grd",
 }
-READ_MAPS = {"magnav_hdf5": "datasets/samples/simple_magnav/map.h5", "magnav_csv": "datasets/samples/simple_magnav/map"}
+READ_MAPS = {
+    "magnav_hdf5": "datasets/samples/simple_magnav/map.h5", "magnav_csv": "datasets/samples/simple_magnav/map",
+    "magnav_mat": "datasets/reference/maps/scipy_map.mat",
+    "emag2_csv": "datasets/reference/maps/emag2_v3.csv --alt 4000",
+    "geosoft_grd": "datasets/reference/maps/geosoft_float.grd --epsg 32630",
+}
 
 
 def parts(text: str) -> list[tuple[str, str, str]]:

@@ -9,7 +9,19 @@
 
 use arrow_schema::{DataType, Field, Schema};
 
-use crate::{Column, ColumnDescription, Fault, PassThroughColumns, Role, StageSchema, TableShape, field};
+use crate::{Column, ColumnDescription, Fault, PassThroughColumns, Role, StageSchema, TableShape, choice, field};
+
+choice! {
+    /// Component of the anomaly field.
+    pub enum VectorComponent {
+        /// Towards true north.
+        North = "north",
+        /// Towards true east.
+        East = "east",
+        /// Down.
+        Down = "down",
+    }
+}
 
 /// The version of the map table's contract.
 pub const VERSION: u32 = 1;

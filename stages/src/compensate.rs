@@ -11,7 +11,7 @@ use crate::{
     corrections::had,
     fitted::FittedModel,
     model_columns::{RATE, RESIDUAL},
-    trained::FieldPrediction,
+    trained::{FieldPrediction, PART_VECTORS},
 };
 
 choice! {
@@ -49,6 +49,14 @@ stage! {
     ///
     /// `mag_aircraft_sigma` is the standard deviation of the prediction, from the spread of an ensemble. It is null if
     /// the model does not provide one. A nonlinear model predicts the constant part if its target includes it.
+    ///
+    /// `parts` appends the parts of the prediction, before `detrend` and before `igrf` and `diurnal` are added, in nT.
+    /// `part_linear` is the prediction of the linear terms alone: all of a linear model, and none of `m1`, `m2a`, trees
+    /// and random features. `part_network` is the rest of the prediction, from the network and constants. For the
+    /// model 3 family, `part_permanent_x` to `part_eddy_z` are the vectors of the Tolles-Lawson terms in the axes of
+    /// the vector magnetometer, and `part_network_x` to `part_network_z` the vector of the network, which is 0 except
+    /// for `m3v` and `m3vc`. These vectors are null for other models.
+    ///
     /// Source: Gnadt 2022, (3.22).
     Compensate = "compensate", version 4, grain Line, role Compensates, inputs [input: Lines, model: Model],
     example r#"
@@ -69,6 +77,8 @@ mag   = "mag_4_uc"
     without: Vec<String>, unit "", default Vec::<String>::new();
     /// Leaves the mean of the predicted aircraft field in the signal.
     detrend: bool, unit "", default false;
+    /// Appends the parts of the prediction.
+    parts: bool, unit "", default false;
     /// Allows truth columns.
     allow_truth: bool, unit "", default false;
 }
@@ -125,6 +135,16 @@ impl Stage for Compensate {
             "mag_aircraft_sigma",
             "standard deviation of the prediction; null if the model does not provide one",
         ));
+        if self.parts {
+            let vectors =
+                PART_VECTORS.map(|name| (format!("part_{name}"), "vector of a model 3; null for other models"));
+            let scalars = [
+                ("part_linear".to_owned(), "prediction of the linear terms"),
+                ("part_network".to_owned(), "prediction without that of the linear terms"),
+            ];
+            let made = |(name, doc): (String, &str)| Column::float(name, "nT", doc).from(0, &reads).from(1, &of_model);
+            columns.extend(scalars.into_iter().chain(vectors).map(made));
+        }
         // A model of a window of samples depends on the order of the samples.
         reads.push("tt".to_owned());
         let mut yields = StageSchema::append(columns, &reads);
@@ -140,7 +160,11 @@ impl LineStage for Compensate {
         let mag = floats(&line.inputs[0], &self.mag)?;
         let noise = model.noise.map(|x| array(vec![x; mag.len()]));
         let FieldPrediction { field_nt: mut aircraft, sigma_nt } = model.fitted.predict(&line.inputs[0], mag.len())?;
-        let noise = noise.into_iter().chain([array(sigma_nt.unwrap_or_else(|| vec![f64::NAN; mag.len()]))]);
+        let mut noise: Vec<_> = noise.into_iter().collect();
+        noise.push(array(sigma_nt.unwrap_or_else(|| vec![f64::NAN; mag.len()])));
+        if self.parts {
+            noise.extend(self.parts_of(line, model, &aircraft)?);
+        }
         if self.predicts != PredictedQuantity::Aircraft {
             let mut field = aircraft;
             for name in EARTH.iter().filter(|_| self.predicts == PredictedQuantity::Anomaly) {
@@ -169,6 +193,21 @@ impl LineStage for Compensate {
 
     fn prepare_key(&self) -> String {
         self.without.join(",")
+    }
+}
+
+impl Compensate {
+    /// Columns with the parts of the predicted field.
+    fn parts_of(&self, line: &LineInput, model: &CompensationModel, field_nt: &[f64]) -> LineOutput {
+        let rows = field_nt.len();
+        let parts = model.fitted.parts(&line.inputs[0], rows)?;
+        let network = field_nt.iter().zip(&parts.linear_nt).map(|(field, linear)| field - linear).collect();
+        let component = |k: usize| match parts.vectors_nt.is_empty() {
+            true => vec![f64::NAN; rows],
+            false => parts.vectors_nt.iter().map(|row| row[k]).collect(),
+        };
+        let vectors: Vec<_> = (0..PART_VECTORS.len()).map(|k| array(component(k))).collect();
+        Ok([array(parts.linear_nt), array(network)].into_iter().chain(vectors).collect())
     }
 }
 
@@ -212,6 +251,7 @@ mod tests {
             predicts: PredictedQuantity::Aircraft,
             without: vec![],
             detrend: false,
+            parts: false,
             allow_truth: false,
         }
     }
@@ -275,6 +315,17 @@ mod tests {
         let of = |predicts: PredictedQuantity| fields(&Compensate { predicts, ..compensate() });
         assert_eq!(of(PredictedQuantity::Anomaly), [[50_070.0, 50_098.0], [30.0, 102.0]]);
         assert_eq!(of(PredictedQuantity::Field), [[60.0, 88.0], [50_040.0, 50_112.0]]);
+    }
+
+    #[test]
+    fn law_the_parts_of_a_linear_model_are_its_prediction_and_nothing() {
+        for detrend in [false, true] {
+            let made = made(&Compensate { parts: true, detrend, ..compensate() });
+            assert_eq!(made.len(), 20);
+            assert_eq!(made[6][..2], [60.0, 88.0]);
+            assert_eq!(made[7][..2], [0.0, 0.0]);
+            assert!(made[6][2].is_nan() && made[7][2].is_nan() && made[8..].iter().flatten().all(|x| x.is_nan()));
+        }
     }
 
     #[test]

@@ -9,7 +9,7 @@ use schemas::{ColumnType, Fault, RateDependence};
 use crate::{
     columns::{even_rate_hz, floats, matrix, rate_factor, sampling},
     model_columns::{INTERCEPT, RATE},
-    trained::{FieldPrediction, LearnedModel},
+    trained::{FieldPrediction, LearnedModel, PredictionParts},
 };
 
 /// Kind of a model.
@@ -63,6 +63,22 @@ impl FittedModel {
     /// Fails if the line lacks a column, or an entry cannot be converted.
     pub fn predict(&self, line: &RecordBatch, rows: usize) -> Result<FieldPrediction, Fault> {
         predict(&ModelInputColumns::new(line, self.rate_hz)?, &self.body, rows)
+    }
+
+    /// Parts of the prediction for a line with `rows` rows, in nT. NaN where a required column is NaN. A linear model
+    /// has only the linear part.
+    ///
+    /// # Errors
+    /// Fails in the cases of [`FittedModel::predict`].
+    pub fn parts(&self, line: &RecordBatch, rows: usize) -> Result<PredictionParts, Fault> {
+        let FittedModelForm::Learned(learned) = &self.body else {
+            return Ok(PredictionParts { linear_nt: self.predict(line, rows)?.field_nt, vectors_nt: vec![] });
+        };
+        let inputs = CompleteRows::new(&ModelInputColumns::new(line, self.rate_hz)?, learned, rows)?;
+        let parts = learned.prediction_parts(&inputs.x);
+        let vectors_nt =
+            if parts.vectors_nt.is_empty() { vec![] } else { inputs.spread(parts.vectors_nt, rows, [f64::NAN; 12]) };
+        Ok(PredictionParts { linear_nt: inputs.spread(parts.linear_nt, rows, f64::NAN), vectors_nt })
     }
 
     /// Entries of the features that the model requires.
@@ -185,26 +201,46 @@ fn predict(sources: &ModelInputColumns, body: &FittedModelForm, rows: usize) -> 
     }
 }
 
+/// Rows of a line in which no required column of a nonlinear model is NaN.
+struct CompleteRows {
+    /// Required columns of all rows, column by column.
+    columns: Vec<Vec<f64>>,
+    /// Numbers of the complete rows.
+    numbers: Vec<usize>,
+    /// Their values, row-major.
+    x: Vec<f64>,
+}
+
+impl CompleteRows {
+    fn new(sources: &ModelInputColumns, learned: &LearnedModel, rows: usize) -> Result<Self, Fault> {
+        let columns = learned.columns().iter().map(|name| sources.find(name)).collect::<Result<Vec<_>, Fault>>()?;
+        let columns: Vec<Vec<f64>> = columns.iter().map(|source| source.values().collect()).collect();
+        let numbers: Vec<usize> = (0..rows).filter(|&row| columns.iter().all(|x| x[row].is_finite())).collect();
+        let x = numbers.iter().flat_map(|&row| columns.iter().map(move |x| x[row])).collect();
+        Ok(Self { columns, numbers, x })
+    }
+
+    /// Values of all rows; incomplete rows are `unknown`.
+    fn spread<T: Copy>(&self, values: Vec<T>, rows: usize, unknown: T) -> Vec<T> {
+        let mut out = vec![unknown; rows];
+        self.numbers.iter().zip(values).for_each(|(&row, value)| out[row] = value);
+        out
+    }
+}
+
 /// Prediction of a nonlinear model. NaN where a required column is NaN.
 fn predict_rows(sources: &ModelInputColumns, learned: &LearnedModel, rows: usize) -> Result<FieldPrediction, Fault> {
-    let columns = learned.columns().iter().map(|name| sources.find(name)).collect::<Result<Vec<_>, Fault>>()?;
-    let columns: Vec<Vec<f64>> = columns.iter().map(|source| source.values().collect()).collect();
-    let whole: Vec<usize> = (0..rows).filter(|&row| columns.iter().all(|x| x[row].is_finite())).collect();
-    let x: Vec<f64> = whole.iter().flat_map(|&row| columns.iter().map(move |x| x[row])).collect();
+    let inputs = CompleteRows::new(sources, learned, rows)?;
     let runs = if learned.sees_a_window() {
         let tt = floats(sources.batch, "tt")?;
         let rate_hz = even_rate_hz(tt)?;
         learned.check_rate(rate_hz)?;
-        let usable = columns.iter().fold(RowMask::all(rows), |usable, x| usable.and_finite(x));
+        let usable = inputs.columns.iter().fold(RowMask::all(rows), |usable, x| usable.and_finite(x));
         usable.runs_in_time(tt, rate_hz).iter().map(Range::len).collect()
     } else {
-        vec![whole.len()]
+        vec![inputs.numbers.len()]
     };
-    let made = learned.predict(&x, &runs)?;
-    let spread = |values: Vec<f64>| {
-        let mut out = vec![f64::NAN; rows];
-        whole.iter().zip(values).for_each(|(&row, value)| out[row] = value);
-        out
-    };
+    let made = learned.predict(&inputs.x, &runs)?;
+    let spread = |values: Vec<f64>| inputs.spread(values, rows, f64::NAN);
     Ok(FieldPrediction { field_nt: spread(made.field_nt), sigma_nt: made.sigma_nt.map(spread) })
 }

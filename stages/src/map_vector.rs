@@ -10,7 +10,8 @@ use numerics::{
         plane_grid::PlaneGrid,
     },
 };
-use schemas::{Fault, MapStage, Rule, Stage, StageOutput, StageSchema, Table, choice, stage};
+pub use schemas::map::VectorComponent;
+use schemas::{Fault, MapStage, Rule, Stage, StageOutput, StageSchema, Table, stage};
 
 use crate::{
     columns::data,
@@ -20,18 +21,6 @@ use crate::{
 /// Angle between the core field at the middle and at a corner of the map above which the map is too large for one
 /// direction, in degrees.
 const WIDEST_DEG: f64 = 2.0;
-
-choice! {
-    /// Component of the anomaly field.
-    pub enum VectorComponent {
-        /// Towards true north.
-        North = "north",
-        /// Towards true east.
-        East = "east",
-        /// Down.
-        Down = "down",
-    }
-}
 
 stage! {
     /// Computes a component of the anomaly field from a map of the total-field anomaly: towards true north, towards

@@ -1,7 +1,8 @@
 """Reads the maps in `written/`, which magline's tests wrote, with other programs, and compares them with the values of
 make_maps.py. The tests compare newly written maps with these files byte by byte.
 
-python3 check_maps.py   (rasterio 1.4.4 with GDAL 3.10.3, xarray 2026.9, scipy 1.17, netCDF4 1.7.5, h5py 3.16)
+python3 check_maps.py   (rasterio 1.4.4 with GDAL 3.10.3, xarray 2026.9, scipy 1.17, netCDF4 1.7.5, h5py 3.16,
+harmonica 0.7)
 """
 import warnings
 
@@ -10,6 +11,7 @@ import netCDF4
 import numpy as np
 import rasterio
 import xarray
+from harmonica import load_oasis_montaj_grid
 from scipy.io import netcdf_file
 
 warnings.simplefilter("ignore")
@@ -78,4 +80,10 @@ with h5py.File("written/small.h5") as f:
 text = np.genfromtxt("written/small.xyz", skip_header=2)
 same("xyz", text[:, 2].reshape(5, 7), SOUTH)
 same("xyz", text[:7, 0], X)
+for name in ("geosoft_float.grd", "geosoft_short_columns.grd", "geosoft_double_blocks.grd"):
+    grid = load_oasis_montaj_grid(name)
+    same(name, grid.values, SOUTH)
+    same(name, grid.easting.values, X)
+    same(name, grid.northing.values, Y)
+    print(f"{name}: harmonica")
 print("all as they should be")

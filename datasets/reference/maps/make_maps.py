@@ -10,6 +10,7 @@ import glob
 import os
 import struct
 import warnings
+import zlib
 
 import h5py
 import netCDF4
@@ -18,7 +19,7 @@ import rasterio
 import rasterio.shutil
 import xarray
 from rasterio.transform import from_origin
-from scipy.io import netcdf_file
+from scipy.io import netcdf_file, savemat
 
 warnings.simplefilter("ignore")
 COLUMNS, ROWS = 7, 5
@@ -156,3 +157,59 @@ with open("surfer7_v2.grd", "wb") as f:
 
 for left in glob.glob("*.aux.xml"):
     os.remove(left)
+
+
+def vector_map():
+    """Components of a vector map. North is 0 at a known node; unknown nodes are 0 in all three."""
+    return {"mapX": np.nan_to_num(SOUTH - 100.0), "mapY": np.nan_to_num(SOUTH), "mapZ": np.nan_to_num(2.0 * SOUTH)}
+
+
+with h5py.File("h5py_vector.h5", "w") as f:
+    # MagNav.jl's save_map of a MapV, the layout of EMM720_World.h5.
+    for name, component in vector_map().items():
+        f[name] = component.T
+    f["xx"], f["yy"], f["alt"], f["info"] = LON, LAT, 300.0, "map"
+
+scalar_map = {"map": np.nan_to_num(SOUTH), "xx": LON, "yy": LAT, "alt": 300.0, "info": "map", "mask": np.isfinite(SOUTH)}
+savemat("scipy_map.mat", {"map_data": scalar_map}, do_compression=True)
+savemat("scipy_vector.mat", {"alt": 300.0, "xx": LON[:, None], "yy": LAT[:, None], **vector_map()})
+with h5py.File("h5py_map_v73.mat", "w", userblock_size=512) as f:
+    group = f.create_group("map_data")
+    group.attrs["MATLAB_class"] = np.bytes_("struct")
+    for name, array in (("map", np.nan_to_num(SOUTH)), ("xx", LON[None]), ("yy", LAT[None]), ("alt", [[300.0]])):
+        group[name] = np.asarray(array).T
+        group[name].attrs["MATLAB_class"] = np.bytes_("double")
+with open("h5py_map_v73.mat", "r+b") as f:
+    f.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + struct.pack("<H2s", 0x0200, b"IM"))
+
+with open("emag2_v3.csv", "w", newline="") as f:
+    # The layout of EMAG2_V3_20170530.csv: cells of 2 minutes, 99999 where unknown.
+    for j in range(ROWS):
+        for i in range(COLUMNS):
+            place = f"{i + 10651},{j + 4231},{355 + (2 * i + 1) / 60:.6f},{51 + (2 * j + 1) / 60:.6f}"
+            v = SOUTH[j, i]
+            known = f"{2 * v:.2f},{v:.2f},7,20" if np.isfinite(v) else "99999.00,99999.00,999,-999"
+            f.write(f"{place},{known}\r\n")
+
+
+def geosoft(name, dtype, sign, dummy, base=0.0, multiplier=1.0, columns=False, blocks=0):
+    """From the description of Geosoft's grid format, version 2; harmonica reads each file (see check_maps.py)."""
+    data = np.where(np.isnan(SOUTH), dummy, (SOUTH - base) * multiplier).astype(dtype)
+    size = data.itemsize + (1024 if blocks else 0)
+    shape = (ROWS, COLUMNS, -1) if columns else (COLUMNS, ROWS, 1)
+    head = struct.pack("<2i3i5d2d", size, sign, *shape, 500.0, 500.0, X[0], Y[0], 0.0, base, multiplier)
+    head = head.ljust(512, b"\0")
+    vectors = data.T if columns else data
+    if not blocks:
+        body = vectors.tobytes()
+    else:
+        parts = [b"\0" * 16 + zlib.compress(part.tobytes()) for part in np.array_split(vectors, blocks)]
+        starts = np.cumsum([512 + 16 + 12 * blocks] + [len(part) for part in parts[:-1]])
+        body = struct.pack("<4i", 1, 2, blocks, -(-len(vectors) // blocks)) + starts.astype("<i8").tobytes()
+        body += np.array([len(part) for part in parts], "<i4").tobytes() + b"".join(parts)
+    open(name, "wb").write(head + body)
+
+
+geosoft("geosoft_float.grd", "<f4", 2, -1e32)
+geosoft("geosoft_short_columns.grd", "<i2", 1, -32767, base=50.0, multiplier=4.0, columns=True)
+geosoft("geosoft_double_blocks.grd", "<f8", 2, -1e32, blocks=2)

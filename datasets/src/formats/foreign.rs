@@ -72,33 +72,12 @@ fn known(head: &FileHead) -> Option<(&'static str, &'static str)> {
         }
         return None;
     }
-    if geosoft(head) {
-        return Some(("a Geosoft binary grid of Oasis montaj", "export it as GXF or ER Mapper"));
-    }
     let raw = ["flt", "bil", "bip", "bsq", "adf"].into_iter();
     let ends = |ending: &str| head.path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
     raw.into_iter().any(ends).then_some((
         "a raw raster, whose layout is in a file next to it",
         "convert it with `gdal_translate` to GeoTIFF",
     ))
-}
-
-/// Whether the first bytes are the header of a Geosoft grid: bytes per element (plus 1024 if compressed), its sign,
-/// counts and ordering, then the geometry in double precision, 512 bytes in total. [Geosoft, GRD file format]
-fn geosoft(head: &FileHead) -> bool {
-    let word = |i: usize| Some(i32::from_le_bytes(head.bytes.get(4 * i..4 * i + 4)?.try_into().ok()?));
-    let real = |i: usize| Some(f64::from_le_bytes(head.bytes.get(20 + 8 * i..28 + 8 * i)?.try_into().ok()?));
-    let found = || {
-        let (size, sign, columns, rows, order) = (word(0)?, word(1)?, word(2)?, word(3)?, word(4)?);
-        let (dx, dy) = (real(0)?, real(1)?);
-        let fits = [1, 2, 4, 8, 1025, 1026, 1028, 1032].contains(&size)
-            && (0..=3).contains(&sign)
-            && columns > 0
-            && rows > 0
-            && order.abs() == 1;
-        Some(fits && dx.is_normal() && dy.is_normal() && dx > 0.0 && dy > 0.0)
-    };
-    found().unwrap_or(false)
 }
 
 /// The error of a file in a known format that magline does not read; `None` for an unknown format.

@@ -14,7 +14,7 @@ fn reference() -> PathBuf {
 }
 
 /// One file of each format and kind of layout.
-const FILES: [&str; 17] = [
+const FILES: [&str; 23] = [
     "gdal.tif",
     "gdal_i16.tif",
     "gdal.nc",
@@ -23,6 +23,12 @@ const FILES: [&str; 17] = [
     "xarray_transposed.nc",
     "gmt_old_pixel.grd",
     "h5py_map.h5",
+    "scipy_map.mat",
+    "scipy_vector.mat",
+    "h5py_map_v73.mat",
+    "geosoft_float.grd",
+    "geosoft_short_columns.grd",
+    "geosoft_double_blocks.grd",
     "gdal_surfer7.grd",
     "gdal_surfer6.grd",
     "gdal_surfer6_text.grd",
@@ -50,7 +56,11 @@ fn outcome(folder: &TempDir, name: &str, bytes: &[u8], what: &str) -> Result<Ano
     let _ = fs::remove_file(&path);
     fs::write(&path, bytes).unwrap();
     // A file whose axes are in degrees contradicts a projected system.
-    let options = if name.contains("xarray") { MapOptions::default() } else { given() };
+    let options = match name {
+        "scipy_vector.mat" => MapOptions { field_component: Some(schemas::map::VectorComponent::Down), ..given() },
+        _ if name.contains("xarray") => MapOptions::default(),
+        _ => given(),
+    };
     let read = catch_unwind(|| read_grid(&path, &options));
     let read = read.unwrap_or_else(|_| panic!("{name}, {what}: panicked"));
     read.map_err(|e| {

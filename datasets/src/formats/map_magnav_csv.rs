@@ -1,26 +1,26 @@
-//! Maps of MagNav.jl as a folder of CSV files: `map.csv` (rows of one latitude each), `xx.csv`
-//! (longitudes), `yy.csv` (latitudes), `alt.csv`; none has a header.
+//! Maps of MagNav.jl as a folder of CSV files without headers: `map.csv` (rows of one latitude each), `xx.csv`,
+//! `yy.csv`, `alt.csv`; the module `map_magnav` describes the arrays.
 
 use std::path::{Path, PathBuf};
 
 use super::{
     FileHead, MapFormat, MapOptions,
     csv::number,
-    map_magnav_hdf5::{NOTE, unknown_where_zero},
+    map_magnav::{self, MagnavArray, MagnavSource},
     text_end,
 };
-use crate::{
-    ReadError,
-    grid::{FileAxis, FileCrs, MapDraft},
-};
+use crate::ReadError;
 use grids::AnomalyGrid;
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "magnav_csv",
-    about: "folder of MagNav.jl: map.csv, xx.csv, yy.csv, alt.csv",
+    about: "folder of MagNav.jl: map.csv, or mapX.csv, mapY.csv, mapZ.csv; xx.csv, yy.csv, alt.csv",
     extensions: &["map.csv"],
     recognise: |head: &FileHead| {
-        folder(head.path).is_some_and(|f| f.join("xx.csv").is_file() && f.join("yy.csv").is_file())
+        folder(head.path).is_some_and(|folder| {
+            let folder = MagnavCsvFolder { folder: &folder };
+            map_magnav::is_map(|name| folder.has(name))
+        })
     },
     companions: None,
     read,
@@ -37,42 +37,33 @@ fn folder(path: &Path) -> Option<PathBuf> {
 
 fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let folder = folder(path).ok_or_else(|| ReadError::options(path, "name the folder or its map.csv"))?;
-    let all = |name: &str| numbers(&folder.join(name));
-    let (lon, lat) = (all("xx.csv")?.concat(), all("yy.csv")?.concat());
-    let rows = all("map.csv")?;
-    let cells = MagnavCsvShape { folder: &folder, n_lat: lat.len(), n_lon: lon.len() };
-    let values = unknown_where_zero(cells.flatten("map.csv", rows)?);
-    let (x, y) = (FileAxis::from_coordinates(path, "lon", &lon)?, FileAxis::from_coordinates(path, "lat", &lat)?);
-    let mut draft = MapDraft::new(path, x, y, values, FileCrs::Degrees);
-    draft.notes.push(NOTE.to_owned());
-    if options.alt_m.is_none() && folder.join("alt.csv").is_file() {
-        match all("alt.csv")?.as_slice() {
-            [row] if row.len() == 1 => draft.level_m = row.first().copied(),
-            rows => draft.heights = Some(cells.flatten("alt.csv", rows.to_vec())?),
-        }
-    }
-    draft.finish(options)
+    map_magnav::read(path, options, &MagnavCsvFolder { folder: &folder }, Vec::new)
 }
 
-struct MagnavCsvShape<'a> {
+struct MagnavCsvFolder<'a> {
     folder: &'a Path,
-    n_lat: usize,
-    n_lon: usize,
 }
 
-impl MagnavCsvShape<'_> {
-    /// The concatenated rows, each with one value per longitude.
-    fn flatten(&self, name: &str, rows: Vec<Vec<f64>>) -> Result<Vec<f64>, ReadError> {
-        let path = self.folder.join(name);
-        if rows.len() != self.n_lat {
-            let what = format!("has {} rows, but yy.csv has {} latitudes", rows.len(), self.n_lat);
-            return Err(ReadError::data(&path, what));
-        }
-        if let Some(row) = rows.iter().position(|r| r.len() != self.n_lon) {
-            let what = format!("the row has {} values, but xx.csv has {} longitudes", rows[row].len(), self.n_lon);
+impl MagnavCsvFolder<'_> {
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name).with_extension("csv")
+    }
+}
+
+impl MagnavSource for MagnavCsvFolder<'_> {
+    fn has(&self, name: &str) -> bool {
+        self.path(name).is_file()
+    }
+
+    fn array(&self, name: &str) -> Result<MagnavArray, ReadError> {
+        let path = self.path(name);
+        let rows = numbers(&path)?;
+        let (n_lat, n_lon) = (rows.len(), rows.first().map_or(0, Vec::len));
+        if let Some(row) = rows.iter().position(|row| row.len() != n_lon) {
+            let what = format!("the row has {} values where the first row has {n_lon}", rows[row].len());
             return Err(ReadError::data(&path, what).in_row(row as u64));
         }
-        Ok(rows.concat())
+        Ok(MagnavArray { shape: Some([n_lon, n_lat]), values: rows.concat() })
     }
 }
 

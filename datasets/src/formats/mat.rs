@@ -13,6 +13,7 @@ use super::{
 };
 use crate::{ReadError, table::ColumnTable};
 
+pub(super) mod map;
 mod tree;
 mod v5;
 mod v73;

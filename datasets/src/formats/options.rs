@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use schemas::{VerbatimText, params, plausible::PlausibilityCheck};
+use schemas::{VerbatimText, map::VectorComponent, params, plausible::PlausibilityCheck};
 
 use super::missing::MissingMarkers;
 use crate::ReadError;
@@ -52,6 +52,9 @@ params! {
     alt_m: Option<f64>, unit "m", default None, absent "read from the file";
     /// Unit of the anomaly. It overrides the file.
     unit: Option<String>, unit "", default None, absent "read from the file, else nT";
+    /// Component of a map of three components, such as MagNav.jl's `EMM720_World.h5`. Its values are not a total-field
+    /// anomaly.
+    field_component: Option<VectorComponent>, unit "", default None, absent "the map holds the total-field anomaly";
     /// Numbers that mark an unknown value, in addition to the markers in the file and the usual markers (the largest
     /// single-precision number, Surfer's blank, Geosoft's -1e32).
     missing: Vec<VerbatimText>, unit "", default Vec::<VerbatimText>::new();

@@ -352,8 +352,8 @@ fn gold_files_of_unknown_format() {
     let map = read_map(&written(&folder, "b.bin", "\0"), &MapOptions::default()).unwrap_err().to_string();
     assert!(
         map.ends_with(
-            "is not in a known map format (known here: parquet, geotiff, magnav_hdf5, netcdf, surfer7, surfer6, surfer6_text, \
-             gxf, er_mapper, esri_ascii, magnav_csv, xyz; choose one with `format`)"
+            "is not in a known map format (known here: parquet, geotiff, magnav_hdf5, magnav_mat, netcdf, surfer7, surfer6, \
+             surfer6_text, geosoft_grd, gxf, er_mapper, esri_ascii, magnav_csv, emag2_csv, xyz; choose one with `format`)"
         ),
         "{map}"
     );

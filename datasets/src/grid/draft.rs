@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use schemas::convert;
+use schemas::{convert, map::VectorComponent};
 
 use super::{
     axis::FileAxis,
@@ -36,6 +36,8 @@ pub(crate) struct MapDraft<'a> {
     pub(crate) level_m: Option<f64>,
     /// The unit of the values, if the file gives it.
     pub(crate) unit: Option<String>,
+    /// The component of the field that the values are; `None` for the total-field anomaly.
+    pub(crate) component: Option<VectorComponent>,
     /// The unit of the coordinates, if the file gives it.
     pub(crate) axis_unit: Option<AxisUnit>,
     pub(crate) system: FileCrs,
@@ -82,6 +84,7 @@ impl<'a> MapDraft<'a> {
             errors: None,
             level_m: None,
             unit: None,
+            component: None,
             axis_unit: None,
             system,
             registration: Registration::Node,
@@ -95,6 +98,7 @@ impl<'a> MapDraft<'a> {
     /// Fails for a unit that is not a unit of the field, or for an unknown coordinate system. Also fails in the cases
     /// of [`AnomalyGrid::new`].
     pub(crate) fn finish(mut self, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
+        self.check_component(options)?;
         let nodes = self.x.len().saturating_mul(self.y.len());
         check_count(self.path, self.values.len(), nodes)?;
         self.unpack()?;
@@ -124,6 +128,22 @@ impl<'a> MapDraft<'a> {
         map.check()?;
         turn(&mut map);
         Ok(map)
+    }
+
+    /// Rejects a component that the file does not hold, and notes the one that it holds.
+    fn check_component(&mut self, options: &MapOptions) -> Result<(), ReadError> {
+        match (self.component, options.field_component) {
+            (None, Some(component)) => {
+                let what = format!("the file holds one map, not components, so `{}` has no meaning", component.word());
+                Err(ReadError::options(self.path, what).help("remove `field_component`"))
+            }
+            (Some(component), _) => {
+                let word = component.word();
+                self.notes.push(format!("the values are the {word} component of the field, not a total-field anomaly"));
+                Ok(())
+            }
+            (None, None) => Ok(()),
+        }
     }
 
     /// The values in their unit, with the side files of the map applied.

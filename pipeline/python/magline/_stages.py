@@ -47,6 +47,7 @@ class StageMethods:
         lines: str | None = None,
         alt_m: float | None = None,
         unit: str | None = None,
+        field_component: Literal["north", "east", "down"] | None = None,
         features: ListLike | None = None,
         where: str | None = None,
         restricted: bool | Sequence[str] | None = None,
@@ -122,6 +123,9 @@ class StageMethods:
         unit : str, optional
             For maps: Unit of the anomaly. It overrides the file. Unset: read from the file, else
             nT.
+        field_component : {"north", "east", "down"}, optional
+            For maps: Component of a map of three components, such as MagNav.jl's `EMM720_World.h5`.
+            Its values are not a total-field anomaly. Unset: the map holds the total-field anomaly.
         features : ListLike, optional
             For models: The columns that the model requires in a line, as the `features` of its fit.
             Default: `["tl"]`.
@@ -1985,6 +1989,7 @@ class StageMethods:
         predicts: Literal["aircraft", "anomaly", "field"] | Axis | None = None,
         without: ListLike | Axis | None = None,
         detrend: bool | Axis | None = None,
+        parts: bool | Axis | None = None,
         allow_truth: bool | Axis | None = None,
         name: str | None = None,
         where: str | None = None,
@@ -2016,7 +2021,15 @@ class StageMethods:
 
         `mag_aircraft_sigma` is the standard deviation of the prediction, from the spread of an
         ensemble. It is null if the model does not provide one. A nonlinear model predicts the
-        constant part if its target includes it. Source: Gnadt 2022, (3.22).
+        constant part if its target includes it.
+
+        `parts` appends the parts of the prediction, before `detrend` and before `igrf` and
+        `diurnal` are added, in nT. `part_linear` is the prediction of the linear terms alone: all
+        of a linear model, and none of `m1`, `m2a`, trees and random features. `part_network` is the
+        rest of the prediction, from the network and constants. For the model 3 family,
+        `part_permanent_x` to `part_eddy_z` are the vectors of the Tolles-Lawson terms in the axes
+        of the vector magnetometer, and `part_network_x` to `part_network_z` the vector of the
+        network, which is 0 except for `m3v` and `m3vc`. These vectors are null for other models.
 
         Parameters
         ----------
@@ -2035,6 +2048,8 @@ class StageMethods:
             as `easting` and `northing`. Default: `[]`.
         detrend : bool, optional
             Leaves the mean of the predicted aircraft field in the signal. Default: `false`.
+        parts : bool, optional
+            Appends the parts of the prediction. Default: `false`.
         allow_truth : bool, optional
             Allows truth columns. Default: `false`.
         name : str, optional
@@ -2051,6 +2066,10 @@ class StageMethods:
         keep : bool, optional
             `false`: results are not stored, but recomputed when required; for tables of flight
             lines with `publish = false` (default: `true`).
+
+        References
+        ----------
+        Gnadt 2022, (3.22).
         """
         return self._stage("compensate", locals())
 

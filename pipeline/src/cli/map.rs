@@ -7,6 +7,7 @@ mod flags;
 mod grid;
 mod info;
 mod plot;
+mod spectrum;
 mod vector;
 
 use std::{
@@ -16,7 +17,7 @@ use std::{
 
 use clap::{Args, Subcommand};
 use datasets::{AnomalyGrid, MapOptions, check_output, read_grid, write_grid};
-use schemas::{Fault, VerbatimText, plausible::PlausibilityCheck};
+use schemas::{Fault, VerbatimText, map::VectorComponent, plausible::PlausibilityCheck};
 
 use super::{ExitReason, note, print_to_stderr, say, threads};
 
@@ -35,6 +36,8 @@ pub enum MapCommand {
     Convert(Box<convert::ConvertArgs>),
     /// Compute the north, east and down components of the anomaly field.
     Vector(vector::VectorArgs),
+    /// Print the power spectral density of a map by wavenumber, as CSV.
+    Spectrum(spectrum::SpectrumArgs),
     /// Draw a map with tracks.
     Plot(plot::PlotArgs),
 }
@@ -54,6 +57,9 @@ pub struct InputArgs {
     /// The unit of the anomaly; overrides the file.
     #[arg(long)]
     unit: Option<String>,
+    /// The component of a map of three components.
+    #[arg(long, value_name = "COMPONENT", value_parser = vector::component())]
+    field_component: Option<VectorComponent>,
     #[command(flatten)]
     doubtful: InvalidValueArgs,
 }
@@ -105,6 +111,7 @@ impl InputArgs {
             epsg: self.epsg,
             alt_m: self.alt,
             unit: self.unit.clone(),
+            field_component: self.field_component,
             missing: self.doubtful.missing(),
             accept: self.doubtful.accept(),
         };
@@ -171,6 +178,7 @@ pub fn run(command: &MapCommand, quiet: bool) -> Result<(), ExitReason> {
         MapCommand::Continue(args) => continuation::run(args),
         MapCommand::Convert(args) => convert::run(args),
         MapCommand::Vector(args) => vector::run(args),
+        MapCommand::Spectrum(args) => spectrum::run(args),
         MapCommand::Plot(args) => plot::run(args),
     }
 }

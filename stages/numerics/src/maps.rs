@@ -15,6 +15,7 @@
 //! | [`magnetic_sources`] | dipoles and rectangular prisms in closed form |
 //! | [`anomaly_retention`] | the fraction of the crustal anomaly that a compensation keeps |
 //! | [`information`] | the Cramér-Rao bound of a position along a line on a map |
+//! | [`power_spectrum`] | the power spectral density of a map by wavenumber |
 //! | [`undersampling`] | the error of a map between its nodes |
 //! | [`crossings`] | the misclosure of a line where its track crosses itself |
 //!
@@ -93,6 +94,7 @@ pub mod magnetic_sources;
 pub mod map_stack;
 pub mod map_surface;
 pub mod plane_grid;
+pub mod power_spectrum;
 pub mod projection;
 pub mod undersampling;
 

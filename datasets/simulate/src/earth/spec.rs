@@ -222,7 +222,7 @@ pub(in super::super) fn earth(root: &SynthSection, folder: &Path, components: &C
 fn map(s: &SynthSection, folder: &Path) -> Option<(PathBuf, MapOptions)> {
     let MapKeys { path, format, epsg, alt_m, unit, missing, accept } = s.group(None)?;
     let epsg = epsg.and_then(|code| u16::try_from(code).ok());
-    Some((folder.join(path), MapOptions { format, epsg, alt_m, unit, missing, accept }))
+    Some((folder.join(path), MapOptions { format, epsg, alt_m, unit, field_component: None, missing, accept }))
 }
 
 fn buried(s: &SynthSection) -> Option<BuriedSource> {

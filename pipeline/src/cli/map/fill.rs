@@ -37,7 +37,8 @@ pub fn run(args: &FillArgs) -> Result<(), ExitReason> {
     args.threads.run(|| {
         let map = args.input.read(&args.map)?;
         // The other maps have the heights and units of their files.
-        let input = InputArgs { format: None, epsg: None, alt: None, unit: None, ..args.input.clone() };
+        let input =
+            InputArgs { format: None, epsg: None, alt: None, unit: None, field_component: None, ..args.input.clone() };
         let other = |path: &PathBuf| Ok((path.display().to_string(), input.read(path)?));
         let others: Vec<(String, AnomalyGrid)> = args.with.iter().map(other).collect::<Result<_, ExitReason>>()?;
         let filled = stage.apply(&map, &others).map_err(|fault| of_file(&args.map, in_flags::<MapFill>(fault)))?;

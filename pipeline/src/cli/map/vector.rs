@@ -44,7 +44,7 @@ pub struct VectorArgs {
 }
 
 /// Parser of a component by its word in a spec.
-fn component() -> impl TypedValueParser<Value = VectorComponent> {
+pub fn component() -> impl TypedValueParser<Value = VectorComponent> {
     let read = |word: String| VectorComponent::read(&Literal::Text(word)).ok_or("it is not a component");
     PossibleValuesParser::new(VectorComponent::WORDS).try_map(read)
 }

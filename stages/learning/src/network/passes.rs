@@ -338,6 +338,17 @@ impl NetworkShape {
         })
     }
 
+    /// Outputs N(x) of the network alone for rows of scaled inputs, row-major, without the linear terms. All are NaN if
+    /// the parameters do not match the shape.
+    pub fn network_outputs(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
+        let outputs = self.outputs();
+        self.by_blocks(parameters, x, a, outputs, |network, buffers, x, a, out| {
+            buffers.forward(network, x, NetworkLinearTerms::Rows(a), false, None);
+            let rows = buffers.layers.last().map_or(&[][..], Vec::as_slice).chunks_exact(padded(outputs));
+            out.chunks_exact_mut(outputs).zip(rows).for_each(|(out, row)| out.copy_from_slice(&row[..outputs]));
+        })
+    }
+
     fn by_blocks(
         &self,
         parameters: &[f64],

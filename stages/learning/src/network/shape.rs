@@ -168,6 +168,14 @@ impl NetworkShape {
         names
     }
 
+    /// Coefficients b of the linear terms, in the scale of the target; empty for a form without them. `parameters` may
+    /// begin with those of memory layers.
+    pub fn linear_coefficients<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
+        let count = if self.form.holds_linear() { self.linear } else { 0 };
+        let end = parameters.len().saturating_sub(usize::from(self.has_constant()));
+        parameters.get(end.saturating_sub(count)..end).unwrap_or_default()
+    }
+
     /// Initial parameters: weights uniform between ±√(6/(inputs + units)) from a seed [Glorot & Bengio 2010], biases 0,
     /// and the given coefficients of the linear terms, in the scale of the target. A missing coefficient is NaN, which
     /// training rejects.

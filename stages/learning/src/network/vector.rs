@@ -106,6 +106,21 @@ impl VectorFrame {
         tolles_lawson_fields(&self.rows(terms, b.len()), b)
     }
 
+    /// Vectors of the permanent, induced and eddy-current field of rows of terms with the coefficients `b`: nine numbers
+    /// per row in the axes of the terms, in the scale of the target. Their sum is the vector v without a network.
+    pub fn vectors(&self, terms: &[f64], b: &[f64]) -> Vec<[f64; 9]> {
+        let coefficients = VectorCoefficients::new(b);
+        let times = |m: &[[f64; 3]; 3], x: [f64; 3]| m.map(|row| dot(&row, &x));
+        let of = |row: &[f64; ROW]| {
+            let [.., hx, hy, hz, dx, dy, dz] = *row;
+            let induced = times(&coefficients.induced, [hx, hy, hz]);
+            let eddy = times(&coefficients.eddy, [dx, dy, dz]);
+            let [p, m, e] = [coefficients.permanent, induced, eddy];
+            [p[0], p[1], p[2], m[0], m[1], m[2], e[0], e[1], e[2]]
+        };
+        self.rows(terms, b.len()).as_chunks::<ROW>().0.iter().map(of).collect()
+    }
+
     /// Mean magnitude of the field of some rows of terms, in nT. NaN without rows.
     pub fn mean_field_nt(&self, terms: &[f64], width: usize) -> f64 {
         let projection = Self { coupling: FieldCoupling::Projection, ..*self };
