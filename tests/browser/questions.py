@@ -116,7 +116,7 @@ def origin(page, do):
 
 
 QUESTIONS = [
-    ("How good is the best point, against the INS alone?", best),
+    ("How good is the best point compared with the INS alone?", best),
     ("Which lambda is best, and is it at the end of its axis?", best_lambda),
     ("Which line is worst for magnetometer 4, and what happened there?", worst_line),
     ("Where is the position error largest in this line, in time and on the map?", largest_error),
