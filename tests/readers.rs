@@ -373,7 +373,7 @@ fn user_a_csv_cut_inside_its_last_number_is_reported() {
     fs::write(bench.path("logs/1.csv"), whole.rsplit_once(',').unwrap().0).unwrap();
     let done = bench.run(&[]);
     assert_eq!((done.code, done.computed("even")), (1, 0), "{}", done.last);
-    assert!(failures(&bench)[0].1.contains("where the file ends without a newline: it is cut short"));
+    assert!(failures(&bench)[0].1.contains("of the file is cut short: the file ends there without a newline"));
 }
 
 #[test]

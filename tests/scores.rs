@@ -260,7 +260,7 @@ fn user_a_summary_pools_held_out_lines_and_flags_in_sample_lines() {
     assert!(!marks("together").is_empty() && marks("together").iter().all(|seen| !seen));
     assert!(!marks("held_out").is_empty() && marks("held_out").iter().all(|seen| !seen));
     assert!(!marks("fitted").is_empty() && marks("fitted").iter().all(|seen| *seen));
-    assert!(!err.contains("lines in sample with"), "{err}");
+    assert!(!err.contains("in-sample lines with"), "{err}");
     // The summary and the pooled scores show the same number.
     for (metric, value) in metrics(&bench, "scores_pooled").into_iter().filter(|(_, value)| value.is_finite()) {
         let summary = of("together", &metric, "value");

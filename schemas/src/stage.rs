@@ -122,8 +122,7 @@ pub trait LineStage: Stage {
     /// Fails for a line that cannot be computed; the other lines are still computed.
     fn run(&self, line: &LineInput, prepared: &Self::Prepared) -> LineOutput;
 
-    /// Same as [`LineStage::run`], for several points of a sweep over one line, for a stage that shares work between
-    /// them.
+    /// Runs several points of a sweep over one line, for stages that share work between points.
     ///
     /// All points belong to the same flight and line, in the order of the plan. Each has the columns that it declared,
     /// so columns may differ. Returns one result per point, in order, bit-identical to [`LineStage::run`]: a result

@@ -19,7 +19,7 @@ stage! {
     /// `savitzky_golay` is the slope of the least-squares polynomial over a window. It amplifies noise less than
     /// `central`: by a factor of 0.32 per step with the default window and degree, compared with 0.71.
     ///
-    /// Changes of angles (unit deg) are taken along the shorter arc. A missing value or a gap in time ends a run. A run
+    /// Changes in angle (unit deg) are taken along the shorter arc. A missing value or a gap in time ends a run. A run
     /// that is too short for the method is NaN. Samples must be evenly spaced. The unit is the column's unit per
     /// second.
     ///

@@ -22,7 +22,7 @@ stage! {
     /// are not available. A missing value (NaN) is NULL in an expression. Arithmetic with it gives a missing value, and
     /// a comparison with it is unknown. `coalesce` and `is null` detect it. An infinite result, such as 1/0, is
     /// missing. A line fails if SQL rejects a value, such as the square root of a negative number. Division is real,
-    /// also between integers. `greatest` and `least` return a missing value if an argument is missing.
+    /// also between integers. `greatest` and `least` return a missing value if any argument is missing.
     ///
     /// The unit is inferred for sums, differences, clips, choices and multiples of columns of one unit, and for ratios
     /// of equal units. Otherwise set it in `units`. Sums and comparisons of columns with different units are rejected.
@@ -54,10 +54,10 @@ impl Derive {
             kind if kind.is_numeric() => Ok(expression),
             DataType::Boolean => {
                 let fault =
-                    Fault::new(format!("the expression of `{name}` is true or false, but a column must hold numbers"));
+                    Fault::new(format!("the expression for `{name}` gives true or false, but a column holds numbers"));
                 Err(fault.help("write `case when ... then 1 else 0 end`"))
             }
-            kind => Err(Fault::new(format!("the expression of `{name}` gives {kind}, but a column must hold numbers"))),
+            kind => Err(Fault::new(format!("the expression for `{name}` gives {kind}, but a column holds numbers"))),
         }
     }
 

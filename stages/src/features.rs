@@ -49,8 +49,8 @@ stage! {
     /// Differences, lags and filters stay within a run of samples without gaps. A feature is NaN where it cannot be
     /// computed, and `fit` omits that row. Truth columns and features with missing inputs are rejected.
     ///
-    /// Source: Gnadt 2022, section 4.8 and appendix C; van der Meer 2025, sections 2.2.2 and 2.3; Lee 2019, appendix B;
-    /// names of MagNav.jl.
+    /// Source: Gnadt 2022, section 4.8 and appendix C; van der Meer 2025, sections 2.2.2 and 2.3; Lee 2019, appendix B.
+    /// Names follow MagNav.jl.
     Features = "features", version 3, grain Line, inputs [input: Lines],
     example r#"
 [[stages]]

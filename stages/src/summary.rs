@@ -29,9 +29,9 @@ stage! {
     /// consists of percentiles over `draws` resamples of lines with replacement. Whole lines are resampled because the
     /// errors within a line are correlated. A single line has no interval (null).
     ///
-    /// Each metric is pooled over the held-out lines. If no held-out line has a value, it is pooled over the lines in
-    /// sample, and `in_sample` is true. A line is in sample if it was used to make a model, noise or map behind its
-    /// scores, or to choose a parameter in a search. The table `scores_pooled` also pools the lines in sample if other
+    /// Each metric is pooled over the held-out lines. If no held-out line has a value, it is pooled over the in-sample
+    /// lines, and `in_sample` is true. A line is in sample if it was used to make a model, noise or map behind its
+    /// scores, or to choose a parameter in a search. The table `scores_pooled` also pools the in-sample lines if other
     /// lines exist.
     ///
     /// `train` lists the lines to which the model was fitted, and adds the metric `overfitting_ratio`. It is the pooled

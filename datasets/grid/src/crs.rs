@@ -130,7 +130,7 @@ fn refusal(code: u16, proj4: &str, wkt: &str) -> Option<&'static str> {
         return Some("its axes or units are not defined exactly");
     }
     if value("+proj") == Some("longlat") && !wkt.contains("UNIT[\"degree\"") {
-        return Some("its angles are not degrees");
+        return Some("its angles are not in degrees");
     }
     (!shifted && !modern && !sphere).then_some("the transformation from its datum to WGS-84 is unknown")
 }

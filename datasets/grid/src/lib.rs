@@ -41,7 +41,7 @@ pub struct MapTable {
 }
 
 impl MapTable {
-    /// The table of a map in degrees of WGS-84.
+    /// Converts a map in WGS-84 degrees to a table.
     pub(crate) fn from_grid(map: &AnomalyGrid) -> Result<MapTable, ReadError> {
         map.check()?;
         map.check_anomaly()?;

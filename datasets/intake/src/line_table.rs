@@ -25,7 +25,7 @@ struct LineTimes {
     end_s: f64,
 }
 
-/// Division of flights into lines that replaces the lines of the files.
+/// Division of flights into lines, used instead of the lines in the files.
 #[derive(Clone, Debug)]
 pub enum FlightDivision {
     /// A table of times.

@@ -27,7 +27,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     made_from: None,
 };
 
-/// Markers of missing or unobserved values, in the digits of the file.
+/// Markers of missing or unobserved values, exactly as written in the file.
 const MISSING: [f64; 4] = [999_999.0, 9_999_999.0, 888_888.0, 8_888_888.0];
 const MONTHS: [&str; 12] = ["JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC"];
 const LINES_A_BLOCK: usize = 30;

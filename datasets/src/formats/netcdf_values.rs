@@ -105,7 +105,7 @@ impl NetcdfEncoding {
         Ok(NetcdfEncoding { kind, modulus, missing, valid, valid_unpacked, packing })
     }
 
-    /// The numbers of a coordinate variable with their sign, without missing values.
+    /// Returns the unpacked values of a coordinate variable, with the correct sign. Missing values are not detected.
     pub(super) fn unpacked(&self, values: impl Iterator<Item = f64>) -> Vec<f64> {
         let [scale, offset] = self.packing;
         values.map(|v| self.signed(v) * scale + offset).collect()

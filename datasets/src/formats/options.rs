@@ -20,7 +20,7 @@ params! {
     rename: BTreeMap<String, String>, unit "", default BTreeMap::new();
     /// Units of columns, by their names in the file. They override names and metadata.
     units: BTreeMap<String, String>, unit "", default BTreeMap::new();
-    /// Further strings and numbers that mark a missing value, besides `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an
+    /// Strings and numbers that mark a missing value, in addition to `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an
     /// empty cell, -99999 and Geosoft's -1e32.
     missing: Vec<VerbatimText>, unit "", default Vec::<VerbatimText>::new();
     /// Flight identifier, for files without one.

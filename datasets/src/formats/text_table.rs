@@ -232,7 +232,7 @@ pub(super) fn lower(name: &str) -> String {
     name.trim().trim_matches('"').to_ascii_lowercase()
 }
 
-/// The first characters of comments.
+/// Characters that begin a comment line.
 const MARKS: [char; 5] = ['#', '/', '!', '%', '>'];
 
 /// The words of a line.

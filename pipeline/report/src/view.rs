@@ -192,8 +192,8 @@ impl StoreView {
     }
 
     /// The query for the download of a table with lists of varying length; `None` for other tables, which
-    /// `magline export` writes. A CSV file omits these lists, and a Parquet file keeps them, which an export stores as
-    /// strings.
+    /// `magline export` writes. A CSV download omits these lists and a Parquet download keeps them. An export stores
+    /// them as strings.
     ///
     /// # Errors
     /// Fails if there is no such table, or the store is damaged.

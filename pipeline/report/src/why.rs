@@ -89,9 +89,9 @@ fn sources(graph: &PlanGraph, t: usize, before: &results::Snapshot) -> Vec<Strin
                 for record in graph.records[i].values() {
                     let line = format!("{}/{}", record.flight, record.line);
                     match old.get(&line) {
-                        None => reasons.push(format!("{name}: the line {line} is new")),
+                        None => reasons.push(format!("{name}: line {line} is new")),
                         Some(key) if *key != record.object.to_string() => {
-                            reasons.push(format!("{name}: the line {line} has changed"))
+                            reasons.push(format!("{name}: line {line} has changed"))
                         }
                         Some(_) => {}
                     }

@@ -178,7 +178,7 @@ pub const COLUMNS: [(&str, &str); 11] = [
         "in_sample",
         "true if every line of `value` is in sample: used by a model, noise or map, or to choose a parameter",
     ),
-    ("value_in_sample", "pooled over the lines in sample; null if there are none"),
+    ("value_in_sample", "pooled over the in-sample lines; null if there are none"),
     ("n_in_sample", "number of samples or pairs that `value_in_sample` is computed from"),
     ("lines_in_sample", "number of lines that `value_in_sample` is computed from"),
     ("pooled_as", "the rule that pools the values of several lines"),
@@ -296,7 +296,7 @@ pub fn mixed(graph: &PlanGraph) -> Result<Vec<String>, Fault> {
         let most = graph.units(t).map(|unit| in_sample.lines(unit)).filter(|(seen, all)| 0 < *seen && seen < all).max();
         if let Some((seen, all)) = most {
             notes.push(format!(
-                "`{}` pools {seen} lines in sample with {} other lines, so its column `in_sample` is true. Select \
+                "`{}` pools {seen} in-sample lines with {} other lines, so its column `in_sample` is true. Select \
                  lines with a `where` on `line`; `{TABLE}` pools the two groups separately",
                 node.name,
                 all - seen

@@ -144,7 +144,7 @@ fn in_sample_legend(scores: &Scores) -> String {
         "~ in sample: the lines were used by a model, noise or map, or to choose a parameter; never best\n".to_owned();
     if scores.in_sample.iter().any(|row| row.lines > 0 && row.held_out > 0) {
         out.push_str(
-            "values are of held-out lines; for lines in sample see `value_in_sample` of the table `scores_pooled`\n",
+            "values are of held-out lines; for in-sample lines see `value_in_sample` of the table `scores_pooled`\n",
         );
     }
     let in_sample = |r: usize, m: usize| scores.value(r, m).is_none() || scores.is_in_sample(r, m);

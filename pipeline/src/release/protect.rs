@@ -24,9 +24,9 @@ use super::{
 const IDENTIFIERS: [&str; 2] = ["flight", "line"];
 
 /// Remedy when restricted data would be published.
-const HELP: &str = "publish tables that are not made from restricted columns row by row, such as scores and models; \
-                    or use `--include-restricted` if you have the right to publish them, and the published set will \
-                    state the restrictions";
+const HELP: &str = "publish only tables that do not carry restricted columns row by row, for example scores or models; \
+                    or, if you have the right to publish the restricted columns, use `--include-restricted`: the \
+                    published set then states the restrictions";
 
 /// Column of a table: names of table and column.
 pub type LineageColumn = (String, String);

@@ -303,7 +303,7 @@ pub fn of_pooled(graph: &PlanGraph, version: &Version, root: &Path) -> Result<Re
     let schema = parts.schema.clone();
     let mut files = TableFileWriter::new(root, &schema, axes.clone());
     files.write(format!("data/{}/part-0.parquet", pooled::TABLE), None, pieces.iter().map(|p| parts.rows(p)))?;
-    let description = "Scores pooled over the lines of each point. Lines in sample are pooled separately.".to_owned();
+    let description = "Scores pooled over the lines of each point. In-sample lines are pooled separately.".to_owned();
     Ok(ReleaseTable { description, ..files.table(pooled::TABLE, "scores", &axes, false) })
 }
 

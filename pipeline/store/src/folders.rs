@@ -1,4 +1,4 @@
-//! Folders and files of a store on the disk.
+//! Folders and files of a store on disk.
 
 use std::{
     fs::{self, File},

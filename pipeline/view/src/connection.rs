@@ -47,9 +47,9 @@ use crate::{
 const HEAD: Duration = Duration::from_secs(15);
 /// Time that a client has to read the next part of an answer.
 const READS: Duration = Duration::from_secs(30);
-/// Time limit of an answer.
+/// Time limit for an answer.
 const ANSWERS: Duration = Duration::from_secs(30);
-/// Time limit of a download before its first byte.
+/// Time limit for the first byte of a download.
 const DOWNLOADS: Duration = Duration::from_secs(600);
 /// Interval of checks whether the file of a download is complete.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);

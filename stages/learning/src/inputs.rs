@@ -40,7 +40,7 @@ pub enum InputScalingError {
         column: usize,
     },
     /// Columns are constant.
-    #[error("input columns {columns:?} (from 0) are constant; remove them")]
+    #[error("input columns {columns:?} (counted from 0) are constant; remove them")]
     Constant {
         /// The columns, from 0.
         columns: Vec<usize>,

@@ -61,7 +61,7 @@ pub struct BoostingSettings {
     pub subsample: f64,
     /// The seed of the draws.
     pub seed: u64,
-    /// Number of trees without a smaller validation loss after which training ends.
+    /// Training stops after this many trees without an improvement in the validation loss.
     pub patience: Option<usize>,
 }
 

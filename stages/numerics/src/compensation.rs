@@ -32,7 +32,7 @@
 //! induced field is the sum b_xy + b_yx, because a scalar magnetometer cannot separate the two. The band-pass removes
 //! the slowly varying part of the earth's field B_e.
 //!
-//! Differences from the printed equations: Gnadt 2022 (3.20) omits s, but its Tables 3.1 and 3.2 and its ridge
+//! Differences from the published equations: Gnadt 2022 (3.20) omits s, but its Tables 3.1 and 3.2 and its ridge
 //! parameter of 0.025 include it. In its (3.16) and (3.19) the dots of the eddy terms are missing or misplaced: the
 //! terms contain the rate of the vector, not |B| times the rate of the unit vector.
 //!

@@ -43,7 +43,7 @@
 //! B = µ₀/4π (3 (m·r̂) r̂ − m)/r³,      ΔT = f·B ≈ |B₀ + B| − |B₀|
 //! ```
 //!
-//! Minimum curvature under the tension T solves, away from the data [Briggs 1974; Smith & Wessel 1990]
+//! Away from the data, minimum curvature with tension T solves [Briggs 1974; Smith & Wessel 1990]
 //!
 //! ```text
 //! (1 − T) ∇²(∇²u) − T ∇²u = 0

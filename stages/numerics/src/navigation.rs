@@ -61,7 +61,7 @@
 //! x ← Φ x,                   P ← Φ P Φᵀ + Q_d,      Q_d = ∫₀^Δt e^(F s) Q e^(Fᵀ s) ds
 //! ```
 //!
-//! Differences from the printed equations: Gnadt 2022 (5.37) omits the element 1 for S in H. Its (5.35) is a spectral
+//! Differences from the published equations: Gnadt 2022 (5.37) omits the element 1 for S in H. Its (5.35) is a spectral
 //! density, which must be integrated over a step ([`NoiseDiscretisation`]). A measurement with a constant offset beyond
 //! the range of S requires [`EkfParameters::offset_window_s`].
 //!

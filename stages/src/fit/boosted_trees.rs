@@ -19,7 +19,7 @@ const KEPT_EVERY_S: f64 = 1.0;
 const OVERFITS: f64 = 4.0;
 
 model! {
-    /// Gradient-boosted regression trees of the features, on histograms of 256 bins, with squared loss. They accept
+    /// Gradient-boosted regression trees on the features, using 256-bin histograms and the squared loss. They accept
     /// columns of any scale, require little tuning, and are a good baseline for networks. Their prediction is constant
     /// outside the range of the training data, so it does not follow drifts or attitudes outside this range.
     ///
@@ -47,7 +47,7 @@ model! {
     /// Lines (`1003.08` or `1003/1003.08`) or whole flights reserved for validation. The number of trees with the
     /// smallest validation loss is used.
     validation: Vec<String>, unit "", default Vec::<String>::new();
-    /// Number of trees without a smaller validation loss after which training ends.
+    /// Training stops after this many trees without an improvement in the validation loss.
     patience: Option<usize>, unit "1", absent "training builds all trees", rule Rule::Positive;
     /// Seed of the subsample of each tree.
     seed: usize, unit "", default 0usize;

@@ -151,7 +151,7 @@ impl FitAggregator {
         }
         let task = |&place: &usize| {
             let point = &self.points[place];
-            let model = point.model.network().ok_or_else(|| Fault::bug("a model learns with networks and is none"))?;
+            let model = point.model.network().ok_or_else(|| Fault::bug("models trained together must be networks"))?;
             let start = self.starts[place].as_ref().map_err(Clone::clone)?.as_ref().map(|start| &start.model);
             Ok(TrainingTask { model, settings: &point.settings, start, inputs, work: work(place) })
         };

@@ -31,7 +31,7 @@ params! {
     gnss_alt_sigma_m: f64, unit "m", default 5.0, rule Rule::Positive;
     /// Adds white noise with these standard deviations to the positions. It is reproducible for each line. Without it,
     /// simulated positions are exact, and the filter appears more accurate than it would be with real GNSS.
-    gnss_noise: Option<bool>, unit "", absent "true if `gnss` names columns of the role truth";
+    gnss_noise: Option<bool>, unit "", absent "true if `gnss` names columns whose role is `truth`";
     /// Compares each GNSS position with the INS, by a chi-square test of this position and by a cumulative sum over
     /// earlier positions. Rejected positions are not used. A jump is detected at once. A drift of 1 m/s is detected
     /// after about 10 s; all positions since its start are then rejected. Positions are accepted again after ten

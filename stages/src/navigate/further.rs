@@ -37,10 +37,10 @@ params! {
     /// Time constant of the slowly varying error of the difference.
     gradient_bias_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
     /// Standard deviation of the error of the map's slope along the line between the magnetometers. Multiplied by the
-    /// baseline, it is an error of the difference. Like the map's anomalies, it is correlated along the track. `"auto"`
-    /// uses the maximum-likelihood value from the innovations of the difference. This value also reveals maps made from
-    /// sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the error increases by the
-    /// vertical baseline times the rms slope.
+    /// baseline, it gives an error in the difference. Like the map's anomalies, it is correlated along the track.
+    /// `"auto"` uses the maximum-likelihood value from the innovations of the difference. This value also reveals maps
+    /// made from sparse lines. For a map without a vertical slope (one height, no `map_levels_m`), the error increases
+    /// by the vertical baseline times the rms slope.
     gradient_slope_sigma: NumberOrAuto, unit "nT/m", default NumberOrAuto::Auto, rule Rule::NotNegative;
     /// Uses `mag` for the measurement update too. `false` uses only the difference and the vector, for example in a
     /// magnetic storm.
@@ -57,8 +57,8 @@ params! {
     /// Standard deviation of the part of each crustal-field component that a map of the scalar anomaly does not
     /// determine. A typical value is the standard deviation of the anomaly.
     vector_crustal_sigma_nt: f64, unit "nT", default 50.0, rule Rule::NotNegative;
-    /// Correlation length of the part of the crustal field that `vector_crustal_sigma_nt` describes; typically the
-    /// height above the sources.
+    /// Correlation length of the part of the crustal field whose standard deviation is `vector_crustal_sigma_nt`;
+    /// typically the height above the sources.
     vector_crustal_length_m: f64, unit "m", default 1000.0, rule Rule::Positive;
     /// Column of measured heights above the ellipsoid, such as `baro`, from a barometer that does not already aid the
     /// INS.
@@ -90,8 +90,8 @@ params! {
         absent "the height is assumed to be exact; `tuning = \"auto\"` sets 50 if the levels of the map contain the \
             bias and it clearly increases the likelihood",
         rule Rule::NotNegative;
-    /// Standard deviation of the change of the aircraft's permanent field since its calibration, for each component
-    /// (nose, right, down). The three components are further states. Their effect on the scalar field follows from the
+    /// Standard deviation of the change in the aircraft's permanent field since calibration, per component (nose,
+    /// right, down). The three components are further states. Their effect on the scalar field follows from the
     /// attitude and the core field. A constant offset of 100 nT (standard deviation) is a fourth state. Requires
     /// `core_field`. 0 omits these states. Available in `ekf`, `iekf` and `ukf`.
     permanent_change_sigma_nt: Option<f64>, unit "nT",
@@ -102,9 +102,9 @@ params! {
     permanent_change_tau_s: Option<f64>, unit "s",
         absent "maximum likelihood with `tuning = \"auto\"`, otherwise the change is constant along the line",
         rule Rule::Positive;
-    /// Largest ratio of the measurement's standard deviation to the map's horizontal slope. Above this limit the map is
-    /// too flat to observe the position. The sample is then `flat`: it corrects only the temporal variation and the map
-    /// error. Appends `map_slope`.
+    /// Upper limit on the ratio of the measurement's standard deviation to the map's horizontal slope. Above this limit
+    /// the map is too flat to observe the position. The sample is then `flat`: it corrects only the temporal variation
+    /// and the map error. Appends `map_slope`.
     flat_over_m: Option<f64>, unit "m", absent "all samples correct the position", rule Rule::Positive;
 }
 

@@ -32,7 +32,8 @@ params! {
     /// Axis of the scalar sensor in the frame of the vector magnetometer: nose, right, down.
     sensor_axis: [f64; 3], unit "1", default [1.0, 0.0, 0.0], rule Rule::Finite;
     /// Dead zones of the sensor. The noise is `measurement_sigma_nt` at the largest amplitude of the sensor's signal,
-    /// and inversely proportional to the amplitude. A sample below a tenth of the largest amplitude has no measurement.
+    /// and inversely proportional to the amplitude. A sample whose amplitude is below a tenth of the largest gives no
+    /// measurement.
     dead_zones: DeadZones, unit "", default DeadZones::None;
 }
 

@@ -39,8 +39,8 @@ filter! {
     /// that is also marginalised over the linear states. The same seed gives bit-identical results on any number of
     /// threads.
     Mpf = "mpf", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "particles = 2000";
-    /// Number of particles: 1000 for an INS position error of hundreds of metres; 10,000 for an error of kilometres or
-    /// with a measurement as precise as `gradient`.
+    /// Number of particles: 1000 if the INS position is known to within hundreds of metres; 10,000 if it is off by
+    /// kilometres, or if a measurement is as precise as `gradient`.
     particles: Option<usize>, unit "1",
         absent "from 1000 to 50,000, by KLD-sampling (Fox 2003) over squares of side `smooth_over_m`; appends \
             `particles`",

@@ -17,11 +17,11 @@ filter! {
     /// Use it if the initial position is known only to kilometres. A Kalman filter may then diverge unnoticed, and
     /// particles along the whole line take seventy times as long.
     ///
-    /// The Kalman filter takes over when two conditions hold for 60 s. The first is that one mode has at least the
-    /// weight `hand_over_weight`. The second is that the linearisation error of the map within the covariance of this
-    /// mode is below the white noise (median over the next minute of the path). Its initial state and covariance are
-    /// the mean and covariance of the mode. From then on `particles` is 0 and `n_eff` is NaN. If the conditions never
-    /// hold on a line, all samples come from `mpf`.
+    /// The Kalman filter takes over when two conditions hold for 60 s. First, one mode must have at least the weight
+    /// `hand_over_weight`. Second, the map's linearisation error over the spread of this mode (median over the next
+    /// minute of the path) must be smaller than the white noise. Its initial state and covariance are the mean and
+    /// covariance of the mode. From then on `particles` is 0 and `n_eff` is NaN. If the conditions never hold on a
+    /// line, all samples come from `mpf`.
     ///
     /// With `tuning = "auto"` and a wide start, the noise is estimated in three steps. Particles with an assumed slow
     /// error of 30 nT locate the aircraft. The INS is corrected by this position and velocity. The likelihood of the

@@ -86,14 +86,14 @@ filter! {
     /// samples lie within this radius.
     trigger_radius_m: Option<f64>, unit "m",
         absent "18 m, or 1.6 times the distance between samples", rule Rule::Positive;
-    /// A sample is a revisit if more than this number of earlier samples lie within `trigger_radius_m`.
+    /// A revisit is declared when more than this number of earlier samples lie within `trigger_radius_m`.
     trigger_points: usize, unit "1", default 2usize;
     /// Radius within which earlier samples are used for a prediction.
     interpolation_radius_m: Option<f64>, unit "m",
         absent "half the correlation length, at most 0.4 of the distance flown in `ignore_s`", rule Rule::Positive;
     /// Maximum height difference of earlier samples. Smaller differences increase the variance of these samples.
     max_height_difference_m: f64, unit "m", default 100.0, rule Rule::NotNegative;
-    /// Standard deviation of a prediction by inverse distance.
+    /// Standard deviation of an inverse-distance-weighted prediction.
     interpolant_sigma_nt: f64, unit "nT", default 10.0, rule Rule::Positive;
     /// Effective number of particles, as a fraction of their number, below which the particles are resampled.
     resample_below: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);

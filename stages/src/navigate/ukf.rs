@@ -27,9 +27,9 @@ filter! {
     Ukf = "ukf", version 2, groups [aiding: Aiding, further: AuxiliaryMeasurements], example "kappa = 0.0";
     /// Scale factor of the distance of the outer points from the centre.
     alpha: f64, unit "1", default 1.0, rule Rule::Positive;
-    /// Additional weight of the centre in the variance, compared with the mean; at least -alpha² kappa/3. Averaged over
-    /// directions, the variance computed for the nonlinearity of the field is (5 + 4 beta)/8 of the true variance. The
-    /// filter is therefore cautious with a beta of 2.
+    /// Parameter of the central sigma point, whose weight in the covariance exceeds its weight in the mean by 1 -
+    /// alpha² + beta; at least -alpha² kappa/3. Averaged over directions, the variance computed for the nonlinearity of
+    /// the field is (5 + 4 beta)/8 of the true variance. The filter is therefore cautious with a beta of 2.
     beta: f64, unit "1", default 2.0, rule Rule::Finite;
     /// Parameter of the outer points, which are alpha sqrt(3 + kappa) standard deviations from the centre; above -3.
     /// With 0 the gain is exact to the fourth moment of a normal distribution.

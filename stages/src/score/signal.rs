@@ -50,8 +50,8 @@ metric! {
 }
 
 metric! {
-    /// `std_uncompensated` divided by the same quantity of the compensated signal; above 1, compensation reduces the
-    /// error
+    /// `std_uncompensated` divided by the same quantity for the compensated signal; a value above 1 means that
+    /// compensation reduces the error
     IMPROVEMENT_RATIO = "improvement_ratio", unit "1", pool Mean, better Higher,
     shown MetricDisplay::column(30, 90).rank(40), needs [Signal, Aircraft], uses [Truth];
     |line| line.signals().map(|s| statistics::improvement_ratio(&s.before_nt, &s.after_nt))

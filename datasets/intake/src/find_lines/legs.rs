@@ -9,7 +9,7 @@ use super::motion::{FlightMotion, RATE_HZ, runs};
 /// Minimum rate of a turn: a share of the flight's typical turn rate, within limits in degrees per second.
 const PART: f64 = 0.25;
 const LIMITS_DPS: (f64, f64) = (0.3, 3.0);
-/// Minimum change of the course by a turn, in degrees; the yaw manoeuvres of a calibration stay below this change.
+/// Minimum course change that counts as a turn, in degrees; the yaw manoeuvres of a calibration stay below this change.
 const LEAST_DEG: f64 = 20.0;
 /// Maximum duration of an interruption of a turn by a lower turn rate, in seconds.
 const LULL_S: f64 = 3.0;

@@ -166,7 +166,8 @@ impl MappingBinding {
     pub fn kept(&self, batch: &RecordBatch) -> Result<Option<Vec<bool>>, Fault> {
         let Some(sql) = &self.rows else { return Ok(None) };
         let mask = sql.evaluate(batch)?;
-        let mask: &BooleanArray = mask.as_boolean_opt().ok_or_else(|| Fault::bug("`rows` gave no Boolean values"))?;
+        let mask: &BooleanArray =
+            mask.as_boolean_opt().ok_or_else(|| Fault::bug("`rows` did not evaluate to Boolean values"))?;
         Ok(Some(mask.iter().map(|x| x.unwrap_or(false)).collect()))
     }
 }

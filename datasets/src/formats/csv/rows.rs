@@ -98,7 +98,7 @@ impl CsvRowFault {
         match &self.what {
             CsvFaultKind::Ragged(n) => ragged(*n).help(format!("line {line} of the file")),
             CsvFaultKind::Cut(n) => ragged(*n)
-                .help(format!("line {line} of the file, where the file ends without a newline: it is cut short")),
+                .help(format!("line {line} of the file is cut short: the file ends there without a newline")),
             CsvFaultKind::OtherHeader => {
                 let what = "the row looks like another header: the file contains several tables, one after another";
                 of_row(what.to_owned()).help(format!("line {line} of the file; put each table into a file"))

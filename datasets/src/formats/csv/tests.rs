@@ -158,7 +158,7 @@ fn plainly(path: &Path, options: &FlightOptions) -> CsvReadResult {
         let fault_text = |what: String| format!("{}, row {row}: {what}", path.display());
         if record.len() != names.len() {
             let cut = if !ends && record.position().map(csv::Position::byte) == last_at {
-                ", where the file ends without a newline: it is cut short"
+                " is cut short: the file ends there without a newline"
             } else {
                 ""
             };

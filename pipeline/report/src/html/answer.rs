@@ -103,7 +103,7 @@ pub fn with_unit(value: Option<f64>, unit: &str) -> String {
 fn place(held_out: usize, all: usize) -> String {
     match (held_out, all) {
         (0, 1) => ", on one line in sample".to_owned(),
-        (0, n) => format!(", over {n} lines in sample"),
+        (0, n) => format!(", over {n} in-sample lines"),
         (1, _) => ", on one held-out line".to_owned(),
         (n, _) => format!(", over {n} held-out lines"),
     }

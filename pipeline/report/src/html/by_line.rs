@@ -260,7 +260,7 @@ impl LineScoreTable {
             words.push(what.to_owned());
         }
         if self.columns.iter().any(|c| seen(c) && !c.in_sample) {
-            words.push("Lines in sample are pooled only if there are no other lines.".to_owned());
+            words.push("In-sample lines are pooled only if there are no other lines.".to_owned());
         }
         if self.columns.iter().flat_map(|c| &c.cells).any(|c| c.value.is_none()) {
             words.push("Lines without a value are not pooled.".to_owned());

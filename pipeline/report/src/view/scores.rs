@@ -26,7 +26,7 @@ use crate::html::{LineScores, MoreScores, ScoreBoard, score_block, score_rows};
 const BUDGET: usize = 120_000_000;
 /// Maximum number of rows of a table of scores whose lines are read.
 const MOST_ROWS: usize = 4_000_000;
-/// Maximum size of all cached answers, in bytes.
+/// Maximum total size of all cached answers, in bytes.
 const HELD_BYTES: usize = 96 << 20;
 
 /// Cached answers: table, version and block.

@@ -175,7 +175,7 @@ impl Drop for CancellationGuard {
 async fn computed(rows: RecordBatch, version: String) -> Result<RecordBatch> {
     let Some(compute) = COMPUTE.get() else { return exec_err!("this process computes no tasks") };
     let Some(tasks) = TaskMessage::read(&rows) else {
-        return exec_err!("the dispatched rows are not tasks of magline");
+        return exec_err!("the dispatched rows are not magline tasks");
     };
     let leash = ProcessStopHandle::default();
     let mut tether = CancellationGuard(Some(leash.clone()));

@@ -69,7 +69,10 @@ pub enum StackError {
         maps: usize,
     },
     /// The heights do not ascend or are not finite.
-    #[error("the heights of the stack must be finite and ascend, but level {level} is at {alt_m} m after {before_m} m")]
+    #[error(
+        "the heights of the stack must be finite and ascending, but level {level} is at {alt_m} m and the level \
+         before it at {before_m} m"
+    )]
     Heights {
         /// The level, from 0.
         level: usize,
@@ -346,7 +349,7 @@ fn known_values(heights_m: &[f64], maps: &[GeographicGrid]) -> Result<Vec<Vec<f6
 /// A field over an area: any kind of map.
 #[derive(Clone, Debug)]
 pub enum FieldMap {
-    /// A map of one height.
+    /// A map at a single height.
     Flat(MapSurface),
     /// Maps at several heights.
     Stack(MapStack),

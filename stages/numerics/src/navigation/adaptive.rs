@@ -11,8 +11,8 @@
 //! [`AdaptiveForm::Matched`] subtracts H P Hᵀ of every innovation from its own square, R̂ = (1/N) Σ (v_j² − H_j P_j
 //! H_jᵀ), because each innovation was predicted with the covariance of its time. While there are n < N innovations, the
 //! assumed variance has the weight 1 − n/N. [`AdaptiveForm::Compatible`] follows MagNav.jl: until there are N
-//! innovations, R̂ is the mean of the two bounds (as variances). After that, it is the printed equation with the
-//! covariance of the present sample.
+//! innovations, R̂ is the mean of the two bounds (as variances). After that, it is the published equation with the
+//! covariance of the current sample.
 //!
 //! Where H P Hᵀ is small compared with R, the mean of 1/R̂ is N/(N − 2) times 1/R. Elsewhere this mean is larger in
 //! these two forms. With a short window R̂ is occasionally near 0, and the filter then follows its measurements. With

@@ -378,7 +378,7 @@ impl NoiseLikelihood<'_> {
         InnovationLikelihood { log: -0.5 * sum, used: InnovationLikelihood::used(output) }
     }
 
-    /// Best point around some points, and the likelihood of this point.
+    /// Best point reached from the given starts, and its log-likelihood.
     fn best_of(&self, starts: impl Iterator<Item = NoisePoint>, least_used: usize) -> (NoisePoint, f64) {
         let climbed = starts.map(|start| self.climbed(start, least_used));
         climbed.fold(([f64::NAN; PARAMETERS], f64::NEG_INFINITY), |best, one| {

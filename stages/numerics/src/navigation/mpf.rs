@@ -73,10 +73,10 @@
 //! # Number of particles
 //!
 //! For an INS position error of hundreds of metres, 1000 particles are sufficient. For an error of kilometres, some
-//! particles of the first cloud must be within the width of an anomaly of the truth, even if the truth is at its edge.
-//! With [`MpfParameters::adapt`] the number follows from the k squares of side `smooth_over_m` that the cloud occupies,
-//! at the start and at each resampling: the Kullback-Leibler distance of the particles from the density is then below
-//! 0.05 with probability 0.99 [Fox 2003],
+//! particles of the first cloud must lie within one anomaly width of the true position, even if that position is at the
+//! edge of the cloud. With [`MpfParameters::adapt`] the number follows from the k squares of side `smooth_over_m` that
+//! the cloud occupies, at the start and at each resampling: the Kullback-Leibler distance of the particles from the
+//! density is then below 0.05 with probability 0.99 [Fox 2003],
 //!
 //! ```text
 //! N = (k − 1)/0.1 [1 − 2/(9 (k − 1)) + √(2/(9 (k − 1))) 2.326]³

@@ -47,9 +47,9 @@ pub struct NavigationOutput {
     pub ve_mps: Vec<f64>,
     /// Estimated velocity down, in m/s.
     pub vd_mps: Vec<f64>,
-    /// Standard deviation of the position north, in metres.
+    /// Standard deviation of the north position, in metres.
     pub sd_n_m: Vec<f64>,
-    /// Standard deviation of the position east, in metres.
+    /// Standard deviation of the east position, in metres.
     pub sd_e_m: Vec<f64>,
     /// Covariance of north with east, in m².
     pub cov_ne_m2: Vec<f64>,

@@ -57,13 +57,13 @@ params! {
     dropout: f64, unit "1", default 0.0, rule Rule::Between(0.0, 0.9);
     /// Strength of the sparse group lasso on the weights of each input.
     group_lasso: f64, unit "1", default 0.0, rule Rule::NotNegative;
-    /// Fraction of the lasso that applies to the weights of an input as a group. The remainder applies to single
-    /// weights.
+    /// Fraction of the lasso penalty that is applied to the weights of each input as a group. The remainder is applied
+    /// to single weights.
     group_share: f64, unit "1", default 1.0, rule Rule::Between(0.0, 1.0);
     /// Lines (`1003.08` or `1003/1003.08`) or whole flights reserved for validation. The epoch with the smallest
     /// validation loss is used.
     validation: Vec<String>, unit "", default Vec::<String>::new();
-    /// Number of epochs without a smaller validation loss after which training ends.
+    /// Training stops after this many epochs without an improvement in the validation loss.
     patience: Option<usize>, unit "1", absent "training runs for all epochs", rule Rule::Positive;
     /// Number of networks that are trained from different initial weights and averaged. Their spread gives the standard
     /// deviation of the prediction.

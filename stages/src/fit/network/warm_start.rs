@@ -109,7 +109,7 @@ impl<'a> WarmStart<'a> {
     /// Sorts the positions of the linear terms into the order of the initial network's terms.
     ///
     /// # Errors
-    /// Fails if the initial network has other terms.
+    /// Fails if the initial network has different terms.
     pub fn order_terms(&self, samples: &FitSamples, at: &mut Vec<usize>) -> Result<(), Fault> {
         self.order("linear", self.parts.linear, samples, at)
     }

@@ -24,7 +24,7 @@ enum NodeMap {
 }
 
 impl ProjectedMap {
-    /// A map of one height.
+    /// A map at a single height.
     pub fn flat(projection: GridProjection, map: MapSurface) -> Self {
         Self { projection, nodes: NodeMap::Flat(map) }
     }

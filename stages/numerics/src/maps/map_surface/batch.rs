@@ -125,7 +125,7 @@ impl<M: FieldLookup> pulp::NullaryFnOnce for LookupBatch<'_, M> {
                     touched += self.map.touch(*cell, alt_of(k));
                 }
             }
-            // The sum is not used; computing it prefetches.
+            // The sum is not used; computing it prefetches the data.
             std::hint::black_box(touched);
             for (k, cell) in cells.iter().enumerate().take(value.len()) {
                 let at = cell.and_then(|cell| self.map.field(cell, alt_of(k))).unwrap_or(NOWHERE);

@@ -232,7 +232,7 @@ impl SigmaPoints {
         }
         let square = self.sigmas * self.sigmas;
         let shift_nt = sum / square;
-        // At least 0 except for rounding.
+        // Non-negative, apart from rounding errors.
         let remainder_nt2 = (squares / square + self.beyond * shift_nt * shift_nt).max(0.0);
         Some(FieldRegression { mean_nt: centre_nt + shift_nt, slope: solve_transposed(&root, first), remainder_nt2 })
     }

@@ -67,9 +67,9 @@ pub struct PositionMode {
     pub lat_deg: f64,
     /// Mean longitude, in degrees.
     pub lon_deg: f64,
-    /// Standard deviation north about the mean of the mode, in metres.
+    /// Standard deviation of the north position about the mean of the mode, in metres.
     pub sd_n_m: f64,
-    /// Standard deviation of the position east, in metres.
+    /// Standard deviation of the east position, in metres.
     pub sd_e_m: f64,
     /// Covariance of north with east, in m².
     pub cov_ne_m2: f64,

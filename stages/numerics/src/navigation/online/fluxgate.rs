@@ -90,8 +90,8 @@ impl<'a> FluxgateTerms<'a> {
     pub(crate) fn new(fluxgate: &Fluxgate<'a>) -> Result<Self, ParameterError> {
         let Fluxgate { field, terms, scale_nt, runs, sigma_nt, tau_s } = *fluxgate;
         if field.bt.is_some() {
-            let what = "the terms are divided by a scalar magnetometer, so the filter would subtract its own \
-                        measurement";
+            let what = "the terms are scaled with the reading of a scalar magnetometer, so the correction would \
+                        depend on the filter's own measurement";
             return Err(refused("terms", what));
         }
         if !(sigma_nt >= 0.0 && sigma_nt.is_finite()) {

@@ -47,7 +47,7 @@ pub struct PredictionRules {
     pub cell_m: f64,
     /// Largest difference in height, in metres.
     pub height_m: f64,
-    /// Standard deviation of a prediction by inverse distance, in nT.
+    /// Standard deviation of an inverse-distance-weighted prediction, in nT.
     pub interpolant_sigma_nt: f64,
 }
 

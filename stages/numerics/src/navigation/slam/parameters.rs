@@ -71,7 +71,7 @@ pub struct SlamParameters {
     /// Maximum height difference of earlier samples, in metres. A smaller difference adds the variance 2 (sigma_se Δh /
     /// length)², which is the variance of the vertical derivative of a potential field times Δh².
     pub max_height_difference_m: f64,
-    /// Standard deviation of a prediction by `inverse_distance`, in nT. [Lee 2019, section 3.3.3: R = 100 nT²]
+    /// Standard deviation of an inverse-distance-weighted prediction, in nT. [Lee 2019, section 3.3.3: R = 100 nT²]
     pub interpolant_sigma_nt: f64,
     /// Effective number of particles, as a fraction of all particles, below which the particles are resampled. [Lee
     /// 2019, (77)]

@@ -18,7 +18,7 @@ pub(super) struct RidgeFactor {
     pub(super) terms: usize,
     pub(super) targets: usize,
     pub(super) upper: Vec<f64>,
-    /// Sum of squares of each target that the terms cannot explain.
+    /// Residual sum of squares of each target.
     pub(super) unexplained: Vec<f64>,
     pub(super) means: Vec<f64>,
     pub(super) centred: bool,

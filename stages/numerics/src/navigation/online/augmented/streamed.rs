@@ -54,7 +54,7 @@ impl<M: AircraftFieldModel> StreamedAugmented<M> {
     /// Filters a sample.
     ///
     /// # Errors
-    /// Returns the errors of the filter of a line.
+    /// Returns the filter's errors on a line.
     pub(crate) fn sample(
         &mut self,
         ins: &InsSeries<'_>,
